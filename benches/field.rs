@@ -34,8 +34,8 @@ fn batch(rays: usize, samples_per_ray: usize) -> SampleBatch {
 }
 
 fn engine(config: &FieldConfig, isa: InstructionSet) -> CpuEngine {
-    let params = FieldParams::init(config, &mut stage_rng(1, "bench/field", 0));
-    let n = params.parameters();
+    let params = FieldParams::random_params(config, &mut stage_rng(1, "bench/field", 0));
+    let n = params.parameter_count();
     CpuEngine::with_instructions(
         EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 },
         isa,
@@ -45,14 +45,14 @@ fn engine(config: &FieldConfig, isa: InstructionSet) -> CpuEngine {
 fn steps(bencher: Bencher<'_, '_>, config: &FieldConfig, isa: InstructionSet) {
     let (mut engine, batch) = (engine(config, isa), batch(4096, 16));
     for _ in 0..3 {
-        engine.step(&batch, 0.01);
+        engine.train_step(&batch, 0.01);
     }
     let counter = divan::counter::ItemsCount::new(batch.points.len());
-    bencher.counter(counter).bench_local(|| engine.step(&batch, 0.01));
+    bencher.counter(counter).bench_local(|| engine.train_step(&batch, 0.01));
 }
 
 /// 65,536 points, 16 levels of 2^17.
-#[divan::bench(args = InstructionSet::available().into_iter().map(InstructionSet::name))]
+#[divan::bench(args = InstructionSet::available_sets().into_iter().map(InstructionSet::name))]
 fn step_16_levels_of_2_17(bencher: Bencher<'_, '_>, isa: &str) {
     let config = FieldConfig {
         levels: 16,
@@ -65,12 +65,12 @@ fn step_16_levels_of_2_17(bencher: Bencher<'_, '_>, isa: &str) {
 }
 
 /// 65,536 points, the default field.
-#[divan::bench(args = InstructionSet::available().into_iter().map(InstructionSet::name))]
+#[divan::bench(args = InstructionSet::available_sets().into_iter().map(InstructionSet::name))]
 fn step_default_field(bencher: Bencher<'_, '_>, isa: &str) {
     steps(bencher, &FieldConfig::default(), named(isa));
 }
 
 fn named(name: &str) -> InstructionSet {
-    let sets = InstructionSet::available();
+    let sets = InstructionSet::available_sets();
     sets.iter().copied().find(|i| i.name() == name).unwrap_or(sets[0])
 }

@@ -30,16 +30,16 @@ fn main() {
         log2_table_size: 17,
         hidden: 64,
     };
-    let params = FieldParams::init(&config, &mut stage_rng(1, "bench/step", 0));
+    let params = FieldParams::random_params(&config, &mut stage_rng(1, "bench/step", 0));
     let layers = params.geometry.iter().chain(&params.color);
     let weights: usize = layers.map(|l| l.weights.len()).sum();
     // A weight takes a multiplication and an addition forward, for the gradient of its input and for its own.
     let network_flops = 6.0 * (weights * RAYS * SAMPLES_PER_RAY) as f64;
-    let n = params.parameters();
+    let n = params.parameter_count();
     let state = EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 };
     let batch = batch();
 
-    let mut cpu: Vec<(InstructionSet, CpuEngine, Vec<Step>)> = InstructionSet::available()
+    let mut cpu: Vec<(InstructionSet, CpuEngine, Vec<Step>)> = InstructionSet::available_sets()
         .into_iter()
         .map(|isa| (isa, CpuEngine::with_instructions(state.clone(), isa), Vec::new()))
         .collect();
@@ -55,7 +55,7 @@ fn main() {
         }
         for (_, engine, seconds) in &mut burn {
             let begin = Instant::now();
-            engine.step(&batch, 0.01);
+            engine.train_step(&batch, 0.01);
             // Reading the losses waits for the forward pass only: the next step waits for this one's update.
             seconds.push(begin.elapsed().as_secs_f64());
         }

@@ -22,7 +22,7 @@ fn field(nodes: usize) -> Grid3<f32> {
         values: vec![0.0; nodes.pow(3)],
     };
     for i in 0..grid.values.len() {
-        let p = grid.position(i);
+        let p = grid.position_of_index(i);
         grid.values[i] = (p.coords.norm() - 0.75
             + 0.05 * ((9.0 * p.x).sin() * (9.0 * p.y).sin() * (9.0 * p.z).sin()))
             as f32;
@@ -46,7 +46,7 @@ fn signed_distance_nodes(bencher: divan::Bencher, nodes: usize) {
 fn view() -> RgbdFrame {
     let intrinsics = Intrinsics { width: 640, height: 480, fx: 570.0, fy: 570.0, cx: 319.5, cy: 239.5 };
     let depth = |i: usize| {
-        let ray: Vector3<f64> = intrinsics.ray((i % 640) as f64, (i / 640) as f64);
+        let ray: Vector3<f64> = intrinsics.ray_at((i % 640) as f64, (i / 640) as f64);
         let (b, c) = (ray.z, 1.0 - 0.04);
         let root = b * b - ray.norm_squared() * c;
         if root < 0.0 { 0.0 } else { ((b - root.sqrt()) / ray.norm_squared()) as f32 }

@@ -17,7 +17,7 @@ use run::{Monitor, Stages, Twin, reconstruct_twin};
 
 fn config() -> Config {
     let mut layers = Layers::new(&Config::default()).unwrap();
-    layers.preset("preview").unwrap();
+    layers.add_preset("preview").unwrap();
     layers.resolve::<Config>().unwrap().config
 }
 

@@ -6,7 +6,7 @@
 mod opened;
 
 use config::Config;
-use export::{Look, LookConfig, looks};
+use export::{Look, LookConfig, link_looks};
 use model::ArticulatedModel;
 use opened::open;
 use run::{Monitor, Stages, compare, reconstruct_twin};
@@ -15,7 +15,7 @@ use run::{Monitor, Stages, compare, reconstruct_twin};
 fn warned(capture: &capture::Capture, model: &ArticulatedModel, looks: &[Look]) -> Vec<usize> {
     let found = compare(capture, model, looks);
     assert_eq!(found.len(), 2);
-    found.iter().filter(|d| d.warning().is_some()).map(|d| d.state).collect()
+    found.iter().filter(|d| d.difference_warning().is_some()).map(|d| d.state).collect()
 }
 
 #[test]
@@ -25,7 +25,7 @@ fn a_part_that_is_off_or_missing_is_said_and_a_right_one_is_not() {
     let monitor = Monitor::silent();
     let mut stages = Stages::new(&monitor);
     let twin = reconstruct_twin("drawer", &mut capture, None, &config, &mut stages).unwrap();
-    let looks = looks(&twin.model, &capture, &LookConfig::default());
+    let looks = link_looks(&twin.model, &capture, &LookConfig::default());
     assert_eq!(warned(&capture, &twin.model, &looks), [0usize; 0]);
     // The noise of this sensor is 6 mm at 1 m.
     let mut off = twin.model.clone();

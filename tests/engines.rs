@@ -100,9 +100,9 @@ fn train(scene: &Scene, steps: usize, make: Make) -> (Vec<f64>, ObjectField) {
         TrainInput { frames: &scene.frames, scene: scene.scene, occupancy: &scene.occupancy, fused: None };
     let factory = |state| make(state).unwrap();
     let mut trainer = FieldTrainer::with_engine(&input, &config, 3, "field/state0", &factory).unwrap();
-    let losses = (0..steps).map(|_| trainer.step()).map(|l| l.sdf + l.color).collect();
+    let losses = (0..steps).map(|_| trainer.train_step()).map(|l| l.sdf + l.color).collect();
     assert_eq!(trainer.failure(), None);
-    (losses, trainer.field())
+    (losses, trainer.trained_field())
 }
 
 /// Trains on the CPU engine and on another one, and compares.
@@ -111,7 +111,7 @@ fn compare(make: Make, steps: usize) {
     let ((expected, field0), (losses, field1)) = (train(&scene, steps, cpu), train(&scene, steps, make));
     let apart = |(a, b): (&f64, &f64)| (a - b).abs() / b;
     let worst = losses.iter().zip(&expected).map(apart).fold(0.0, f64::max);
-    let (d0, d1) = (field0.tsdf(&scene.points), field1.tsdf(&scene.points));
+    let (d0, d1) = (field0.signed_distances_m(&scene.points), field1.signed_distances_m(&scene.points));
     let squares = d0.iter().zip(&d1).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>();
     let rms = (squares / d0.len() as f64).sqrt() / field0.truncation_m;
     println!(
@@ -232,7 +232,7 @@ mod gpu {
 
     /// Whether an adapter can be used.
     fn adapter() -> Result<(), Missing> {
-        let params = field::FieldParams::init(
+        let params = field::FieldParams::random_params(
             &FieldConfig {
                 levels: 1,
                 base_resolution: 4,
@@ -242,7 +242,7 @@ mod gpu {
             },
             &mut numeric::random::stage_rng(0, "adapter", 0),
         );
-        let n = params.parameters();
+        let n = params.parameter_count();
         let state = EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 };
         BurnEngine::wgpu(state).map(drop).map_err(|error| {
             println!("{error}");

@@ -14,7 +14,7 @@ use std::{
     process::ExitCode,
 };
 
-use evaluate::{EvaluateOptions, Evaluation, EvaluationReport, run};
+use evaluate::{EvaluateOptions, Evaluation, EvaluationReport, evaluate_runs};
 use geometry::Pose;
 use harness::{Missing, tests};
 use model::ArticulatedModel;
@@ -41,7 +41,8 @@ fn truth_of_drawer() -> PathBuf {
 }
 
 fn evaluate(model: &ArticulatedModel, truth: &Path, temp: &TempDir) -> EvaluationReport {
-    run(&[write_run(model, temp.path())], truth, &EvaluateOptions::default()).expect("an evaluation")
+    evaluate_runs(&[write_run(model, temp.path())], truth, &EvaluateOptions::default())
+        .expect("an evaluation")
 }
 
 fn close(value: Option<f64>, expected: f64, tolerance: f64) {
@@ -133,7 +134,8 @@ fn trials_are_summed_up_and_the_best_is_named() {
     write_truth(&desk(), &temp.path().join("truth"));
     let runs =
         [write_run(&perturbed_desk(), &temp.path().join("a")), write_run(&desk(), &temp.path().join("b"))];
-    let report = run(&runs, &temp.path().join("truth"), &EvaluateOptions::default()).expect("an evaluation");
+    let report =
+        evaluate_runs(&runs, &temp.path().join("truth"), &EvaluateOptions::default()).expect("an evaluation");
     let published = report.published.as_ref().expect("published metrics");
     assert_eq!((published.best_trial, published.failed_trials), (1, 0));
     let row = published.rows.iter().find(|r| r.metric == "Part Motion (drawer)").expect("a metric");
@@ -147,13 +149,14 @@ fn a_run_without_a_twin_is_a_trial_that_failed() {
     let temp = tempfile::tempdir().unwrap();
     write_truth(&desk(), &temp.path().join("truth"));
     let runs = [write_run(&desk(), &temp.path().join("a")), temp.path().join("no such run")];
-    let report = run(&runs, &temp.path().join("truth"), &EvaluateOptions::default()).expect("an evaluation");
+    let report =
+        evaluate_runs(&runs, &temp.path().join("truth"), &EvaluateOptions::default()).expect("an evaluation");
     let published = report.published.as_ref().expect("published metrics");
     assert_eq!((published.best_trial, published.failed_trials), (0, 1));
     assert!(published.rows.iter().all(|r| r.failed == 1 && r.trials[1].is_none() && r.mean.is_some()));
     let text = report.to_text();
     assert!(text.contains("no such run failed:") && text.contains("1 of 2"), "{text}");
-    assert!(run(&runs[1..], &temp.path().join("truth"), &EvaluateOptions::default()).is_err());
+    assert!(evaluate_runs(&runs[1..], &temp.path().join("truth"), &EvaluateOptions::default()).is_err());
 }
 
 fn the_component_filter_drops_floaters() {
@@ -168,8 +171,8 @@ fn the_component_filter_drops_floaters() {
     std::fs::write(&file, text).expect("a written mesh");
     let accuracy = |min_component| {
         let options = EvaluateOptions { min_component, ..EvaluateOptions::default() };
-        let report =
-            run(std::slice::from_ref(&folder), &temp.path().join("truth"), &options).expect("an evaluation");
+        let report = evaluate_runs(std::slice::from_ref(&folder), &temp.path().join("truth"), &options)
+            .expect("an evaluation");
         report.trials[0].mesh["state0/static"].accuracy_mm.expect("a value")
     };
     let (with, without) = (accuracy(None), accuracy(Some(0.5)));
@@ -179,7 +182,7 @@ fn the_component_filter_drops_floaters() {
 fn a_folder_that_is_no_run_is_refused() {
     let temp = tempfile::tempdir().unwrap();
     let error = |runs: &[PathBuf], truth: &Path| {
-        run(runs, truth, &EvaluateOptions::default()).expect_err("an error").to_string()
+        evaluate_runs(runs, truth, &EvaluateOptions::default()).expect_err("an error").to_string()
     };
     assert!(error(&[], &truth_of_drawer()).contains("no run"));
     assert!(
@@ -211,7 +214,7 @@ fn agrees_with_the_python_scorer() -> Result<(), Missing> {
             .expect("python runs");
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         let theirs: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
-        let ours = run(&[folder], &truth, &EvaluateOptions::default()).expect("an evaluation");
+        let ours = evaluate_runs(&[folder], &truth, &EvaluateOptions::default()).expect("an evaluation");
         assert_same(&ours.trials[0], &theirs);
     }
     Ok(())

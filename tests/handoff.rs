@@ -21,7 +21,7 @@ use artitwin::{Monitor, ReconstructRequest, reconstruct};
 use export::{ExportConfig, Level, check_folder};
 use harness::{Missing, tests};
 use io::read_model_folder;
-use model::{ArticulatedModel, LimitPolicy, LimitSource, Material, ModelConfig, PartNames, named};
+use model::{ArticulatedModel, LimitPolicy, LimitSource, Material, ModelConfig, PartNames, renamed_model};
 use objects::{chest, chest_with, jar, lamp, write_run, write_run_as};
 use tempfile::TempDir;
 
@@ -68,7 +68,7 @@ fn every_importer_counts_what_the_model_holds() -> Result<(), Missing> {
     let python = venv::python()?;
     for mut model in [chest(), lamp()] {
         // A wall of one part is assumed: a mesh and a texture more.
-        model.links[1].assumed = model.links[1].collision[0].mesh();
+        model.links[1].assumed = model.links[1].collision[0].to_mesh();
         let meshes = model.links.len() + 1;
         let temp = tempfile::tempdir().unwrap();
         let folder = written(&model, &temp);
@@ -177,7 +177,7 @@ fn scenes_and_ros_files_say_the_same_as_the_twin() -> Result<(), Missing> {
     ] {
         let temp = tempfile::tempdir().unwrap();
         let config: ExportConfig = serde_json::from_value(settings.clone()).unwrap();
-        let model = named(model, PartNames::Numbered, &config.prefix);
+        let model = renamed_model(model, PartNames::Numbered, &config.prefix);
         let folder = checked(write_run_as(&model, &config, temp.path()));
         let arguments = [folder.to_str().unwrap(), &model.name];
         let found = script(&python, "handoff_scene.py", &arguments);

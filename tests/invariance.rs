@@ -18,8 +18,8 @@ use run::{Monitor, Stages, reconstruct_twin};
 
 fn config() -> Config {
     let mut layers = Layers::new(&Config::default()).unwrap();
-    layers.preset("preview").unwrap();
-    layers.set("run.parts=2").unwrap();
+    layers.add_preset("preview").unwrap();
+    layers.add_setting("run.parts=2").unwrap();
     layers.resolve::<Config>().unwrap().config
 }
 

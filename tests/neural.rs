@@ -14,7 +14,7 @@ mod objects;
 use std::{path::PathBuf, process::Command, time::Instant};
 
 use blocks::{BoxScene, MovingBox};
-use evaluate::{EvaluateOptions, Evaluation, run};
+use evaluate::{EvaluateOptions, Evaluation, evaluate_runs};
 use model::JointKind;
 use tempfile::TempDir;
 
@@ -125,7 +125,7 @@ impl Recorded {
             return Err(String::from_utf8_lossy(&done.stderr).into_owned());
         }
         let folders: [PathBuf; 1] = [out.join("made")];
-        let report = run(&folders, &truth, &EvaluateOptions::default()).expect("an evaluation");
+        let report = evaluate_runs(&folders, &truth, &EvaluateOptions::default()).expect("an evaluation");
         eprintln!("{preset}: {:.0} s\n{}", begin.elapsed().as_secs_f64(), report.to_text());
         Ok(report.trials.into_iter().next().expect("a trial"))
     }

@@ -33,7 +33,7 @@ fn a_build_without_onnx_refuses_a_matcher_and_says_how_to_build_one() {
 mod models {
     use super::*;
     use capture::{Correspondence, RgbdFrame};
-    use evaluate::{EvaluateOptions, run};
+    use evaluate::{EvaluateOptions, evaluate_runs};
     use geometry::{Intrinsics, Pose};
     use io::{MAX_MODEL_BYTES, OnnxError, OnnxMatcher};
 
@@ -211,7 +211,8 @@ mod models {
         assert!(code == 0 || code == 3, "{told}");
         assert!(told.contains("pixel matches on the object in"), "{told}");
         let report =
-            run(&[out.join("drawer")], Path::new("bags/drawer"), &EvaluateOptions::default()).unwrap();
+            evaluate_runs(&[out.join("drawer")], Path::new("bags/drawer"), &EvaluateOptions::default())
+                .unwrap();
         let joint = &report.trials[0].joints[0];
         assert_eq!(joint.type_right, Some(true), "{joint:?}");
         assert!(joint.error_mm.is_some_and(|e| e < 5.0), "{joint:?}");

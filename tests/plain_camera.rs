@@ -144,7 +144,7 @@ impl Ball {
     /// Distance along the optical axis at which a pixel shows it.
     fn depth_m(&self, k: &Intrinsics, camera_from_world: &Pose, [u, v]: [u32; 2]) -> Option<f64> {
         let center = (camera_from_world * self.at).coords;
-        let ray = k.ray(f64::from(u), f64::from(v));
+        let ray = k.ray_at(f64::from(u), f64::from(v));
         let (square, along) = (ray.norm_squared(), ray.dot(&center));
         let root = along * along - square * (center.norm_squared() - self.radius_m.powi(2));
         (root > 0.0).then(|| (along - root.sqrt()) / square)

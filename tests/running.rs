@@ -536,7 +536,8 @@ fn from_the_identity_both_starts_are_reported() {
     assert!((alone_mm - slid_mm).abs() < 0.4, "registration alone: {alone_mm} mm, truth {slid_mm} mm");
     // The motion that the twin has, which began at the identity. Measured: 0.27 mm and 0.04 deg off.
     let evaluation =
-        evaluate::run(&[out.join("drawer")], &shipped("drawer"), &EvaluateOptions::default()).unwrap();
+        evaluate::evaluate_runs(&[out.join("drawer")], &shipped("drawer"), &EvaluateOptions::default())
+            .unwrap();
     let joint = &evaluation.trials[0].joints[0];
     assert_eq!(joint.type_right, Some(true), "{joint:?}");
     assert!(joint.motion_mm.unwrap() < 0.5 && joint.axis_deg.unwrap() < 0.15, "{joint:?}");

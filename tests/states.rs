@@ -12,11 +12,11 @@ use io::write_synth_bag;
 use model::{Joint, JointKind};
 use opened::open;
 use run::{Monitor, Stages, Twin, reconstruct_twin};
-use synth::{Family, Object, PartJointKind, SynthConfig, film, generate};
+use synth::{Family, Object, PartJointKind, SynthConfig, film_take, generate};
 
 fn config() -> Config {
     let mut layers = Layers::new(&Config::default()).unwrap();
-    layers.preset("preview").unwrap();
+    layers.add_preset("preview").unwrap();
     layers.resolve::<Config>().unwrap().config
 }
 
@@ -48,7 +48,7 @@ fn twin(name: &str, object: &Object, states: &[Vec<f64>], synth: &SynthConfig) -
         let mut object = object.clone();
         let joints = object.parts.iter_mut().filter_map(|p| p.joint.as_mut());
         joints.zip(positions).for_each(|(joint, q)| joint.positions = [*q; 2]);
-        write_synth_bag(&folder.join(format!("state{k}")), k, &film(&object, 0, k, synth)).unwrap();
+        write_synth_bag(&folder.join(format!("state{k}")), k, &film_take(&object, 0, k, synth)).unwrap();
     }
     let mut capture = open(std::slice::from_ref(&folder), &config().capture, 0).unwrap();
     assert_eq!(capture.states.len(), states.len());

@@ -11,7 +11,7 @@ use std::{
 };
 
 use capture::{CaptureConfig, RefinePoses, TrackCamera};
-use evaluate::{EvaluateOptions, Truth, read_truth, run};
+use evaluate::{EvaluateOptions, Truth, evaluate_runs, read_truth};
 use geometry::{Intrinsics, Pose};
 use io::{DatasetLayout, Place, inspect, write_synth, write_synth_bag, write_synth_dataset};
 use nalgebra::{Point3, Vector3};
@@ -88,7 +88,7 @@ fn the_truth_says_where_handles_are() {
 #[test]
 fn depth_of_a_box_is_the_analytic_distance() {
     let material = Material::plain(Vector3::repeat(0.5));
-    let solids = vec![Solid::between([-0.1, -0.2, 0.0], [0.1, 0.2, 0.3], &material)];
+    let solids = vec![Solid::box_between([-0.1, -0.2, 0.0], [0.1, 0.2, 0.3], &material)];
     let object = Object {
         family: "box",
         parts: vec![Part { name: "box".into(), joint: None, solids, handle: None }],
@@ -99,8 +99,8 @@ fn depth_of_a_box_is_the_analytic_distance() {
     // The camera looks along -x at the front face, level, from x = 0.9.
     let camera =
         Pose::face_towards(&Point3::new(0.9, 0.03, 0.14), &Point3::new(0.0, 0.03, 0.14), &-Vector3::z());
-    let view = View::cast(&scene, &k, &camera, &Light::from_lamp(Vector3::z()));
-    let perfect = DepthCamera::scaled(0.0).depth_mm(
+    let view = View::cast_rays(&scene, &k, &camera, &Light::from_lamp(Vector3::z()));
+    let perfect = DepthCamera::with_scaled_noise(0.0).depth_mm(
         &view,
         &scene,
         &k,
@@ -118,7 +118,7 @@ fn depth_of_a_box_is_the_analytic_distance() {
     );
     let (mut on_box, mut squares) = (0, 0.0);
     for i in 0..k.width * k.height {
-        let ray = camera.rotation * k.ray((i % k.width) as f64, (i / k.width) as f64);
+        let ray = camera.rotation * k.ray_at((i % k.width) as f64, (i / k.width) as f64);
         let front = (0.9 - 0.1) / -ray.x;
         let at = camera.translation.vector + ray * front;
         if at.y.abs() < 0.195 && (0.005..0.295).contains(&at.z) {
@@ -167,7 +167,7 @@ fn truth_meshes_and_views_agree() {
 /// One object in all layouts: the frames and the truth are the same, so that a run scores the same.
 #[test]
 fn an_object_is_the_same_in_every_layout() {
-    let config = SynthConfig { family: Family::named("cabinet"), ..small(11) };
+    let config = SynthConfig { family: Family::by_name("cabinet"), ..small(11) };
     let bags = folder("synth-bags");
     write_synth(&Place::at(&bags), &config).unwrap();
     let expected = read_truth(&bags).unwrap();
@@ -206,7 +206,7 @@ fn an_object_is_the_same_in_every_layout() {
         std::fs::remove_dir_all(&out).unwrap();
     }
     // A joint on a moving part, or a thread, has no place in these layouts.
-    let chain = SynthConfig { family: Family::named("lamp"), ..small(3) };
+    let chain = SynthConfig { family: Family::by_name("lamp"), ..small(3) };
     let out = folder("synth-chain");
     let refused = write_synth_dataset(&Place::at(&out), &chain, DatasetLayout::Keyframes).unwrap_err();
     assert!(refused.to_string().contains("hangs on a part that moves"), "{refused}");
@@ -263,7 +263,7 @@ fn a_made_recording_is_accepted_and_its_joint_found() {
         .output();
     let run_it = run_it.unwrap();
     assert!([0, 3].contains(&run_it.status.code().unwrap()), "{}", String::from_utf8_lossy(&run_it.stderr));
-    let report = run(&[runs.join("made")], Path::new(&out), &EvaluateOptions::default()).unwrap();
+    let report = evaluate_runs(&[runs.join("made")], Path::new(&out), &EvaluateOptions::default()).unwrap();
     let joint = &report.trials[0].joints[0];
     assert_eq!(joint.type_right, Some(true), "{joint:?}");
     assert!(
@@ -442,5 +442,5 @@ fn wrong_options_are_told() {
     assert!(code == 2 && text.contains("handheld:LEVEL"), "{text}");
     let (code, _) = told(&["--sensor-without", "hand"]);
     assert_eq!(code, 2);
-    assert_eq!(Family::named("ship"), None);
+    assert_eq!(Family::by_name("ship"), None);
 }

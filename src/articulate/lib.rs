@@ -1,7 +1,7 @@
 //! Articulation: matches between the states, rigid motions, part segmentation, joints (docs/method.md 6,
 //! docs/method.md 8).
 //!
-//! ```ignore
+//! ```
 //! use articulate::published_joint;
 //! use geometry::Pose;
 //! use nalgebra::{Point3, Vector3};
@@ -39,7 +39,7 @@ pub use joints::published_joint::published_joint;
 pub use joints::square_axes::SeenDirection;
 pub use joints::static_motion::static_motion;
 pub use joints::surface_draws::SurfaceDraws;
-pub use matches::lift::lift;
+pub use matches::lift::lifted_matches;
 #[cfg(feature = "onnx")]
 pub use matches::model_image::{ImageFormat, ModelImage};
 pub use neural::config::ArticulationConfig;
@@ -49,7 +49,7 @@ pub use neural::trainer_error::TrainerError;
 pub use observations::{LiftedMatch, SurfaceSamples};
 pub use pair::surface_pair::FreeSpace;
 pub use part_surface::assemble::{LabelledState, NO_LABEL, part_tsdf};
-pub use part_surface::contradicted::{OtherState, contradicted};
+pub use part_surface::contradicted::{OtherState, contradicted_points};
 pub use part_surface::label_grid::label_grid;
 pub use parts::config::{RegisterConfig, RegisterMethod};
 pub use parts::difference::register_by_difference;

@@ -35,7 +35,7 @@ pub struct SurfaceSamples {
 impl SurfaceSamples {
     /// Some of the samples.
     #[must_use]
-    pub fn some(&self, samples: &[usize]) -> Self {
+    pub fn chosen_samples(&self, samples: &[usize]) -> Self {
         Self {
             points: samples.iter().map(|&i| self.points[i]).collect(),
             normals: samples.iter().map(|&i| self.normals[i]).collect(),

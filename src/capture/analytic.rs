@@ -55,7 +55,7 @@ pub fn view_of(
     };
     let mut mask = vec![false; count];
     for i in 0..count {
-        let ray = intrinsics.ray((i % intrinsics.width) as f64, (i / intrinsics.width) as f64);
+        let ray = intrinsics.ray_at((i % intrinsics.width) as f64, (i / intrinsics.width) as f64);
         let mut z = 0.0;
         for _ in 0..200 {
             let p = world_from_camera * Point3::from(ray * z);

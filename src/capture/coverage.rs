@@ -47,9 +47,9 @@ pub struct Coverage {
 /// How each state sees the object under its masks; `None` for a state without object.
 #[must_use]
 pub fn coverage(capture: &Capture) -> Vec<Option<Coverage>> {
-    let points: Vec<Vec<Point3<f64>>> = capture.states.iter().map(|frames| points(frames)).collect();
+    let points: Vec<Vec<Point3<f64>>> = capture.states.iter().map(|frames| sampled_points(frames)).collect();
     let all: Vec<&Point3<f64>> = points.iter().flatten().collect();
-    let Some(middle) = middle(&all) else { return vec![None; points.len()] };
+    let Some(middle) = median_point(&all) else { return vec![None; points.len()] };
     // The front is where the cameras of the first state stand.
     let front = capture.states[0]
         .iter()
@@ -72,7 +72,7 @@ fn of_state(
     noise: &NoiseConfig,
 ) -> Option<Coverage> {
     let depth_m = median_over_object(frames.iter(), |f, i| f64::from(f.depth_m[i]))?;
-    let object = frames.iter().flat_map(|f| sampled(f).map(|p| f.depth_m[p] == 0.0));
+    let object = frames.iter().flat_map(|f| sampled_object_pixels(f).map(|p| f.depth_m[p] == 0.0));
     let mut shown = 0_usize;
     let mut lost = 0_usize;
     for is_lost in object {
@@ -88,7 +88,7 @@ fn of_state(
     }
     let seen_by: Vec<f64> = points
         .par_iter()
-        .map(|point| frames.iter().filter(|f| reads(f, point, noise)).count() as f64)
+        .map(|point| frames.iter().filter(|f| reads_surface(f, point, noise)).count() as f64)
         .collect();
     Some(Coverage {
         by_sector,
@@ -110,19 +110,19 @@ fn eye_of_view(frame: &RgbdFrame, middle: &Point3<f64>, front_rad: f64) -> [f64;
 }
 
 /// Some pixels of a frame on the object.
-fn sampled(frame: &RgbdFrame) -> impl Iterator<Item = usize> {
+fn sampled_object_pixels(frame: &RgbdFrame) -> impl Iterator<Item = usize> {
     (0..frame.depth_m.len()).step_by(STRIDE).filter(|p| frame.is_object(*p))
 }
 
 /// Points on the object's surface, of all frames alike.
-fn points(frames: &[RgbdFrame]) -> Vec<Point3<f64>> {
+fn sampled_points(frames: &[RgbdFrame]) -> Vec<Point3<f64>> {
     let all: Vec<Point3<f64>> =
-        frames.iter().flat_map(|f| sampled(f).filter_map(|p| f.world_point(p))).collect();
+        frames.iter().flat_map(|f| sampled_object_pixels(f).filter_map(|p| f.world_point(p))).collect();
     let every = all.len().div_ceil(POINTS).max(1);
     all.into_iter().step_by(every).collect()
 }
 
-fn middle(points: &[&Point3<f64>]) -> Option<Point3<f64>> {
+fn median_point(points: &[&Point3<f64>]) -> Option<Point3<f64>> {
     let mut middle = Point3::origin();
     for k in 0..3 {
         middle[k] = median(points.iter().map(|p| p[k]).collect())?;
@@ -131,7 +131,7 @@ fn middle(points: &[&Point3<f64>]) -> Option<Point3<f64>> {
 }
 
 /// Whether a frame reads the surface at a point.
-fn reads(frame: &RgbdFrame, point: &Point3<f64>, noise: &NoiseConfig) -> bool {
+fn reads_surface(frame: &RgbdFrame, point: &Point3<f64>, noise: &NoiseConfig) -> bool {
     let k = &frame.intrinsics;
     let seen = frame.in_camera(point);
     let Some((u, v)) = k.project(&seen) else { return false };
@@ -263,7 +263,7 @@ mod tests {
             let pose = Pose::face_towards(&eye, &Point3::origin(), &-Vector3::z());
             let mut mask = Vec::new();
             let depth_m = (0..k.width * k.height).map(|p| {
-                let ray = k.ray((p % k.width) as f64, (p / k.width) as f64);
+                let ray = k.ray_at((p % k.width) as f64, (p / k.width) as f64);
                 let across = pose.rotation * ray;
                 let depth_m = -eye.x / across.x;
                 let at = eye + across * depth_m;

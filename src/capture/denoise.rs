@@ -80,7 +80,7 @@ impl InverseDepth {
     }
 
     /// Index of a pixel's value.
-    fn at(&self, x: usize, y: usize) -> usize {
+    fn index_of_pixel(&self, x: usize, y: usize) -> usize {
         (y + MARGIN) * self.stride + x + MARGIN
     }
 }
@@ -115,7 +115,7 @@ fn denoised_row(frame: &RgbdFrame, inverse: &InverseDepth, noise: &NoiseConfig, 
             (depth_m > 0.0 && frame.is_object(y * width + first + lane))
                 .then(|| noise.sigma_m(depth_m) / depth_m.powi(2))
         });
-        let planes = local_planes(inverse, inverse.at(first, y), &sigmas);
+        let planes = local_planes(inverse, inverse.index_of_pixel(first, y), &sigmas);
         for ((cleaned, sigma), plane) in cleaned.iter_mut().zip(sigmas).zip(planes) {
             let Some(sigma) = sigma else { continue };
             *cleaned = match plane {
@@ -163,10 +163,11 @@ fn local_planes(
         // The difference from a single reading has twice the variance of a difference from a plane: 4.2 is
         // three times the root of two.
         let gate = if is_first { FIRST_GATE } else { GATE };
-        let sums = sums(inverse, first, window, &starts, &growing.map(|s| (gate * s.unwrap_or(0.0)) as f32));
+        let sums =
+            window_sums(inverse, first, window, &starts, &growing.map(|s| (gate * s.unwrap_or(0.0)) as f32));
         for lane in 0..LANES {
             let Some(sigma) = growing[lane] else { continue };
-            let plane = sums.plane(lane, sigma, window, &starts[lane], is_first);
+            let plane = sums.fitted_plane(lane, sigma, window, &starts[lane], is_first);
             // The intersection of docs/method.md (2.10). Once it is empty the window has left the surface's
             // plane.
             let interval = plane.map(|p| {
@@ -196,7 +197,7 @@ struct WindowSums {
 }
 
 /// The sums of neighboring pixels, `starts` being their planes so far.
-fn sums(
+fn window_sums(
     inverse: &InverseDepth,
     first: usize,
     window: &FitWindow,
@@ -205,7 +206,7 @@ fn sums(
 ) -> WindowSums {
     let start = [0, 1, 2].map(|k| starts.map(|s| s[k] as f32));
     let mut sums = WindowSums::default();
-    for dv in offsets(window) {
+    for dv in reading_offsets(window) {
         let row = first.wrapping_add_signed(dv as isize * inverse.stride as isize);
         let v = dv as f32;
         // Of 1, u, uu; of the residual times 1, u.
@@ -214,7 +215,7 @@ fn sums(
         let mut nuu = Lanes::default();
         let mut r = Lanes::default();
         let mut ru = Lanes::default();
-        for du in offsets(window) {
+        for du in reading_offsets(window) {
             let at = row.wrapping_add_signed(du as isize);
             let readings = &inverse.values[at..at + LANES];
             let u = du as f32;
@@ -244,7 +245,7 @@ fn sums(
 }
 
 /// Offsets of a window's readings, pixels.
-fn offsets(window: &FitWindow) -> impl Iterator<Item = i32> {
+fn reading_offsets(window: &FitWindow) -> impl Iterator<Item = i32> {
     let half = window.radius / window.stride;
     let stride = window.stride;
     (-half..=half).map(move |k| k * stride)
@@ -252,7 +253,7 @@ fn offsets(window: &FitWindow) -> impl Iterator<Item = i32> {
 
 impl WindowSums {
     /// Least-squares plane of one pixel's readings; `None` if they are too few or do not lie on one.
-    fn plane(
+    fn fitted_plane(
         &self,
         lane: usize,
         sigma: f64,
@@ -262,7 +263,7 @@ impl WindowSums {
     ) -> Option<InversePlane> {
         let s = self.moments.map(|m| f64::from(m[lane]));
         let b = Vector3::from(self.residuals.map(|r| f64::from(r[lane])));
-        let side = offsets(window).count();
+        let side = reading_offsets(window).count();
         if s[0] < MIN_SHARE[usize::from(!first)] * (side * side) as f64 {
             return None;
         }

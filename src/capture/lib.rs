@@ -1,6 +1,6 @@
 //! RGB-D frames of one object in two states: pure data and selection; no file or network.
 //!
-//! ```ignore
+//! ```
 //! // Stamps in nanoseconds: a depth image belongs to the color image next to it, at most 10 ms away.
 //! let [color, depth] = [[0, 33_000_000, 66_000_000], [4_000_000, 70_000_000, 120_000_000]];
 //! assert_eq!(capture::pair(&color, &depth, 10_000_000), [Some(0), None, Some(1)]);
@@ -35,7 +35,7 @@ mod window;
 
 pub use board::{
     BoardInView, BoardInWorld, BoardLayout, BoardPlace, BoardSighting, ColorTurn, Paper, UNREAD_BOARD,
-    UseBoard, board_scale, find_board, stretched,
+    UseBoard, board_scale, find_board, pose_scaled,
 };
 pub use config::{At, CaptureConfig, TopicConfig};
 pub use coverage::{Coverage, SECTORS, coverage};
@@ -46,8 +46,8 @@ pub use features::luma;
 pub use features::{Correspondence, MatchConfig, PixelMatch, frame_pairs, look_at, match_states, on_object};
 pub use frame::{RgbdFrame, cameras, median_over_object};
 pub use isolate::isolate;
-pub use isolate::{CLEARLY, LEAST_PATCH, cell, clusters};
-pub use mask::dilated;
+pub use isolate::{CLEARLY, LEAST_PATCH, cell_of_point, clusters_of_cells};
+pub use mask::dilated_mask;
 pub use noise::{GRAZING_COSINE, NoiseConfig};
 use noise_estimate::noise_factor;
 pub use pixel_weights::{object_weights, pixel_weights};
@@ -60,7 +60,7 @@ pub use scene::scene_box;
 pub use select::{common_focus, spread_views};
 pub use state::Split;
 pub use stereo::{UseColorDepth, fill_from_color};
-pub use sync::{nearest, pair};
+pub use sync::{nearest_stamp, pair};
 pub use tf::{MAX_TF_FRAMES, TfBuffer};
 pub use tracking::{
     Accelerometer, LiveTracker, LiveView, Lost, Observation, Track, TrackCamera, TrackedState, Tracker,

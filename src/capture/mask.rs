@@ -2,14 +2,21 @@
 
 /// A mask spread by `reach` pixels in rows and in columns.
 #[must_use]
-pub fn dilated(mask: &[bool], width: usize, height: usize, reach: usize) -> Vec<bool> {
+pub fn dilated_mask(mask: &[bool], width: usize, height: usize, reach: usize) -> Vec<bool> {
     // A square is separable: along rows, then along columns.
-    let rows = spread(mask, width, height, 1, width, reach);
-    spread(&rows, height, width, width, 1, reach)
+    let rows = spread_along_lines(mask, width, height, 1, width, reach);
+    spread_along_lines(&rows, height, width, width, 1, reach)
 }
 
 /// Spreads along lines of `length` pixels, `step` apart; lines are `next` apart, `lines` of them.
-fn spread(mask: &[bool], length: usize, lines: usize, step: usize, next: usize, reach: usize) -> Vec<bool> {
+fn spread_along_lines(
+    mask: &[bool],
+    length: usize,
+    lines: usize,
+    step: usize,
+    next: usize,
+    reach: usize,
+) -> Vec<bool> {
     let mut out = vec![false; mask.len()];
     for line in 0..lines {
         let mut filled = 0;
@@ -38,7 +45,7 @@ mod tests {
         for p in [0, 5 * w + 6, 5 * w + 7, 8 * w + 12] {
             mask[p] = true;
         }
-        let out = dilated(&mask, w, h, 2);
+        let out = dilated_mask(&mask, w, h, 2);
         for y in 0..h {
             for x in 0..w {
                 let near =

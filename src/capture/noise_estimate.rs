@@ -68,7 +68,7 @@ mod tests {
         let mut rng = stage_rng(1, "wall", 0);
         let mut normal = || (0..12).map(|_| rng.next_u64() as f64 / u64::MAX as f64).sum::<f64>() - 6.0;
         let depth = |p: usize| {
-            let ray = intrinsics.ray((p % 160) as f64, (p / 160) as f64);
+            let ray = intrinsics.ray_at((p % 160) as f64, (p / 160) as f64);
             let d = 1.2 / (1.0 - 0.6 * ray.x - 0.3 * ray.y) + if p % 160 > 120 { 0.4 } else { 0.0 };
             (d, noise.sigma_m(d))
         };

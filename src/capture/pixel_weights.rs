@@ -16,11 +16,11 @@ pub(super) struct PixelWeights<'a> {
 }
 
 impl<'a> PixelWeights<'a> {
-    pub fn of(frame: &'a RgbdFrame, noise: &'a NoiseConfig) -> Self {
+    pub fn of_frame(frame: &'a RgbdFrame, noise: &'a NoiseConfig) -> Self {
         let k = &frame.intrinsics;
         let slopes = [
-            (0..k.width).map(|x| k.ray(x as f64, 0.0).x).collect(),
-            (0..k.height).map(|y| k.ray(0.0, y as f64).y).collect(),
+            (0..k.width).map(|x| k.ray_at(x as f64, 0.0).x).collect(),
+            (0..k.height).map(|y| k.ray_at(0.0, y as f64).y).collect(),
         ];
         Self { frame, noise, slopes }
     }
@@ -34,7 +34,7 @@ impl<'a> PixelWeights<'a> {
     }
 
     /// Weight of a pixel.
-    pub fn at(&self, x: usize, y: usize) -> f32 {
+    pub fn weight_at(&self, x: usize, y: usize) -> f32 {
         let k = &self.frame.intrinsics;
         let noise = self.noise;
         if x < R || y < R || x + R >= k.width || y + R >= k.height {
@@ -67,18 +67,18 @@ impl<'a> PixelWeights<'a> {
 /// angle, else the cosine between ray and surface normal (from central differences over a 5-pixel window).
 #[must_use]
 pub fn pixel_weights(frame: &RgbdFrame, noise: &NoiseConfig) -> Vec<f32> {
-    let weights = PixelWeights::of(frame, noise);
+    let weights = PixelWeights::of_frame(frame, noise);
     let w = frame.intrinsics.width;
     let h = frame.intrinsics.height;
-    (0..h).flat_map(|y| (0..w).map(move |x| (x, y))).map(|(x, y)| weights.at(x, y)).collect()
+    (0..h).flat_map(|y| (0..w).map(move |x| (x, y))).map(|(x, y)| weights.weight_at(x, y)).collect()
 }
 
 /// The same of the pixels of the object; 0 off it.
 #[must_use]
 pub fn object_weights(frame: &RgbdFrame, noise: &NoiseConfig) -> Vec<f32> {
-    let weights = PixelWeights::of(frame, noise);
+    let weights = PixelWeights::of_frame(frame, noise);
     let width = frame.intrinsics.width;
     (0..frame.depth_m.len())
-        .map(|i| if frame.is_object(i) { weights.at(i % width, i / width) } else { 0.0 })
+        .map(|i| if frame.is_object(i) { weights.weight_at(i % width, i / width) } else { 0.0 })
         .collect()
 }

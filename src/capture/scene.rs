@@ -45,16 +45,16 @@ pub fn scene_box(states: &[&[RgbdFrame]], noise: &NoiseConfig) -> Option<SceneBo
     let first = agreed.next()?;
     let (lower, upper) =
         agreed.fold((first.lower, first.upper), |(lo, hi), c| (lo.inf(&c.lower), hi.sup(&c.upper)));
-    Some(SceneBox::around(&lower, &upper))
+    Some(SceneBox::around_box(&lower, &upper))
 }
 
 /// Some points of a frame on the object, in the world.
 fn object_points(frame: &RgbdFrame, noise: &NoiseConfig) -> Vec<Point3<f64>> {
-    let weights = PixelWeights::of(frame, noise);
+    let weights = PixelWeights::of_frame(frame, noise);
     let w = frame.intrinsics.width;
     let h = frame.intrinsics.height;
     let some = (0..h).step_by(STRIDE).flat_map(|y| (0..w).step_by(STRIDE).map(move |x| (x, y)));
-    let wanted = some.filter(|&(x, y)| frame.is_object(y * w + x) && weights.at(x, y) > 0.0);
+    let wanted = some.filter(|&(x, y)| frame.is_object(y * w + x) && weights.weight_at(x, y) > 0.0);
     wanted.filter_map(|(x, y)| frame.world_point(y * w + x)).collect()
 }
 

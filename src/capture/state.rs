@@ -21,7 +21,7 @@ impl Split {
     ///
     /// # Errors
     /// [`CaptureError::Split`] where a time lies outside the recording.
-    pub fn at(times_secs: &[f64], first_nanos: i64, last_nanos: i64) -> Result<Self, CaptureError> {
+    pub fn at_times(times_secs: &[f64], first_nanos: i64, last_nanos: i64) -> Result<Self, CaptureError> {
         let (Some(first), Some(last)) = (times_secs.first(), times_secs.last()) else {
             return Err(CaptureError::Split { reason: "no time was given".into() });
         };
@@ -57,7 +57,7 @@ impl Split {
 
     /// State of a message recorded at this time; `None` for one in between.
     #[must_use]
-    pub fn state(&self, nanos: i64) -> Option<usize> {
+    pub fn state_at(&self, nanos: i64) -> Option<usize> {
         if nanos < self.end0_nanos {
             Some(0)
         } else if nanos >= self.begin1_nanos {
@@ -84,20 +84,22 @@ mod tests {
     #[test]
     fn a_time_from_the_start_or_since_the_epoch() {
         let begin = 1_760_000_000 * S;
-        let split = Split::at(&[5.0], begin, begin + 10 * S).unwrap();
-        assert_eq!(split, Split::at(&[1_760_000_005.0], begin, begin + 10 * S).unwrap());
+        let split = Split::at_times(&[5.0], begin, begin + 10 * S).unwrap();
+        assert_eq!(split, Split::at_times(&[1_760_000_005.0], begin, begin + 10 * S).unwrap());
         assert_eq!(
-            [begin, begin + 5 * S - 1, begin + 5 * S].map(|t| split.state(t)),
+            [begin, begin + 5 * S - 1, begin + 5 * S].map(|t| split.state_at(t)),
             [Some(0), Some(0), Some(1)]
         );
-        assert!(Split::at(&[11.0], begin, begin + 10 * S).unwrap_err().to_string().contains("10.000 s"));
-        assert!(Split::at(&[], begin, begin + 10 * S).is_err());
+        assert!(
+            Split::at_times(&[11.0], begin, begin + 10 * S).unwrap_err().to_string().contains("10.000 s")
+        );
+        assert!(Split::at_times(&[], begin, begin + 10 * S).is_err());
     }
 
     #[test]
     fn what_lies_between_belongs_to_neither() {
-        let split = Split::at(&[2.0, 4.0], 0, 10 * S).unwrap();
-        assert_eq!([S, 3 * S, 4 * S].map(|t| split.state(t)), [Some(0), None, Some(1)]);
+        let split = Split::at_times(&[2.0, 4.0], 0, 10 * S).unwrap();
+        assert_eq!([S, 3 * S, 4 * S].map(|t| split.state_at(t)), [Some(0), None, Some(1)]);
         assert_eq!(split, Split::at_markers("/m", &[4 * S, 2 * S, 3 * S]).unwrap());
         assert!(Split::at_markers("/m", &[]).is_err());
     }

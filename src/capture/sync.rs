@@ -120,7 +120,7 @@ struct TakenPair {
 
 /// Index of the stamp nearest to `stamp` among rising ones, the earlier one among equals; `None` of none.
 #[must_use]
-pub fn nearest(rising: &[i64], stamp: i64) -> Option<usize> {
+pub fn nearest_stamp(rising: &[i64], stamp: i64) -> Option<usize> {
     let after = rising.partition_point(|s| *s < stamp);
     // The first of equal stamps.
     let before = after.checked_sub(1).map(|last| rising.partition_point(|s| *s < rising[last]));
@@ -145,12 +145,12 @@ mod tests {
 
     #[test]
     fn the_nearest_stamp() {
-        assert_eq!(nearest(&[1, 5, 9], 2), Some(0));
-        assert_eq!(nearest(&[1, 5], 3), Some(0));
-        assert_eq!(nearest(&[1, 1, 5, 5], 3), Some(0));
-        assert_eq!(nearest(&[1, 1, 5, 5], 4), Some(2));
-        assert_eq!(nearest(&[1, 5], 50), Some(1));
-        assert_eq!(nearest(&[], 2), None);
+        assert_eq!(nearest_stamp(&[1, 5, 9], 2), Some(0));
+        assert_eq!(nearest_stamp(&[1, 5], 3), Some(0));
+        assert_eq!(nearest_stamp(&[1, 1, 5, 5], 3), Some(0));
+        assert_eq!(nearest_stamp(&[1, 1, 5, 5], 4), Some(2));
+        assert_eq!(nearest_stamp(&[1, 5], 50), Some(1));
+        assert_eq!(nearest_stamp(&[], 2), None);
     }
 
     #[test]

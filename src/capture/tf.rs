@@ -132,7 +132,7 @@ impl TfBuffer {
 
     /// The chain upwards from a frame; a frame without parent is its own root.
     #[must_use]
-    pub fn chain(&self, frame: &str) -> Chain {
+    pub fn chain_of_frame(&self, frame: &str) -> Chain {
         let mut chain = Chain { root: frame.to_owned(), moves: false };
         for _ in 0..MAX_DEPTH {
             let Some((parent, edge)) = self.edges.get(&chain.root) else { break };
@@ -184,7 +184,7 @@ impl TfBuffer {
         let mut poses = [Pose::identity(); 2];
         for (pose, chain) in poses.iter_mut().zip([&from_target, &from_source]) {
             for frame in chain.iter().take_while(|f| *f != common) {
-                let step = self.step(frame, stamp_nanos, max_gap_nanos);
+                let step = self.parent_from_child(frame, stamp_nanos, max_gap_nanos);
                 *pose = step.map_err(|e| fail(e.to_string()))? * *pose;
             }
         }
@@ -200,7 +200,7 @@ impl TfBuffer {
     }
 
     /// `parent_from_child` of one frame at a stamp.
-    fn step(&self, child: &str, stamp: i64, max_gap: i64) -> Result<Pose, StepFault> {
+    fn parent_from_child(&self, child: &str, stamp: i64, max_gap: i64) -> Result<Pose, StepFault> {
         let frame = || child.to_owned();
         if let Some(parents) = self.conflicts.get(child) {
             let names: Vec<_> = parents.iter().map(String::as_str).collect();
@@ -314,14 +314,14 @@ mod tests {
         tf.add_static("a", "b", Pose::identity());
         tf.add_static("b", "a", Pose::identity());
         assert!(tf.lookup("world", "a", 0, S).is_err());
-        assert!(!tf.chain("a").moves);
+        assert!(!tf.chain_of_frame("a").moves);
     }
 
     #[test]
     fn a_pose_topic_takes_the_place_of_the_tree() {
         let mut tf = buffer();
         tf.replace("map", "optical", BTreeMap::from([(S, Pose::translation(1.0, 2.0, 3.0))]));
-        assert_eq!(tf.chain("optical"), Chain { root: "map".into(), moves: true });
+        assert_eq!(tf.chain_of_frame("optical"), Chain { root: "map".into(), moves: true });
         assert_eq!(tf.lookup("map", "optical", S, S).unwrap().translation.z, 3.0);
     }
 }

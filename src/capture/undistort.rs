@@ -77,7 +77,7 @@ impl Distortion {
 
     /// Where the lens shows a point of the ideal image plane (z = 1).
     #[must_use]
-    pub fn apply(&self, x: f64, y: f64) -> (f64, f64) {
+    pub fn distorted_point(&self, x: f64, y: f64) -> (f64, f64) {
         let r2 = x * x + y * y;
         let poly = |c: &[f64; 3]| 1.0 + r2 * (c[0] + r2 * (c[1] + r2 * c[2]));
         let radial = poly(&self.radial) / poly(&self.rational);
@@ -90,8 +90,8 @@ impl Distortion {
 
     /// Whether the radial mapping turns back at this radius: further out the model is meaningless and shows
     /// the image folded over.
-    fn folds(&self, r: f64) -> bool {
-        let at = |r: f64| self.apply(r, 0.0).0;
+    fn folds_at(&self, r: f64) -> bool {
+        let at = |r: f64| self.distorted_point(r, 0.0).0;
         at(r + 1e-4) <= at(r)
     }
 }
@@ -114,22 +114,22 @@ impl UndistortMap {
         }
         // The largest radius of a one-to-one model.
         let corner = [(0.0, 0.0), (camera.width as f64, camera.height as f64)]
-            .map(|(u, v)| camera.ray(u, v).xy().amax())
+            .map(|(u, v)| camera.ray_at(u, v).xy().amax())
             .iter()
             .fold(0.0, |a: f64, b| a.max(*b));
         let steps = 400;
         let limit = (0..=steps)
             .map(|i| 2.0 * corner * f64::from(i) / f64::from(steps))
-            .find(|r| distortion.folds(*r))
+            .find(|r| distortion.folds_at(*r))
             .unwrap_or(f64::INFINITY);
         let mut sources = vec![[f32::NAN; 2]; camera.width * camera.height];
         for (i, source) in sources.iter_mut().enumerate() {
-            let ray = camera.ray((i % camera.width) as f64, (i / camera.width) as f64);
+            let ray = camera.ray_at((i % camera.width) as f64, (i / camera.width) as f64);
             // Beyond, the model folds back onto pixels of other directions.
             if ray.xy().norm() >= limit {
                 continue;
             }
-            let (x, y) = distortion.apply(ray.x, ray.y);
+            let (x, y) = distortion.distorted_point(ray.x, ray.y);
             *source = [(x * camera.fx + camera.cx) as f32, (y * camera.fy + camera.cy) as f32];
         }
         Some(Self { width: camera.width, height: camera.height, sources })
@@ -137,7 +137,7 @@ impl UndistortMap {
 
     /// Color, bilinear; black where the lens shows nothing.
     #[must_use]
-    pub fn color(&self, pixels: &[[u8; 3]]) -> Vec<[u8; 3]> {
+    pub fn undistorted_color(&self, pixels: &[[u8; 3]]) -> Vec<[u8; 3]> {
         self.sources.iter().map(|source| self.color_at(pixels, *source)).collect()
     }
 
@@ -164,7 +164,7 @@ impl UndistortMap {
     /// Values without interpolation (depth, masks), from the nearest pixel; `outside` where the lens shows
     /// nothing.
     #[must_use]
-    pub fn nearest<T: Copy>(&self, pixels: &[T], outside: T) -> Vec<T> {
+    pub fn undistorted_nearest<T: Copy>(&self, pixels: &[T], outside: T) -> Vec<T> {
         let mut samples = vec![outside; self.sources.len()];
         for (sample, source) in samples.iter_mut().zip(&self.sources) {
             // Depth and masks are not mixed: between two surfaces there is none.
@@ -198,13 +198,13 @@ mod tests {
             let mut x = xd;
             let mut y = yd;
             for _ in 0..200 {
-                let (a, b) = model.apply(x, y);
+                let (a, b) = model.distorted_point(x, y);
                 (x, y) = (x + 0.7 * (xd - a), y + 0.7 * (yd - b));
             }
             (x, y)
         };
         let pixel = |i: usize| {
-            let ray = CAMERA.ray((i % CAMERA.width) as f64, (i / CAMERA.width) as f64);
+            let ray = CAMERA.ray_at((i % CAMERA.width) as f64, (i / CAMERA.width) as f64);
             let (x, y) = invert(ray.x, ray.y);
             scene(x, y)
         };
@@ -217,12 +217,12 @@ mod tests {
             let scene = |x: f64, y: f64| 120.0 + 60.0 * (5.0 * x).sin() + 40.0 * (4.0 * y).cos();
             let lens = distorted(&model, scene);
             let map = UndistortMap::new(&CAMERA, &model).unwrap();
-            let color = map.color(&lens.iter().map(|v| [v.round() as u8; 3]).collect::<Vec<_>>());
-            let depth = map.nearest(&lens.iter().map(|v| *v as f32).collect::<Vec<_>>(), 0.0);
+            let color = map.undistorted_color(&lens.iter().map(|v| [v.round() as u8; 3]).collect::<Vec<_>>());
+            let depth = map.undistorted_nearest(&lens.iter().map(|v| *v as f32).collect::<Vec<_>>(), 0.0);
             let mut seen = 0;
             let mut moved = 0.0f64;
             for i in 0..color.len() {
-                let ray = CAMERA.ray((i % CAMERA.width) as f64, (i / CAMERA.width) as f64);
+                let ray = CAMERA.ray_at((i % CAMERA.width) as f64, (i / CAMERA.width) as f64);
                 let expected = scene(ray.x, ray.y);
                 if depth[i] > 0.0 && color[i] != [0; 3] {
                     seen += 1;
@@ -255,10 +255,10 @@ mod tests {
         let model = Distortion { radial: [-2.0, 0.0, 0.0], ..Distortion::default() };
         let map = UndistortMap::new(&CAMERA, &model).unwrap();
         let ones = vec![1u8; CAMERA.width * CAMERA.height];
-        let seen = map.nearest(&ones, 0);
+        let seen = map.undistorted_nearest(&ones, 0);
         // r - 2 r^3 turns back at r = 1/sqrt(6).
         for (i, value) in seen.iter().enumerate() {
-            let r = CAMERA.ray((i % CAMERA.width) as f64, (i / CAMERA.width) as f64).xy().norm();
+            let r = CAMERA.ray_at((i % CAMERA.width) as f64, (i / CAMERA.width) as f64).xy().norm();
             assert!(if r > 0.42 { *value == 0 } else { r > 0.39 || *value == 1 }, "{r}");
         }
     }

@@ -3,7 +3,7 @@
 use super::wanted::Wanted;
 use gap::record::command::{EffortUnit, ToldServo};
 
-fn positive(text: &str) -> Option<f64> {
+fn positive_number(text: &str) -> Option<f64> {
     text.trim().parse().ok().filter(|x: &f64| x.is_finite() && *x > 0.0)
 }
 
@@ -31,7 +31,7 @@ pub(super) fn servo(text: &str) -> Result<ToldServo, Wanted> {
         let (key, value) = pair.split_once('=').ok_or(WANTED)?;
         // A damping or a delay of 0 means none.
         let is_zero = value.trim().parse() == Ok(0.0);
-        let value = positive(value).or_else(|| is_zero.then_some(0.0));
+        let value = positive_number(value).or_else(|| is_zero.then_some(0.0));
         match (key.trim(), value) {
             ("kp", Some(x)) if x > 0.0 => servo.stiffness = Some(x),
             ("limit", Some(x)) if x > 0.0 => servo.limit = Some(x),

@@ -25,15 +25,15 @@ pub(super) struct BoardArgs {
 
 /// The paper of a name.
 pub(super) fn paper(text: &str) -> Result<Paper, &'static str> {
-    Paper::named(text).ok_or("give a4, a3 or letter")
+    Paper::by_name(text).ok_or("give a4, a3 or letter")
 }
 
 /// Writes the page.
 ///
 /// # Errors
 /// The file exists already or cannot be written.
-pub(super) fn run(args: &BoardArgs) -> Result<Exit, CliError> {
-    let page = board_page(&BoardLayout::of(args.paper));
+pub(super) fn write_board(args: &BoardArgs) -> Result<Exit, CliError> {
+    let page = board_page(&BoardLayout::of_paper(args.paper));
     let refused = |source| CliError::Page { path: args.out.clone(), source };
     let mut file = File::create_new(&args.out).map_err(refused)?;
     file.write_all(&page).and_then(|()| file.sync_all()).map_err(refused)?;
@@ -41,6 +41,6 @@ pub(super) fn run(args: &BoardArgs) -> Result<Exit, CliError> {
         "{}: print at 100 %, measure the ruler, glue the sheet to a flat plate\n",
         args.out.display()
     );
-    terminal::print(&text)?;
+    terminal::print_result(&text)?;
     Ok(Exit::Done)
 }

@@ -10,9 +10,9 @@ use super::{
 ///
 /// # Errors
 /// If it is wrong.
-pub(super) fn run(command: &ConfigCommand) -> Result<Exit, CliError> {
+pub(super) fn print_config(command: &ConfigCommand) -> Result<Exit, CliError> {
     let ConfigCommand::Show { settings, origin } = command;
-    let resolved = settings.resolve()?;
-    terminal::print(&if *origin { resolved.to_lines_with_origins() } else { resolved.to_yaml()? })?;
+    let resolved = settings.resolved_config()?;
+    terminal::print_result(&if *origin { resolved.to_lines_with_origins() } else { resolved.to_yaml()? })?;
     Ok(Exit::Done)
 }

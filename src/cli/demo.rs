@@ -17,7 +17,7 @@ use run::{DemonstrateRequest, demonstrate};
 ///
 /// # Errors
 /// A folder without a twin, a Python without a package, a folder without write access, a request to stop.
-pub(super) fn run(args: &DemoArgs) -> Result<Exit, CliError> {
+pub(super) fn run_demo(args: &DemoArgs) -> Result<Exit, CliError> {
     let OutputArgs { out, name, force, .. } = args.output.clone();
     let request = DemonstrateRequest {
         twin: args.twin.clone(),
@@ -36,6 +36,6 @@ pub(super) fn run(args: &DemoArgs) -> Result<Exit, CliError> {
     })?;
     let done = demonstrate(&request, &stop, terminal::print_line)?;
     done.note.iter().for_each(|note| terminal::print_line(&note.text));
-    terminal::print(&format!("{}\n{}", done.folder.display(), done.table))?;
+    terminal::print_result(&format!("{}\n{}", done.folder.display(), done.table))?;
     Ok(if done.whole { Exit::Done } else { Exit::Degraded })
 }

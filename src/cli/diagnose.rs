@@ -20,7 +20,7 @@ use gap::{
 use run::{self, DiagnoseOutcome, DiagnoseRequest, Event, Monitor, RunError};
 
 /// The request of the arguments.
-pub(super) fn request(args: &DiagnoseArgs) -> DiagnoseRequest {
+pub(super) fn diagnose_request(args: &DiagnoseArgs) -> DiagnoseRequest {
     DiagnoseRequest {
         twin: args.twin.clone(),
         runs: args.runs.clone(),
@@ -46,7 +46,7 @@ pub(super) fn request(args: &DiagnoseArgs) -> DiagnoseRequest {
 ///
 /// # Errors
 /// Those of [`run::diagnose`].
-pub(super) fn outcome(
+pub(super) fn diagnose_outcome(
     request: &DiagnoseRequest,
     frames: &[PathBuf],
     args: &DiagnoseArgs,
@@ -60,7 +60,7 @@ pub(super) fn outcome(
 }
 
 /// The summary, and where the report is.
-pub(super) fn text(outcome: &DiagnoseOutcome) -> String {
+pub(super) fn summary_text(outcome: &DiagnoseOutcome) -> String {
     format!("{}report: {}\n", outcome.summary, outcome.folder.join("report.html").display())
 }
 
@@ -68,12 +68,13 @@ pub(super) fn text(outcome: &DiagnoseOutcome) -> String {
 ///
 /// # Errors
 /// If the twin or a run cannot be read, or the result cannot be written.
-pub(super) fn run(args: &DiagnoseArgs) -> Result<Exit, CliError> {
+pub(super) fn run_diagnose(args: &DiagnoseArgs) -> Result<Exit, CliError> {
     let stop = Arc::<AtomicBool>::default();
     let shown = Shown { json: args.json, verbose: args.output.verbose };
     let (progress, events) = Progress::start(shown, Arc::clone(&stop));
     let monitor = Monitor::new(events.clone(), stop);
-    let found = outcome(&request(args), &args.frames, args, &monitor).map_err(CliError::from);
+    let found =
+        diagnose_outcome(&diagnose_request(args), &args.frames, args, &monitor).map_err(CliError::from);
     let event = match &found {
         Ok(found) => Event::Artifact { path: found.folder.display().to_string() },
         Err(error) => Event::Error { message: error.chain(), exit_code: error.exit() as u8 },
@@ -84,9 +85,9 @@ pub(super) fn run(args: &DiagnoseArgs) -> Result<Exit, CliError> {
     progress.finish().map_err(CliError::Events)?;
     let found = found?;
     if !args.json {
-        terminal::print(&text(&found))?;
+        terminal::print_result(&summary_text(&found))?;
     }
-    Ok(ended(found.verdict, &found.warnings))
+    Ok(exit_of_verdict(found.verdict, &found.warnings))
 }
 
 /// Warnings for scripts, too: a file of a format stayed the twin, or numbers mean something else than
@@ -99,7 +100,7 @@ const DEGRADING: [NoteCode; 4] = [
 ];
 
 /// Degraded where too little was recorded to say anything, too.
-pub(super) fn ended(verdict: Verdict, warnings: &[Note]) -> Exit {
+pub(super) fn exit_of_verdict(verdict: Verdict, warnings: &[Note]) -> Exit {
     let degrades = warnings.iter().any(|w| DEGRADING.contains(&w.code));
     if verdict == Verdict::Insufficient || degrades { Exit::Degraded } else { Exit::Done }
 }
@@ -110,10 +111,10 @@ mod tests {
 
     #[test]
     fn the_exit_code_says_that_a_file_keeps_the_twin() {
-        let with = |code| ended(Verdict::Named, &[Note::new(code, "")]);
+        let with = |code| exit_of_verdict(Verdict::Named, &[Note::new(code, "")]);
         assert_eq!(with(NoteCode::FormatKeepsTwin), Exit::Degraded);
         assert_eq!(with(NoteCode::UnitsDoubtful), Exit::Degraded);
         assert_eq!(with(NoteCode::FormatHoldsLess), Exit::Done);
-        assert_eq!(ended(Verdict::Insufficient, &[]), Exit::Degraded);
+        assert_eq!(exit_of_verdict(Verdict::Insufficient, &[]), Exit::Degraded);
     }
 }

@@ -23,17 +23,17 @@ const UNKNOWN: &str = "unknown";
 ///
 /// # Errors
 /// If the configuration is wrong, or its engine cannot run here.
-pub(super) fn run(settings: &SettingArgs) -> Result<Exit, CliError> {
-    let engine = settings.resolve()?.config.run.engine;
+pub(super) fn print_machine(settings: &SettingArgs) -> Result<Exit, CliError> {
+    let engine = settings.resolved_config()?.config.run.engine;
     let adapters = field::adapters();
     // Before the engine is refused: the report shows why.
-    terminal::print(&report(&Machine::detect(), &adapters))?;
+    terminal::print_result(&machine_report(&Machine::detect(), &adapters))?;
     let name = engine_name(engine, &adapters).map_err(|e| CliError::Machine(e.to_string()))?;
-    terminal::print(&format!("engine     {name}\n"))?;
+    terminal::print_result(&format!("engine     {name}\n"))?;
     Ok(Exit::Done)
 }
 
-fn report(machine: &Machine, adapters: &Result<Vec<Adapter>, EngineError>) -> String {
+fn machine_report(machine: &Machine, adapters: &Result<Vec<Adapter>, EngineError>) -> String {
     let threads = machine.threads.map_or_else(|| UNKNOWN.to_owned(), |n| n.to_string());
     let vectors = if machine.vector_instructions.is_empty() {
         "none known".to_owned()
@@ -125,7 +125,7 @@ mod tests {
             memory_available: Some(3 << 30),
             disk_free: None,
         };
-        let text = report(&machine, &Ok(vec![adapter("llvmpipe")]));
+        let text = machine_report(&machine, &Ok(vec![adapter("llvmpipe")]));
         for line in [
             "processor  Example CPU, 2 threads, avx2 fma",
             "memory     3.0 GiB of 8.0 GiB available; this may be too little",
@@ -134,7 +134,9 @@ mod tests {
         ] {
             assert!(text.lines().any(|l| l == line), "{line} not in\n{text}");
         }
-        assert!(report(&machine, &Err(EngineError::NotBuilt)).contains("built without the gpu feature"));
+        assert!(
+            machine_report(&machine, &Err(EngineError::NotBuilt)).contains("built without the gpu feature")
+        );
     }
 
     #[test]

@@ -8,7 +8,7 @@ use sha2::{Digest as _, Sha256};
 
 use super::{
     args::{DiagnoseArgs, ReconstructArgs},
-    diagnose::request,
+    diagnose::diagnose_request,
     exit::{CliError, Exit},
     terminal,
 };
@@ -33,9 +33,9 @@ struct Line<'a> {
 ///
 /// # Errors
 /// Wrong settings; missing inputs.
-pub(super) fn reconstruct(args: &ReconstructArgs) -> Result<Exit, CliError> {
-    let config = args.resolve()?.config;
-    require(&args.bags)?;
+pub(super) fn print_reconstruct_estimate(args: &ReconstructArgs) -> Result<Exit, CliError> {
+    let config = args.resolved_config()?.config;
+    require_inputs(&args.bags)?;
     let mut settings = serde_json::to_value(&config).unwrap_or_default();
     if let Some(matcher) = &config.matching.onnx {
         // Its content counts, not where it lies.
@@ -44,16 +44,16 @@ pub(super) fn reconstruct(args: &ReconstructArgs) -> Result<Exit, CliError> {
         settings["matching"]["onnx"] = digest.into();
     }
     let name = args.output.name.clone().unwrap_or_else(|| name_of(&args.bags));
-    print("reconstruct", &name, &settings, Estimate::of_reconstruction(&args.bags, &config))
+    print_estimate("reconstruct", &name, &settings, Estimate::of_reconstruction(&args.bags, &config))
 }
 
 /// Prints the estimated cost of a diagnosis.
 ///
 /// # Errors
 /// Missing inputs.
-pub(super) fn diagnose(args: &DiagnoseArgs) -> Result<Exit, CliError> {
-    let request = request(args);
-    require(&[std::slice::from_ref(&args.twin), &args.runs, &args.held_out, &args.frames].concat())?;
+pub(super) fn print_diagnose_estimate(args: &DiagnoseArgs) -> Result<Exit, CliError> {
+    let request = diagnose_request(args);
+    require_inputs(&[std::slice::from_ref(&args.twin), &args.runs, &args.held_out, &args.frames].concat())?;
     let settings = json!({
         "runs": [args.runs.len(), args.held_out.len(), args.frames.len()],
         // Held-out runs among the runs are read once.
@@ -67,23 +67,23 @@ pub(super) fn diagnose(args: &DiagnoseArgs) -> Result<Exit, CliError> {
         "accuracy": args.accuracy,
     });
     let name = args.output.name.as_deref().unwrap_or("diagnosis");
-    print("diagnose", name, &settings, Estimate::of_diagnosis(&request, &args.frames))
+    print_estimate("diagnose", name, &settings, Estimate::of_diagnosis(&request, &args.frames))
 }
 
 /// Refuses missing inputs.
-fn require(inputs: &[PathBuf]) -> Result<(), CaptureError> {
+fn require_inputs(inputs: &[PathBuf]) -> Result<(), CaptureError> {
     match inputs.iter().find(|path| !path.exists()) {
         Some(path) => Err(CaptureError::Missing { path: path.clone() }),
         None => Ok(()),
     }
 }
 
-fn print(command: &str, name: &str, settings: &Value, estimate: Estimate) -> Result<Exit, CliError> {
+fn print_estimate(command: &str, name: &str, settings: &Value, estimate: Estimate) -> Result<Exit, CliError> {
     let version = env!("CARGO_PKG_VERSION");
     // Keys of a JSON object are sorted.
     let all = json!({ "command": command, "version": version, "settings": settings }).to_string();
     let settings = hex(&Sha256::digest(all));
     let line = Line { format: "artitwin-estimate/2", version, name, settings, estimate };
-    terminal::print(&format!("{}\n", serde_json::to_string(&line).unwrap_or_default()))?;
+    terminal::print_result(&format!("{}\n", serde_json::to_string(&line).unwrap_or_default()))?;
     Ok(Exit::Done)
 }

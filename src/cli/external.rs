@@ -14,7 +14,7 @@ const MAX_NAME: usize = 64;
 
 /// The program for the first of the arguments, and the other arguments; `None` without such a program. It is
 /// looked for beside this program, then in the folders of `PATH`.
-pub(super) fn find(arguments: &[OsString]) -> Option<(PathBuf, &[OsString])> {
+pub(super) fn find_program(arguments: &[OsString]) -> Option<(PathBuf, &[OsString])> {
     let (name, rest) = arguments.get(1..)?.split_first()?;
     let name = name.to_str().filter(|n| is_name(n))?;
     let file = format!("artitwin-{name}{}", env::consts::EXE_SUFFIX);
@@ -46,7 +46,7 @@ fn is_program(path: &Path) -> bool {
 ///
 /// # Errors
 /// If it cannot be started.
-pub(super) fn run(program: &Path, arguments: &[OsString]) -> Result<Exit, CliError> {
+pub(super) fn run_program(program: &Path, arguments: &[OsString]) -> Result<Exit, CliError> {
     let mut command = Command::new(program);
     command.args(arguments);
     if let Ok(own) = env::current_exe() {
@@ -78,6 +78,6 @@ mod tests {
             assert!(!is_name(name), "{name}");
         }
         let arguments = ["artitwin", "no-such-command-is-here"].map(OsString::from);
-        assert!(find(&arguments).is_none());
+        assert!(find_program(&arguments).is_none());
     }
 }

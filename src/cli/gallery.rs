@@ -29,7 +29,7 @@ pub(super) struct GalleryArgs {
 ///
 /// # Errors
 /// An unreadable folder; a file without the gallery's mark in the page's place; a page without write access.
-pub(super) fn run(args: &GalleryArgs) -> Result<Exit, CliError> {
+pub(super) fn write_gallery(args: &GalleryArgs) -> Result<Exit, CliError> {
     let first = args.runs.first().map_or(Path::new("."), PathBuf::as_path);
     let out = args.out.clone().unwrap_or_else(|| first.join("gallery.html"));
     if out.exists() && !files::read_text(&out, REPORT).is_ok_and(|text| text.contains(GALLERY_MARK)) {
@@ -42,6 +42,6 @@ pub(super) fn run(args: &GalleryArgs) -> Result<Exit, CliError> {
     files::write_whole(&out, page.as_bytes())
         .map_err(|source| CliError::Page { path: out.clone(), source })?;
     gallery.unread.iter().for_each(|why| print_line(&format!("warning: {why}")));
-    terminal::print(&format!("{}: {} results\n", out.display(), gallery.cards.len()))?;
+    terminal::print_result(&format!("{}: {} results\n", out.display(), gallery.cards.len()))?;
     Ok(if gallery.unread.is_empty() { Exit::Done } else { Exit::Degraded })
 }

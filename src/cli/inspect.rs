@@ -16,22 +16,27 @@ use run::{Monitor, capture::open};
 ///
 /// # Errors
 /// If it cannot be read at all, or the picture cannot be written.
-pub(super) fn run(args: &InspectArgs) -> Result<Exit, CliError> {
-    let config = args.resolve()?.config;
+pub(super) fn print_contents(args: &InspectArgs) -> Result<Exit, CliError> {
+    let config = args.resolved_config()?.config;
     let found = io::inspect_with(&args.bags, &config.capture)?;
-    terminal::print(&found.to_text())?;
+    terminal::print_result(&found.to_text())?;
     // A script can ask by the exit code.
     if !found.is_usable() {
         return Ok(Exit::Failed);
     }
     match &args.picture {
-        Some(picture) => look(args, &config.capture, config.run.seed, picture),
+        Some(picture) => print_coverage(args, &config.capture, config.run.seed, picture),
         None => Ok(Exit::Done),
     }
 }
 
 /// Opens the images: prints their coverage of the object and advice, and writes a picture of them.
-fn look(args: &InspectArgs, config: &CaptureConfig, seed: u64, picture: &Path) -> Result<Exit, CliError> {
+fn print_coverage(
+    args: &InspectArgs,
+    config: &CaptureConfig,
+    seed: u64,
+    picture: &Path,
+) -> Result<Exit, CliError> {
     let capture = open(&args.bags, config, seed, &Ahead::default(), &Monitor::silent())?;
     let states = coverage(&capture);
     let mut text = String::new();
@@ -55,6 +60,6 @@ fn look(args: &InspectArgs, config: &CaptureConfig, seed: u64, picture: &Path) -
     io::write_new(picture, &contact_sheet(&capture, &states))
         .map_err(|source| CliError::File { path: picture.to_owned(), source })?;
     _ = writeln!(text, "picture: {}", picture.display());
-    terminal::print(&text)?;
+    terminal::print_result(&text)?;
     Ok(if advice.is_empty() { Exit::Done } else { Exit::Degraded })
 }

@@ -29,19 +29,19 @@ impl Machine {
         let memory = fs::read_to_string("/proc/meminfo").unwrap_or_default();
         Self {
             // Linux on ARM gives no model name; the report then says `unknown`.
-            processor: field(&cpu, "model name").map(str::to_owned),
+            processor: table_value(&cpu, "model name").map(str::to_owned),
             vector_instructions: vector_instructions(),
             threads: thread::available_parallelism().ok().map(Into::into),
-            memory_total: kibibytes(&memory, "MemTotal"),
+            memory_total: memory_bytes(&memory, "MemTotal"),
             // MemAvailable, not MemFree: caches are given up on request.
-            memory_available: kibibytes(&memory, "MemAvailable"),
+            memory_available: memory_bytes(&memory, "MemAvailable"),
             disk_free: free_bytes(Path::new(".")),
         }
     }
 }
 
 /// The first value of a `name : value` table.
-fn field<'a>(table: &'a str, name: &str) -> Option<&'a str> {
+fn table_value<'a>(table: &'a str, name: &str) -> Option<&'a str> {
     table
         .lines()
         .filter_map(|line| line.split_once(':'))
@@ -49,8 +49,8 @@ fn field<'a>(table: &'a str, name: &str) -> Option<&'a str> {
         .map(|(_, value)| value.trim())
 }
 
-fn kibibytes(table: &str, name: &str) -> Option<u64> {
-    field(table, name)?.strip_suffix(" kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
+fn memory_bytes(table: &str, name: &str) -> Option<u64> {
+    table_value(table, name)?.strip_suffix(" kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -76,12 +76,12 @@ mod tests {
     #[test]
     fn tables_of_the_system_are_read() {
         let cpu = "processor\t: 0\nmodel name\t: Example CPU @ 2.50GHz\nmodel name\t: other\n";
-        assert_eq!(field(cpu, "model name"), Some("Example CPU @ 2.50GHz"));
-        assert_eq!(field(cpu, "model"), None);
+        assert_eq!(table_value(cpu, "model name"), Some("Example CPU @ 2.50GHz"));
+        assert_eq!(table_value(cpu, "model"), None);
         let memory = "MemTotal:       24000000 kB\nMemFree: many kB\nHugePages_Total: 0\n";
-        assert_eq!(kibibytes(memory, "MemTotal"), Some(24_000_000 * 1024));
-        assert_eq!(kibibytes(memory, "MemFree"), None);
-        assert_eq!(kibibytes(memory, "HugePages_Total"), None);
+        assert_eq!(memory_bytes(memory, "MemTotal"), Some(24_000_000 * 1024));
+        assert_eq!(memory_bytes(memory, "MemFree"), None);
+        assert_eq!(memory_bytes(memory, "HugePages_Total"), None);
     }
 
     #[test]

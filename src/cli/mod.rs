@@ -40,7 +40,7 @@ use clap::Parser as _;
 
 use command::{Cli, Command};
 use exit::{CliError, Exit};
-use terminal::{print_line, written};
+use terminal::{ensure_written, print_line};
 
 /// Parses the arguments, runs the command, gives its exit code.
 #[must_use]
@@ -51,23 +51,23 @@ pub fn main() -> ExitCode {
         Err(error) => {
             let arguments: Vec<std::ffi::OsString> = std::env::args_os().collect();
             if error.kind() == clap::error::ErrorKind::InvalidSubcommand
-                && let Some((program, rest)) = external::find(&arguments)
+                && let Some((program, rest)) = external::find_program(&arguments)
             {
-                return ended(external::run(&program, rest));
+                return exit_code_of(external::run_program(&program, rest));
             }
             if error.use_stderr() {
                 error.print().ok();
                 return Exit::Usage.into();
             }
             // Help and version are results.
-            return ended(written(error.print()).map(|()| Exit::Done));
+            return exit_code_of(ensure_written(error.print()).map(|()| Exit::Done));
         }
     };
-    ended(run(cli.command))
+    exit_code_of(run_command(cli.command))
 }
 
 /// The exit code; an error is printed.
-fn ended(outcome: Result<Exit, CliError>) -> ExitCode {
+fn exit_code_of(outcome: Result<Exit, CliError>) -> ExitCode {
     let exit = outcome.unwrap_or_else(|error| {
         print_line(&format!("error: {}", error.chain()));
         error.exit()
@@ -75,32 +75,32 @@ fn ended(outcome: Result<Exit, CliError>) -> ExitCode {
     exit.into()
 }
 
-fn run(command: Command) -> Result<Exit, CliError> {
+fn run_command(command: Command) -> Result<Exit, CliError> {
     // Not in commands of days: the memory of a burst of messages would stay.
     if command.ends_by_itself() {
         memory::keep_freed();
     }
     match command {
-        Command::Reconstruct(args) if args.estimate => estimate::reconstruct(&args),
-        Command::Reconstruct(args) => reconstruct::run(&args),
-        Command::Inspect(args) => inspect::run(&args),
-        Command::Track(args) => track::run(&args),
-        Command::Board(args) => board::run(&args),
-        Command::Check(args) => check::run(&args),
-        Command::Evaluate(args) => evaluate::run(&args),
-        Command::Trials(args) => trials::run(&args),
-        Command::Diagnose(args) if args.estimate => estimate::diagnose(&args),
-        Command::Diagnose(args) => diagnose::run(&args),
-        Command::Demo(args) => demo::run(&args),
-        Command::Synth(args) => synth::run(&args),
+        Command::Reconstruct(args) if args.estimate => estimate::print_reconstruct_estimate(&args),
+        Command::Reconstruct(args) => reconstruct::run_reconstruct(&args),
+        Command::Inspect(args) => inspect::print_contents(&args),
+        Command::Track(args) => track::print_poses(&args),
+        Command::Board(args) => board::write_board(&args),
+        Command::Check(args) => check::print_findings(&args),
+        Command::Evaluate(args) => evaluate::print_metrics(&args),
+        Command::Trials(args) => trials::run_trials(&args),
+        Command::Diagnose(args) if args.estimate => estimate::print_diagnose_estimate(&args),
+        Command::Diagnose(args) => diagnose::run_diagnose(&args),
+        Command::Demo(args) => demo::run_demo(&args),
+        Command::Synth(args) => synth::write_object(&args),
         #[cfg(feature = "node")]
         Command::Node(args) => node::run(&args),
         #[cfg(feature = "node")]
         Command::Record(args) => record::run(&args),
-        Command::Config { command } => config::run(&command),
-        Command::Gallery(args) => gallery::run(&args),
-        Command::Completions(args) => shell::completions(&args),
-        Command::Man(args) => shell::man(&args),
-        Command::Doctor(settings) => doctor::run(&settings),
+        Command::Config { command } => config::print_config(&command),
+        Command::Gallery(args) => gallery::write_gallery(&args),
+        Command::Completions(args) => shell::print_completions(&args),
+        Command::Man(args) => shell::print_man_page(&args),
+        Command::Doctor(settings) => doctor::print_machine(&settings),
     }
 }

@@ -14,7 +14,7 @@ use std::{
 use indicatif::{ProgressBar, ProgressStyle};
 
 use ::io::printable;
-use export::count;
+use export::counted_noun;
 use run::{Event, RunProgress};
 
 /// How long to wait for an event before looking whether the run has ended.
@@ -47,15 +47,15 @@ impl Progress {
         let thread = thread::spawn(move || {
             if shown.json {
                 let mut lines = JsonLines { out: io::stdout(), outcome: Ok(()), stop };
-                listen(&receiver, &ended, &mut lines);
+                listen_to_end(&receiver, &ended, &mut lines);
                 return lines.outcome;
             }
             let kept = Kept { verbose: shown.verbose, ..Kept::default() };
             // A bar for people; a log cannot be redrawn and gets lines.
             if io::stderr().is_terminal() {
-                listen(&receiver, &ended, &mut Bar::new(kept));
+                listen_to_end(&receiver, &ended, &mut Bar::new(kept));
             } else {
-                listen(&receiver, &ended, &mut Lines::new(io::stderr(), kept));
+                listen_to_end(&receiver, &ended, &mut Lines::new(io::stderr(), kept));
             }
             Ok(())
         });
@@ -84,7 +84,7 @@ trait Listener {
     fn end(&mut self) {}
 }
 
-fn listen(events: &Receiver<Event>, ended: &AtomicBool, listener: &mut dyn Listener) {
+fn listen_to_end(events: &Receiver<Event>, ended: &AtomicBool, listener: &mut dyn Listener) {
     let start = Instant::now();
     loop {
         match events.recv_timeout(PATIENCE) {
@@ -135,7 +135,7 @@ struct Kept {
 
 impl Kept {
     /// A line to show at once.
-    fn now(&mut self, event: &Event) -> Option<String> {
+    fn line_now(&mut self, event: &Event) -> Option<String> {
         match event {
             Event::Warning { message, .. } => {
                 // Several objects may say the same.
@@ -160,7 +160,7 @@ impl Kept {
     fn at_the_end(&mut self) -> Vec<String> {
         let mut lines = Vec::new();
         if self.notes > 0 && !self.verbose {
-            lines.push(format!("{} not shown: -v shows them", count(self.notes, "note")));
+            lines.push(format!("{} not shown: -v shows them", counted_noun(self.notes, "note")));
         }
         lines.extend(self.warnings.drain(..).map(|w| format!("warning: {w}")));
         lines
@@ -182,8 +182,8 @@ impl<W> Lines<W> {
     }
 
     /// The time left of the planned work, as text; empty without an estimate.
-    fn left(&self, at: Duration) -> String {
-        self.progress.at(at).map(|(_, time)| left(time)).unwrap_or_default()
+    fn time_left_text(&self, at: Duration) -> String {
+        self.progress.at(at).map(|(_, time)| left_text(time)).unwrap_or_default()
     }
 }
 
@@ -202,12 +202,12 @@ impl<W: Write> Listener for Lines<W> {
                 }
                 self.shown = at;
                 let loss = self.progress.loss().map(|loss| format!(", loss {loss:.4e}")).unwrap_or_default();
-                format!("{stage}: {done} of {total}{loss}{}", self.left(at))
+                format!("{stage}: {done} of {total}{loss}{}", self.time_left_text(at))
             }
             Event::StageFinished { stage, seconds } => {
-                format!("{stage}: done in {seconds:.1} s{}", self.left(at))
+                format!("{stage}: done in {seconds:.1} s{}", self.time_left_text(at))
             }
-            other => match self.kept.now(other) {
+            other => match self.kept.line_now(other) {
                 Some(line) => line,
                 None => return,
             },
@@ -232,19 +232,19 @@ struct Bar {
 impl Bar {
     fn new(kept: Kept) -> Self {
         Self {
-            bar: ProgressBar::new(SHARES).with_style(style(SPINNER)),
+            bar: ProgressBar::new(SHARES).with_style(bar_style(SPINNER)),
             kept,
             progress: RunProgress::default(),
         }
     }
 
     /// Writes a line above the bar.
-    fn line(&self, text: &str) {
+    fn write_line(&self, text: &str) {
         self.bar.suspend(|| writeln!(io::stderr(), "{}", printable(text)).ok());
     }
 
     /// Draws the bar as it stands after a time.
-    fn draw(&self, at: Duration) {
+    fn draw_at(&self, at: Duration) {
         // Nothing runs: a bar would stand beside the line with the result.
         let Some((stage, others)) = self.progress.stage() else { return };
         let more = if others == 0 { String::new() } else { format!(" and {others} more") };
@@ -252,7 +252,7 @@ impl Bar {
         match self.progress.at(at) {
             Some((share, time)) => {
                 self.bar.set_position((share * SHARES as f64) as u64);
-                self.bar.set_message(format!("{doing}{}", left(time)));
+                self.bar.set_message(format!("{doing}{}", left_text(time)));
             }
             None => self.bar.set_message(format!("{doing}, {} s", at.as_secs())),
         }
@@ -264,19 +264,19 @@ impl Listener for Bar {
     fn report(&mut self, event: &Event, at: Duration) {
         self.progress.take(event, at);
         if matches!(event, Event::Planned { .. }) {
-            self.bar.set_style(style(BAR));
+            self.bar.set_style(bar_style(BAR));
         }
-        self.kept.now(event).iter().for_each(|line| self.line(line));
-        self.draw(at);
+        self.kept.line_now(event).iter().for_each(|line| self.write_line(line));
+        self.draw_at(at);
     }
 
     fn wait(&mut self, at: Duration) {
-        self.draw(at);
+        self.draw_at(at);
     }
 
     fn end(&mut self) {
         self.bar.finish_and_clear();
-        self.kept.at_the_end().iter().for_each(|line| self.line(line));
+        self.kept.at_the_end().iter().for_each(|line| self.write_line(line));
     }
 }
 
@@ -285,12 +285,12 @@ const SHARES: u64 = 1000;
 const BAR: &str = "{bar:32} {percent:>3} %  {msg}";
 const SPINNER: &str = "{spinner} {msg}";
 
-fn style(template: &str) -> ProgressStyle {
+fn bar_style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
 /// `, 1 min 20 s left`.
-fn left(time: Duration) -> String {
+fn left_text(time: Duration) -> String {
     let seconds = time.as_secs_f64().round() as u64;
     match seconds {
         0..60 => format!(", {seconds} s left"),
@@ -368,7 +368,7 @@ mod tests {
         let mut kept = Kept::default();
         for message in ["b", "a", "b"] {
             let event = Event::Warning { code: NoteCode::RecordingDamaged, message: message.to_owned() };
-            assert_eq!(kept.now(&event), None);
+            assert_eq!(kept.line_now(&event), None);
         }
         assert_eq!(kept.at_the_end(), ["warning: b", "warning: a"]);
     }

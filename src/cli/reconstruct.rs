@@ -21,11 +21,11 @@ use run::{self, Event, Monitor, Outcome, ReconstructRequest, RunError};
 /// # Errors
 /// If the configuration is wrong, or a run fails or is stopped, or its events cannot be written: this stops
 /// it, too. Of several objects the successful ones are there.
-pub(super) fn run(args: &ReconstructArgs) -> Result<Exit, CliError> {
+pub(super) fn run_reconstruct(args: &ReconstructArgs) -> Result<Exit, CliError> {
     let stop = Arc::new(AtomicBool::new(false));
     let (progress, events) =
         Progress::start(Shown { json: args.json, verbose: args.output.verbose }, Arc::clone(&stop));
-    let outcomes = reconstruct(args, &events, &stop);
+    let outcomes = outcomes_of_objects(args, &events, &stop);
     if let Err(error) = &outcomes {
         events.send(Event::Error { message: error.chain(), exit_code: error.exit() as u8 }).ok();
     }
@@ -37,7 +37,7 @@ pub(super) fn run(args: &ReconstructArgs) -> Result<Exit, CliError> {
     let mut exit = Exit::Done;
     for outcome in done.into_iter().flatten() {
         if !args.json {
-            terminal::print(&render::outcome(&outcome))?;
+            terminal::print_result(&render::outcome_text(&outcome))?;
         }
         if outcome.degraded {
             exit = Exit::Degraded;
@@ -52,13 +52,13 @@ pub(super) fn run(args: &ReconstructArgs) -> Result<Exit, CliError> {
 }
 
 /// The outcome of every object.
-fn reconstruct(
+fn outcomes_of_objects(
     args: &ReconstructArgs,
     events: &Sender<Event>,
     stop: &Arc<AtomicBool>,
 ) -> Result<Vec<Result<Outcome, RunError>>, CliError> {
     // Before the handler is set: a wrong option ends the command at once.
-    let resolved = args.resolve()?;
+    let resolved = args.resolved_config()?;
     if args.rerun.is_some() && !cfg!(feature = "rerun") {
         return Err(CliError::Usage(
             "this binary was built without rerun; build it with `cargo build --release --features rerun`",

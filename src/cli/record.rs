@@ -12,7 +12,7 @@ use super::{
 /// If the recorder cannot start or the disk refuses.
 pub(super) fn run(args: &RecordArgs) -> Result<Exit, CliError> {
     let recorded = node::record(&args.bag, &args.arguments)?;
-    terminal::print(&format!("{}: {} messages\n", args.bag.display(), recorded.messages))?;
+    terminal::print_result(&format!("{}: {} messages\n", args.bag.display(), recorded.messages))?;
     if recorded.dropped > 0 {
         terminal::print_line(&format!("warning: {} messages were lost or dropped", recorded.dropped));
     }

@@ -34,7 +34,7 @@ impl RecordingArgs {
     ///
     /// # Errors
     /// If a value does not fit its key.
-    pub(super) fn assign(&self, layers: &mut Layers) -> Result<(), ConfigError> {
+    pub(super) fn assign_settings(&self, layers: &mut Layers) -> Result<(), ConfigError> {
         let numbers = |n: &[f64]| Value::Sequence(n.iter().map(|v| Value::from(*v)).collect());
         let options = [
             ("--split", "capture.split_secs", (!self.split.is_empty()).then(|| numbers(&self.split))),
@@ -44,19 +44,19 @@ impl RecordingArgs {
                 "capture.isolate.workspace",
                 self.workspace.map(|b| Value::Sequence(b.iter().map(|c| numbers(c)).collect())),
             ),
-            ("--at", "capture.isolate.at", self.at.as_ref().map(place)),
+            ("--at", "capture.isolate.at", self.at.as_ref().map(place_value)),
         ];
         for (option, key, value) in options {
-            value.into_iter().try_for_each(|value| layers.assign(option, key, value))?;
+            value.into_iter().try_for_each(|value| layers.add_option(option, key, value))?;
         }
         for (kind, topic) in &self.topic {
-            layers.assign("--topic", &format!("capture.topics.{kind}"), Value::from(topic.as_str()))?;
+            layers.add_option("--topic", &format!("capture.topics.{kind}"), Value::from(topic.as_str()))?;
         }
         Ok(())
     }
 }
 
-fn place(at: &At) -> Value {
+fn place_value(at: &At) -> Value {
     match at {
         At::Point(point) => Value::Sequence(point.iter().map(|v| Value::from(*v)).collect()),
         At::Pixel { frame, pixel } => {
@@ -109,7 +109,7 @@ mod tests {
             assert!(at(wrong).is_err(), "{wrong}");
         }
         let mut layers = Layers::new(&config::Config::default()).unwrap();
-        layers.assign("--at", "capture.isolate.at", place(&pixel)).unwrap();
+        layers.add_option("--at", "capture.isolate.at", place_value(&pixel)).unwrap();
         let resolved: config::Resolved<config::Config> = layers.resolve().unwrap();
         assert_eq!(resolved.config.capture.isolate.at, Some(pixel));
     }

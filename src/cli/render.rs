@@ -3,21 +3,21 @@
 use std::fmt::Write as _;
 
 use capture::quoted;
-use export::count;
+use export::counted_noun;
 use model::JointKind;
 use run::{JointSummary, Outcome};
 
 /// Path of the result, its joints, whether it is degraded, and the files to open next. Warnings were shown at
 /// the end of the run.
-pub(super) fn outcome(outcome: &Outcome) -> String {
+pub(super) fn outcome_text(outcome: &Outcome) -> String {
     let mut text = format!("{}\n", outcome.folder.display());
     if outcome.stood {
         text += "  finished already by the same inputs, settings and version; nothing was done\n";
     }
     // Writing to a String cannot fail.
-    outcome.joints.iter().for_each(|j| writeln!(text, "  {}", joint(j)).unwrap_or_default());
+    outcome.joints.iter().for_each(|j| writeln!(text, "  {}", joint_text(j)).unwrap_or_default());
     if outcome.degraded {
-        let warnings = count(outcome.warnings.len(), "warning");
+        let warnings = counted_noun(outcome.warnings.len(), "warning");
         writeln!(text, "  degraded: {warnings}, listed above and in report.json").unwrap_or_default();
     }
     let [report, scene] = ["report.html", "scene.xml"].map(|f| quoted(&outcome.folder.join(f)));
@@ -25,7 +25,7 @@ pub(super) fn outcome(outcome: &Outcome) -> String {
     text
 }
 
-fn joint(joint: &JointSummary) -> String {
+fn joint_text(joint: &JointSummary) -> String {
     // Adding 0 takes the sign off a minus zero.
     let triple = |v: [f64; 3], digits: usize| v.map(|x| format!("{:.digits$}", x + 0.0)).join(", ");
     let axis = triple(joint.axis_in_world, 4);
@@ -35,7 +35,7 @@ fn joint(joint: &JointSummary) -> String {
                 "{}: prismatic, {:.1} mm along ({axis}){}",
                 joint.name,
                 joint.motion * 1000.0,
-                positions(joint, 1000.0)
+                positions_text(joint, 1000.0)
             )
         }
         kind => {
@@ -47,13 +47,13 @@ fn joint(joint: &JointSummary) -> String {
                 joint.motion.to_degrees()
             );
             let pitch = kind.pitch_m_per_rad().map(|p| format!(", advancing {:.2} mm a radian", 1e3 * p));
-            turn + &pitch.unwrap_or_default() + &positions(joint, 1f64.to_degrees())
+            turn + &pitch.unwrap_or_default() + &positions_text(joint, 1f64.to_degrees())
         }
     }
 }
 
 /// Positions in all states, where the motion alone does not give them.
-fn positions(joint: &JointSummary, scale: f64) -> String {
+fn positions_text(joint: &JointSummary, scale: f64) -> String {
     let all: Vec<String> = joint.positions.iter().map(|q| format!("{:.1}", q * scale + 0.0)).collect();
     if all.len() > 2 { format!("; in the states at {}", all.join(", ")) } else { String::new() }
 }
@@ -85,14 +85,14 @@ mod tests {
                         lid: prismatic, 123.4 mm along (0.0000, 0.0000, 1.0000)\n  degraded: 1 warning, \
                         listed above and in report.json\n  next: open runs/box/report.html, or python -m \
                         mujoco.viewer --mjcf=runs/box/scene.xml\n";
-        assert_eq!(super::outcome(&outcome), expected);
+        assert_eq!(super::outcome_text(&outcome), expected);
         assert_eq!(quoted("it's a/b".as_ref()), r"'it'\''s a/b'");
         let three =
             JointSummary { positions: vec![0.0, 0.02, -0.1234], ..joint(JointKind::Prismatic, -0.1234) };
         assert!(
-            super::joint(&three).ends_with("; in the states at 0.0, 20.0, -123.4"),
+            super::joint_text(&three).ends_with("; in the states at 0.0, 20.0, -123.4"),
             "{}",
-            super::joint(&three)
+            super::joint_text(&three)
         );
     }
 }

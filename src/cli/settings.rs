@@ -10,15 +10,15 @@ impl SettingArgs {
     ///
     /// # Errors
     /// If a layer is wrong or the values cannot be used.
-    pub(super) fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
-        Config::checked(self.layers()?)
+    pub(super) fn resolved_config(&self) -> Result<Resolved<Config>, ConfigError> {
+        Config::from_layers(self.merged_layers()?)
     }
 
-    fn layers(&self) -> Result<Layers, ConfigError> {
+    fn merged_layers(&self) -> Result<Layers, ConfigError> {
         let mut layers = Layers::new(&Config::default())?;
-        self.preset.iter().try_for_each(|name| layers.preset(name))?;
-        self.config.iter().try_for_each(|path| layers.file(path))?;
-        self.set.iter().try_for_each(|assignment| layers.set(assignment))?;
+        self.preset.iter().try_for_each(|name| layers.add_preset(name))?;
+        self.config.iter().try_for_each(|path| layers.add_file(path))?;
+        self.set.iter().try_for_each(|assignment| layers.add_setting(assignment))?;
         Ok(layers)
     }
 }
@@ -28,8 +28,8 @@ impl ReconstructArgs {
     ///
     /// # Errors
     /// If a layer is wrong or the values cannot be used.
-    pub(super) fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
-        let mut layers = self.settings.layers()?;
+    pub(super) fn resolved_config(&self) -> Result<Resolved<Config>, ConfigError> {
+        let mut layers = self.settings.merged_layers()?;
         // The last layer: an option wins over the same key by --set.
         let options = [
             ("--parts", "run.parts", self.parts.map(|n| Value::from(n as u64))),
@@ -46,10 +46,10 @@ impl ReconstructArgs {
             ("--engine", "run.engine", self.engine.clone().map(Value::from)),
         ];
         for (option, key, value) in options {
-            value.into_iter().try_for_each(|value| layers.assign(option, key, value))?;
+            value.into_iter().try_for_each(|value| layers.add_option(option, key, value))?;
         }
-        self.recording.assign(&mut layers)?;
-        Config::checked(layers)
+        self.recording.assign_settings(&mut layers)?;
+        Config::from_layers(layers)
     }
 }
 
@@ -58,10 +58,10 @@ impl InspectArgs {
     ///
     /// # Errors
     /// If a layer is wrong or the values cannot be used.
-    pub(super) fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
-        let mut layers = self.settings.layers()?;
-        self.recording.assign(&mut layers)?;
-        Config::checked(layers)
+    pub(super) fn resolved_config(&self) -> Result<Resolved<Config>, ConfigError> {
+        let mut layers = self.settings.merged_layers()?;
+        self.recording.assign_settings(&mut layers)?;
+        Config::from_layers(layers)
     }
 }
 
@@ -78,7 +78,7 @@ mod tests {
         let Command::Reconstruct(args) = Cli::try_parse_from(all).unwrap().command else {
             panic!("another verb")
         };
-        args.resolve().map(|r| r.config)
+        args.resolved_config().map(|r| r.config)
     }
 
     #[test]

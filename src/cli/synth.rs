@@ -13,7 +13,7 @@ use synth::{Family, HandleStyle, SynthConfig};
 ///
 /// # Errors
 /// If the options do not fit together or the folder cannot be written.
-pub(super) fn run(args: &SynthArgs) -> Result<Exit, CliError> {
+pub(super) fn write_object(args: &SynthArgs) -> Result<Exit, CliError> {
     let sensor = args.sensor.map(|sensor| match &args.sensor_only[..] {
         [] => sensor.without(&args.sensor_without),
         only => sensor.only(only),
@@ -21,8 +21,8 @@ pub(super) fn run(args: &SynthArgs) -> Result<Exit, CliError> {
     let config = SynthConfig {
         seed: args.seed,
         parts: args.parts,
-        family: args.family.as_deref().and_then(Family::named),
-        handles: args.handles.as_deref().and_then(HandleStyle::named),
+        family: args.family.as_deref().and_then(Family::by_name),
+        handles: args.handles.as_deref().and_then(HandleStyle::by_name),
         textured: if args.plain || args.textured { Some(args.textured) } else { None },
         noise: args.noise,
         pose_noise: args.pose_noise,
@@ -67,6 +67,6 @@ pub(super) fn run(args: &SynthArgs) -> Result<Exit, CliError> {
         }
         .unwrap_or_default();
     }
-    terminal::print(&text)?;
+    terminal::print_result(&text)?;
     Ok(Exit::Done)
 }

@@ -15,8 +15,8 @@ use run::{Monitor, capture::track_camera};
 ///
 /// # Errors
 /// If the camera cannot be tracked.
-pub(super) fn run(args: &TrackArgs) -> Result<Exit, CliError> {
-    let config = args.settings.resolve()?.config;
+pub(super) fn print_poses(args: &TrackArgs) -> Result<Exit, CliError> {
+    let config = args.settings.resolved_config()?.config;
     let (states, [notes, warnings]) =
         track_camera(&args.sources, &config.capture, config.run.seed, &Monitor::silent())?;
     notes.iter().for_each(|n| terminal::print_line(&format!("note: {}", io::printable(&n.text))));
@@ -41,6 +41,6 @@ pub(super) fn run(args: &TrackArgs) -> Result<Exit, CliError> {
             );
         }
     }
-    terminal::print(&text)?;
+    terminal::print_result(&text)?;
     Ok(if warnings.is_empty() { Exit::Done } else { Exit::Degraded })
 }

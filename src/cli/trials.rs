@@ -64,18 +64,18 @@ const ABLATED: &str = "paper";
 ///
 /// # Errors
 /// Wrong settings; an object without truth; a stop request; a place without write access.
-pub(super) fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
+pub(super) fn run_trials(args: &TrialsArgs) -> Result<Exit, CliError> {
     let mut methods = Vec::new();
     for preset in &args.methods {
         let name = Path::new(preset).file_stem().and_then(OsStr::to_str).unwrap_or(preset);
-        methods.push(method(name, preset, &[], &args.set)?);
+        methods.push(trial_method(name, preset, &[], &args.set)?);
     }
     if args.ablate {
         if !args.methods.iter().any(|m| m == ABLATED) {
-            methods.push(method(ABLATED, ABLATED, &[], &args.set)?);
+            methods.push(trial_method(ABLATED, ABLATED, &[], &args.set)?);
         }
         for (term, settings) in ABLATIONS {
-            methods.push(method(&format!("{ABLATED}_without_{term}"), ABLATED, settings, &args.set)?);
+            methods.push(trial_method(&format!("{ABLATED}_without_{term}"), ABLATED, settings, &args.set)?);
         }
     }
     let request = TrialsRequest {
@@ -92,22 +92,22 @@ pub(super) fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
     progress.finish().map_err(CliError::Events)?;
     let table = table?;
     if !args.json {
-        terminal::print(&table.to_markdown())?;
+        terminal::print_result(&table.to_markdown())?;
     }
     let has_failed = table.trials.iter().any(|t| t.published.failed_trials > 0);
     Ok(if has_failed { Exit::Degraded } else { Exit::Done })
 }
 
 /// A preset, or a file of settings, with some settings under a name; typed settings win.
-fn method(name: &str, preset: &str, settings: &[&str], typed: &[String]) -> Result<Method, CliError> {
+fn trial_method(name: &str, preset: &str, settings: &[&str], typed: &[String]) -> Result<Method, CliError> {
     let mut layers = Layers::new(&Config::default())?;
     if preset.ends_with(".yaml") {
-        layers.file(Path::new(preset))?;
+        layers.add_file(Path::new(preset))?;
     } else {
-        layers.preset(preset)?;
+        layers.add_preset(preset)?;
     }
-    settings.iter().try_for_each(|s| layers.set(s))?;
-    typed.iter().try_for_each(|s| layers.set(s))?;
-    let resolved = Config::checked(layers)?;
+    settings.iter().try_for_each(|s| layers.add_setting(s))?;
+    typed.iter().try_for_each(|s| layers.add_setting(s))?;
+    let resolved = Config::from_layers(layers)?;
     Ok(Method { name: name.to_owned(), config: resolved.config, origins: resolved.origins })
 }

@@ -13,9 +13,9 @@ use crate::limits::FileLimit;
 ///
 /// # Errors
 /// The system's error, or the kind of the file.
-pub fn open(path: &Path) -> io::Result<File> {
+pub fn open_regular(path: &Path) -> io::Result<File> {
     // Opening alone may do something to a device.
-    regular(&std::fs::metadata(path)?)?;
+    check_regular(&std::fs::metadata(path)?)?;
     let mut options = OpenOptions::new();
     options.read(true);
     #[cfg(unix)]
@@ -25,11 +25,11 @@ pub fn open(path: &Path) -> io::Result<File> {
         options.custom_flags(nix::fcntl::OFlag::O_NONBLOCK.bits());
     }
     let file = options.open(path)?;
-    regular(&file.metadata()?)?;
+    check_regular(&file.metadata()?)?;
     Ok(file)
 }
 
-fn regular(metadata: &Metadata) -> io::Result<()> {
+fn check_regular(metadata: &Metadata) -> io::Result<()> {
     match metadata {
         m if m.is_file() => Ok(()),
         m if m.is_dir() => Err(ErrorKind::IsADirectory.into()),
@@ -44,10 +44,10 @@ fn regular(metadata: &Metadata) -> io::Result<()> {
 ///
 /// # Errors
 /// As [`open`]; a file beyond the limit.
-pub fn read(path: &Path, limit: FileLimit) -> io::Result<Vec<u8>> {
+pub fn read_limited(path: &Path, limit: FileLimit) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     // One byte beyond the limit shows a too large file, also one growing while it is read.
-    open(path)?.take(limit.bytes + 1).read_to_end(&mut bytes)?;
+    open_regular(path)?.take(limit.bytes + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > limit.bytes {
         return Err(io::Error::new(
             ErrorKind::FileTooLarge,
@@ -62,7 +62,7 @@ pub fn read(path: &Path, limit: FileLimit) -> io::Result<Vec<u8>> {
 /// # Errors
 /// As [`read`]; text other than UTF-8.
 pub fn read_text(path: &Path, limit: FileLimit) -> io::Result<String> {
-    String::from_utf8(read(path, limit)?)
+    String::from_utf8(read_limited(path, limit)?)
         .map_err(|e| io::Error::new(ErrorKind::InvalidData, format!("not UTF-8 text: {e}")))
 }
 
@@ -86,7 +86,7 @@ const MAX_FILES: usize = 100_000;
 ///
 /// # Errors
 /// If something cannot be read, or the folder holds more than 100,000 files.
-pub fn below(folder: &Path) -> io::Result<Vec<String>> {
+pub fn files_below(folder: &Path) -> io::Result<Vec<String>> {
     let mut found = Vec::new();
     let mut open = vec![(folder.to_owned(), String::new())];
     while let Some((path, prefix)) = open.pop() {
@@ -133,7 +133,7 @@ mod tests {
         symlink(path("pipe"), path("pipe_link")).unwrap();
         assert_eq!(read_text(&path("ten"), SMALL).unwrap(), "0123456789");
         assert_eq!(read_text(&path("link"), SMALL).unwrap(), "0123456789");
-        let message = |name: &str| read(&path(name), SMALL).unwrap_err().to_string();
+        let message = |name: &str| read_limited(&path(name), SMALL).unwrap_err().to_string();
         assert_eq!(message("eleven"), "more than 10 bytes, the limit of a test");
         for odd in ["zero", "pipe", "pipe_link"] {
             assert!(message(odd).contains("device, pipe or socket"), "{}", message(odd));

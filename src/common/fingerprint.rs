@@ -11,7 +11,7 @@ use std::{
 use serde::{Deserialize, Serialize};
 use twox_hash::XxHash64;
 
-use crate::files::{below, open};
+use crate::files::{files_below, open_regular};
 
 /// What a result is kept under: its stage, and the digest of all that it follows from.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -81,7 +81,7 @@ impl Fingerprint {
     /// # Errors
     /// If something cannot be read, or the folder holds more than 100,000 files.
     pub fn with_source(mut self, name: &str, path: &Path) -> io::Result<Self> {
-        let files = if path.is_dir() { below(path)? } else { vec![String::new()] };
+        let files = if path.is_dir() { files_below(path)? } else { vec![String::new()] };
         let mut sum = XxHash64::default();
         let mut total = 0;
         for file in &files {
@@ -146,7 +146,7 @@ impl Fingerprint {
 /// Adds size and content of a file; gives its size.
 fn add_content(path: &Path, sum: &mut XxHash64) -> io::Result<u64> {
     let named = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
-    let mut file = open(path).map_err(named)?;
+    let mut file = open_regular(path).map_err(named)?;
     let bytes = file.metadata().map_err(named)?.len();
     // The size too: of a large file only pieces are read.
     sum.write(&bytes.to_le_bytes());

@@ -1,7 +1,7 @@
 //! Common to all layers: notes beside results, limits on sizes from outside, files named by a user, the facts
 //! that results follow from, and a flag that stops long work.
 //!
-//! ```ignore
+//! ```
 //! use common::note::{Note, NoteCode};
 //!
 //! let note = Note::new(NoteCode::PosesMissing, "3 of 40 images have no pose").about("state 1");

@@ -36,8 +36,8 @@ mod tests {
         let paper = flat(&Config::preset("paper").unwrap());
         for (name, settings) in ABLATIONS {
             let mut layers = Layers::new(&Config::default()).unwrap();
-            layers.preset("paper").unwrap();
-            settings.iter().for_each(|s| layers.set(s).unwrap());
+            layers.add_preset("paper").unwrap();
+            settings.iter().for_each(|s| layers.add_setting(s).unwrap());
             let config: Config = layers.resolve().unwrap().config;
             config.check().unwrap();
             let changed: Vec<String> = paper

@@ -44,7 +44,7 @@ impl Config {
             }
             other => unusable("articulation", other),
         })?;
-        self.export.check().map_err(|(key, reason)| unusable(format!("export.{key}"), reason))?;
+        self.export.check_values().map_err(|(key, reason)| unusable(format!("export.{key}"), reason))?;
         ranges(self).into_iter().try_for_each(|(key, value, low, high)| match value {
             // False for NaN.
             v if v >= low && v <= high => Ok(()),
@@ -197,7 +197,7 @@ mod tests {
     /// The message for `--set key=value`.
     fn refused(assignment: &str) -> String {
         let mut layers = Layers::new(&Config::default()).unwrap();
-        layers.set(assignment).unwrap();
+        layers.add_setting(assignment).unwrap();
         let resolved = layers.resolve::<Config>().unwrap();
         let error = resolved.config.check().expect_err(assignment);
         error.with_origin(&resolved.origins).to_string()
@@ -208,7 +208,7 @@ mod tests {
         Config::default().check().unwrap();
         for (name, _) in crate::preset::PRESETS {
             let mut layers = Layers::new(&Config::default()).unwrap();
-            layers.preset(name).unwrap();
+            layers.add_preset(name).unwrap();
             layers.resolve::<Config>().unwrap().config.check().unwrap();
         }
     }
@@ -257,7 +257,7 @@ mod tests {
     fn what_a_run_measures_is_no_setting() {
         let mut layers = Layers::new(&Config::default()).unwrap();
         for assignment in ["train.noise.constant_m=1", "train.truncation_m=1", "capture.seed=1"] {
-            let message = layers.set(assignment).unwrap_err().to_string();
+            let message = layers.add_setting(assignment).unwrap_err().to_string();
             assert!(message.contains("unknown key"), "{message}");
         }
     }

@@ -44,17 +44,17 @@ impl Layers {
     ///
     /// # Errors
     /// If there is none of this name, or as [`Self::text`].
-    pub fn preset(&mut self, name: &str) -> Result<(), ConfigError> {
+    pub fn add_preset(&mut self, name: &str) -> Result<(), ConfigError> {
         let (path, text) = preset(name)?;
-        self.text(&path, text)
+        self.add_text(&path, text)
     }
 
     /// Adds a YAML file, bounded by `limits::CONFIG`.
     ///
     /// # Errors
     /// If it cannot be read, is too large, or as [`Self::text`].
-    pub fn file(&mut self, path: &Path) -> Result<(), ConfigError> {
-        let bytes = files::read(path, CONFIG).map_err(|source| match source.kind() {
+    pub fn add_file(&mut self, path: &Path) -> Result<(), ConfigError> {
+        let bytes = files::read_limited(path, CONFIG).map_err(|source| match source.kind() {
             ErrorKind::FileTooLarge => ConfigError::TooLarge { path: path.to_owned() },
             _ => ConfigError::Read { path: path.to_owned(), source },
         })?;
@@ -63,18 +63,18 @@ impl Layers {
             origin: name.clone(),
             reason: format!("not UTF-8 text: {error}"),
         })?;
-        self.text(&name, text)
+        self.add_text(&name, text)
     }
 
     /// Adds YAML text; `name` stands for it in messages.
     ///
     /// # Errors
     /// If it is not YAML, or holds an unknown key or a group in place of a value.
-    pub fn text(&mut self, name: &str, text: &str) -> Result<(), ConfigError> {
-        let layer: Value = parse_yaml(text).map_err(|error| syntax(name.to_owned(), &error))?;
+    pub fn add_text(&mut self, name: &str, text: &str) -> Result<(), ConfigError> {
+        let layer: Value = parse_yaml(text).map_err(|error| syntax_error(name.to_owned(), &error))?;
         // The parser gives no places of values, so keys are looked up in the text.
         let lines = key_lines(text);
-        self.add(layer, &|key| match nearest_ancestor(&lines, key) {
+        self.add_layer(layer, &|key| match nearest_ancestor(&lines, key) {
             Some(line) => format!("{name}:{line}"),
             None => name.to_owned(),
         })
@@ -84,22 +84,22 @@ impl Layers {
     ///
     /// # Errors
     /// If it has another form, or as [`Self::text`].
-    pub fn set(&mut self, assignment: &str) -> Result<(), ConfigError> {
+    pub fn add_setting(&mut self, assignment: &str) -> Result<(), ConfigError> {
         let malformed = || ConfigError::Assignment { text: assignment.to_owned() };
         // At the first `=`: a value may hold others.
         let (key, text) = assignment.split_once('=').ok_or_else(malformed)?;
         if key.trim().is_empty() || text.trim().is_empty() {
             return Err(malformed());
         }
-        let value = parse_yaml(text).map_err(|error| syntax(format!("--set {assignment}"), &error))?;
-        self.assign("--set", key.trim(), value)
+        let value = parse_yaml(text).map_err(|error| syntax_error(format!("--set {assignment}"), &error))?;
+        self.add_option("--set", key.trim(), value)
     }
 
     /// Adds the value of an option in place of a key.
     ///
     /// # Errors
     /// As [`Self::text`].
-    pub fn assign(&mut self, option: &str, key: &str, value: Value) -> Result<(), ConfigError> {
+    pub fn add_option(&mut self, option: &str, key: &str, value: Value) -> Result<(), ConfigError> {
         if key.split('.').count() > MAX_DEPTH {
             return Err(ConfigError::Syntax {
                 origin: option.to_owned(),
@@ -110,7 +110,7 @@ impl Layers {
         for part in key.rsplit('.') {
             layer = Value::Mapping(Mapping::from_iter([(Value::from(part), layer)]));
         }
-        self.add(layer, &|_| option.to_owned())
+        self.add_layer(layer, &|_| option.to_owned())
     }
 
     /// Turns the merged values into a configuration.
@@ -120,10 +120,10 @@ impl Layers {
     pub fn resolve<T: Serialize + DeserializeOwned>(self) -> Result<Resolved<T>, ConfigError> {
         // Once, from all layers: an explicit default stays explicit.
         let config: T = serde_norway::from_value(self.merged.clone())
-            .map_err(|error| self.culprit::<T>(&error.to_string()))?;
+            .map_err(|error| self.value_error::<T>(&error.to_string()))?;
         let values = to_value(&config)?;
         let mut origins = BTreeMap::new();
-        for (key, _) in leaves(&values) {
+        for (key, _) in leaf_values(&values) {
             // A list or an optional group is set as a whole, so its entries have the origin of the whole.
             let origin = nearest_ancestor(&self.origins, &key).map_or("default", String::as_str).to_owned();
             origins.insert(key, origin);
@@ -132,24 +132,24 @@ impl Layers {
     }
 
     /// Merges a layer; `origin` gives the place of a key of it.
-    fn add(&mut self, layer: Value, origin: &dyn Fn(&str) -> String) -> Result<(), ConfigError> {
+    fn add_layer(&mut self, layer: Value, origin: &dyn Fn(&str) -> String) -> Result<(), ConfigError> {
         let Self { defaults, merged, origins } = self;
-        let valid = || keys(defaults);
-        merge(&mut Target { origins, origin, valid: &valid }, "", defaults, merged, layer)
+        let valid = || all_keys(defaults);
+        merge_layer(&mut Target { origins, origin, valid: &valid }, "", defaults, merged, layer)
     }
 
     /// The value with which alone the defaults are unreadable, else the reason without its place.
-    fn culprit<T: DeserializeOwned>(&self, reason: &str) -> ConfigError {
+    fn value_error<T: DeserializeOwned>(&self, reason: &str) -> ConfigError {
         // The parser names no key: each given value is tried alone on the defaults.
         for (key, origin) in &self.origins {
             let Some(value) = get(&self.merged, key) else { continue };
             let mut alone = self.defaults.clone();
-            if put(&mut alone, key, value.clone()).is_some()
+            if put_value(&mut alone, key, value.clone()).is_some()
                 && let Err(error) = serde_norway::from_value::<T>(alone)
             {
                 let origin = origin.clone();
                 let key = key.clone();
-                return ConfigError::Value { origin, key, value: show(value), reason: error.to_string() };
+                return ConfigError::Value { origin, key, value: one_line(value), reason: error.to_string() };
             }
         }
         ConfigError::Syntax { origin: "configuration".to_owned(), reason: reason.to_owned() }
@@ -162,17 +162,17 @@ impl<T> Resolved<T> {
     /// # Errors
     /// If it cannot be written as YAML.
     pub fn to_yaml(&self) -> Result<String, ConfigError> {
-        serde_norway::to_string(&self.values).map_err(unwritable)
+        serde_norway::to_string(&self.values).map_err(unwritable_error)
     }
 
     /// One line a leaf: `group.key = value   # origin`.
     #[must_use]
     pub fn to_lines_with_origins(&self) -> String {
-        let lines: Vec<(String, &str)> = leaves(&self.values)
+        let lines: Vec<(String, &str)> = leaf_values(&self.values)
             .into_iter()
             .map(|(key, value)| {
                 (
-                    format!("{key} = {}", show(value)),
+                    format!("{key} = {}", one_line(value)),
                     self.origins.0.get(&key).map_or("default", String::as_str),
                 )
             })
@@ -186,7 +186,7 @@ impl<T> Resolved<T> {
     }
 }
 
-fn syntax(origin: String, error: &YamlError) -> ConfigError {
+fn syntax_error(origin: String, error: &YamlError) -> ConfigError {
     ConfigError::Syntax { origin, reason: error.to_string() }
 }
 
@@ -199,7 +199,7 @@ struct Target<'a> {
 
 /// Puts `layer` over `merged` at `path`; `schema` is the default there. Groups merge, anything else is
 /// replaced whole.
-fn merge(
+fn merge_layer(
     target: &mut Target,
     path: &str,
     schema: &Value,
@@ -226,20 +226,23 @@ fn merge(
             return Err(ConfigError::Group {
                 origin,
                 key: path.to_owned(),
-                keys: names(group).collect::<Vec<_>>().join(", "),
+                keys: group_names(group).collect::<Vec<_>>().join(", "),
             });
         }
     };
     for (key, value) in given {
         let Value::String(name) = key else {
-            return Err(ConfigError::Syntax { origin, reason: format!("key {} is not text", show(&key)) });
+            return Err(ConfigError::Syntax {
+                origin,
+                reason: format!("key {} is not text", one_line(&key)),
+            });
         };
         let below = if path.is_empty() { name.clone() } else { format!("{path}.{name}") };
         let (Some(schema), Some(merged)) = (group.get(&name), merged.get_mut(&name)) else {
-            let hint = nearest::hint(&below, &(target.valid)());
+            let hint = nearest::nearest_hint(&below, &(target.valid)());
             return Err(ConfigError::UnknownKey { origin: (target.origin)(&below), key: below, hint });
         };
-        merge(target, &below, schema, merged, value)?;
+        merge_layer(target, &below, schema, merged, value)?;
     }
     Ok(())
 }
@@ -262,34 +265,34 @@ fn check_leaf(origin: &str, key: &str, value: &Value, depth: usize) -> Result<()
     Err(ConfigError::Value {
         origin: origin.to_owned(),
         key: key.to_owned(),
-        value: show(value),
+        value: one_line(value),
         reason: reason.to_owned(),
     })
 }
 
 /// Paths and values of all leaves, in order.
-fn leaves(value: &Value) -> Vec<(String, &Value)> {
-    entries(value).into_iter().filter(|(_, v)| !matches!(v, Value::Mapping(_))).collect()
+fn leaf_values(value: &Value) -> Vec<(String, &Value)> {
+    all_entries(value).into_iter().filter(|(_, v)| !matches!(v, Value::Mapping(_))).collect()
 }
 
 /// Paths of all groups and leaves.
-fn keys(value: &Value) -> Vec<String> {
-    entries(value).into_iter().map(|(key, _)| key).collect()
+fn all_keys(value: &Value) -> Vec<String> {
+    all_entries(value).into_iter().map(|(key, _)| key).collect()
 }
 
 /// Paths and values of all groups and leaves, in order.
-fn entries(value: &Value) -> Vec<(String, &Value)> {
+fn all_entries(value: &Value) -> Vec<(String, &Value)> {
     let Value::Mapping(map) = value else { return Vec::new() };
     let mut all = Vec::new();
     for (key, inner) in map {
         let key = key.as_str().unwrap_or_default();
         all.push((key.to_owned(), inner));
-        all.extend(entries(inner).into_iter().map(|(rest, v)| (format!("{key}.{rest}"), v)));
+        all.extend(all_entries(inner).into_iter().map(|(rest, v)| (format!("{key}.{rest}"), v)));
     }
     all
 }
 
-fn names(map: &Mapping) -> impl Iterator<Item = &str> {
+fn group_names(map: &Mapping) -> impl Iterator<Item = &str> {
     map.keys().filter_map(Value::as_str)
 }
 
@@ -297,7 +300,7 @@ fn get<'a>(value: &'a Value, path: &str) -> Option<&'a Value> {
     path.split('.').try_fold(value, |v, part| v.get(part))
 }
 
-fn put(value: &mut Value, path: &str, new: Value) -> Option<()> {
+fn put_value(value: &mut Value, path: &str, new: Value) -> Option<()> {
     *path.split('.').try_fold(value, |v, part| v.get_mut(part))? = new;
     Some(())
 }
@@ -314,14 +317,17 @@ fn nearest_ancestor<'a, V>(map: &'a BTreeMap<String, V>, path: &str) -> Option<&
 }
 
 /// A value on one line. Single-precision settings read back as written: `0.1`, not `0.10000000149011612`.
-fn show(value: &Value) -> String {
+fn one_line(value: &Value) -> String {
     match value {
-        Value::Sequence(items) => format!("[{}]", items.iter().map(show).collect::<Vec<_>>().join(", ")),
-        Value::Tagged(tagged) => format!("{} {}", tagged.tag, show(&tagged.value)),
+        Value::Sequence(items) => format!("[{}]", items.iter().map(one_line).collect::<Vec<_>>().join(", ")),
+        Value::Tagged(tagged) => format!("{} {}", tagged.tag, one_line(&tagged.value)),
         Value::Mapping(map) => {
             format!(
                 "{{{}}}",
-                map.iter().map(|(k, v)| format!("{}: {}", show(k), show(v))).collect::<Vec<_>>().join(", ")
+                map.iter()
+                    .map(|(k, v)| format!("{}: {}", one_line(k), one_line(v)))
+                    .collect::<Vec<_>>()
+                    .join(", ")
             )
         }
         Value::Number(n) if n.is_f64() => match n.as_f64() {
@@ -336,10 +342,10 @@ fn show(value: &Value) -> String {
 }
 
 fn to_value(value: &impl Serialize) -> Result<Value, ConfigError> {
-    serde_norway::to_value(value).map_err(unwritable)
+    serde_norway::to_value(value).map_err(unwritable_error)
 }
 
-fn unwritable(error: serde_norway::Error) -> ConfigError {
+fn unwritable_error(error: serde_norway::Error) -> ConfigError {
     ConfigError::Syntax { origin: "configuration".to_owned(), reason: error.to_string() }
 }
 
@@ -398,8 +404,8 @@ mod tests {
 
     fn layers(file: &str, sets: &[&str]) -> Result<Resolved<Settings>, ConfigError> {
         let mut layers = Layers::new(&Settings::default())?;
-        layers.text("a.yaml", file)?;
-        sets.iter().try_for_each(|s| layers.set(s))?;
+        layers.add_text("a.yaml", file)?;
+        sets.iter().try_for_each(|s| layers.add_setting(s))?;
         layers.resolve()
     }
 
@@ -497,14 +503,14 @@ mod tests {
         let path = std::env::temp_dir().join(format!("artitwin-layers-{}.yaml", std::process::id()));
         let read = |bytes: &[u8]| {
             std::fs::write(&path, bytes).unwrap();
-            Layers::new(&Settings::default()).unwrap().file(&path)
+            Layers::new(&Settings::default()).unwrap().add_file(&path)
         };
         assert!(matches!(read(&vec![b'#'; CONFIG.bytes as usize + 1]), Err(ConfigError::TooLarge { .. })));
         assert!(matches!(read(&[0xff, 0xfe]), Err(ConfigError::Syntax { .. })));
         assert!(read(b"run: {steps: 3}").is_ok());
         std::fs::remove_file(&path).unwrap();
         assert!(matches!(
-            Layers::new(&Settings::default()).unwrap().file(&path),
+            Layers::new(&Settings::default()).unwrap().add_file(&path),
             Err(ConfigError::Read { .. })
         ));
     }
@@ -514,7 +520,7 @@ mod tests {
         for (name, text) in crate::preset::PRESETS {
             assert!(text.lines().count() <= 32, "{name}");
             let mut layers = Layers::new(&crate::Config::default()).unwrap();
-            layers.preset(name).unwrap();
+            layers.add_preset(name).unwrap();
             let resolved: Resolved<crate::Config> = layers.resolve().unwrap();
             resolved.config.check().unwrap();
             let defaults = to_value(&crate::Config::default()).unwrap();
@@ -527,7 +533,7 @@ mod tests {
         assert!(
             Layers::new(&Settings::default())
                 .unwrap()
-                .preset("papr")
+                .add_preset("papr")
                 .unwrap_err()
                 .to_string()
                 .contains("default, fields, preview, paper")
@@ -543,7 +549,7 @@ mod tests {
             let mut layers = Layers::new(&Settings { noise, ..Settings::default() }).unwrap();
             let mut last = [None; 3];
             for (key, value) in values {
-                layers.set(&format!("{}={value}", keys[key])).unwrap();
+                layers.add_setting(&format!("{}={value}", keys[key])).unwrap();
                 last[key] = Some(value);
             }
             let config: Settings = layers.resolve().unwrap().config;
@@ -556,7 +562,7 @@ mod tests {
         #[test]
         fn any_text_is_read_or_refused(text in "[ a-z:{}\\[\\],#\n&*!|>\"'-]{0,60}") {
             layers(&text, &[]).ok();
-            Layers::new(&Settings::default()).unwrap().set(&text).ok();
+            Layers::new(&Settings::default()).unwrap().add_setting(&text).ok();
         }
     }
 }

@@ -7,7 +7,7 @@
 //! Each group belongs to the layer of its code, the only home of its defaults. Every key is serialized
 //! (no `skip_serializing_if`): the serialized default is the list of valid keys.
 //!
-//! ```ignore
+//! ```
 //! let mut config = config::Config::preset("preview")?;
 //! config.run.seed = 3;
 //! # Ok::<(), config::ConfigError>(())
@@ -77,7 +77,7 @@ impl Config {
     pub fn preset(name: &str) -> Result<Self, ConfigError> {
         let mut layers = Layers::new(&Self::default())?;
         // By the same way as on the command line: both give the same settings.
-        layers.preset(name)?;
+        layers.add_preset(name)?;
         Ok(layers.resolve()?.config)
     }
 
@@ -85,7 +85,7 @@ impl Config {
     ///
     /// # Errors
     /// If a value cannot be used, with its origin: the file and line, or the option.
-    pub fn checked(layers: Layers) -> Result<Resolved<Self>, ConfigError> {
+    pub fn from_layers(layers: Layers) -> Result<Resolved<Self>, ConfigError> {
         let resolved: Resolved<Self> = layers.resolve()?;
         resolved.config.check().map_err(|error| error.with_origin(&resolved.origins))?;
         Ok(resolved)

@@ -10,7 +10,7 @@ pub(crate) fn key_lines(text: &str) -> BTreeMap<String, usize> {
     for (number, line) in text.lines().enumerate() {
         let content = line.trim_start();
         // By lines, without a parser: a missed key has the place of the group around it.
-        let Some(key) = key(content) else { continue };
+        let Some(key) = key_of_line(content) else { continue };
         let indent = line.len() - content.len();
         // Block style: a line indented no further than a group ends it.
         while open.last().is_some_and(|(i, _)| *i >= indent) {
@@ -24,7 +24,7 @@ pub(crate) fn key_lines(text: &str) -> BTreeMap<String, usize> {
 }
 
 /// The key at the start of a line.
-fn key(content: &str) -> Option<&str> {
+fn key_of_line(content: &str) -> Option<&str> {
     // Comments, entries of lists and flow style: no key of a block.
     if content.starts_with(['#', '-', '{', '[']) {
         return None;

@@ -4,9 +4,9 @@
 const MAX_KEY: usize = 128;
 
 /// Advice in place of `key`: the nearest of `valid` by edit distance, or where to look.
-pub(crate) fn hint(key: &str, valid: &[String]) -> String {
+pub(crate) fn nearest_hint(key: &str, valid: &[String]) -> String {
     let near = valid.iter().filter(|_| key.len() <= MAX_KEY);
-    match near.map(|v| (distance(key, v), v)).min() {
+    match near.map(|v| (key_distance(key, v), v)).min() {
         // Two slips, or a third of a long key; a farther key is no slip.
         Some((d, nearest)) if d <= 2.max(key.len() / 3) => format!("did you mean {nearest}?"),
         _ => "`artitwin config show` lists the valid ones".to_owned(),
@@ -15,12 +15,12 @@ pub(crate) fn hint(key: &str, valid: &[String]) -> String {
 
 /// Edit distance of two keys. A right key in the wrong group, or without one, is nearer than by its whole
 /// path.
-fn distance(key: &str, candidate: &str) -> usize {
+fn key_distance(key: &str, candidate: &str) -> usize {
     let of_path = strsim::osa_distance(key, candidate);
-    of_path.min(1 + strsim::osa_distance(last(key), last(candidate)))
+    of_path.min(1 + strsim::osa_distance(last_part(key), last_part(candidate)))
 }
 
-fn last(path: &str) -> &str {
+fn last_part(path: &str) -> &str {
     path.rsplit('.').next().unwrap_or(path)
 }
 
@@ -31,7 +31,7 @@ mod tests {
     fn check(key: &str, expected: &str) {
         let valid = ["run.seed", "run.parts", "field.levels", "field.hidden", "capture.noise.edge_sigmas"]
             .map(str::to_owned);
-        assert!(hint(key, &valid).contains(expected), "{key}: {}", hint(key, &valid));
+        assert!(nearest_hint(key, &valid).contains(expected), "{key}: {}", nearest_hint(key, &valid));
     }
 
     #[test]

@@ -10,7 +10,7 @@ use super::{
     joint_metrics::{JointRow, displacement_m},
     matching::{MAX_PARTS, cheapest_pairs},
     run_files::RunFiles,
-    surface_metrics::{chamfer, mean_distance_mm, sample_surface},
+    surface_metrics::{chamfer_distance, mean_distance_mm, sample_surface},
     truth::{TrueJoint, TruePart, Truth},
 };
 use numeric::random::stage_rng;
@@ -83,7 +83,7 @@ pub struct MeshRow {
 ///
 /// # Errors
 /// More than `MAX_PARTS` movable parts.
-pub fn compare(
+pub fn compare_run(
     name: &str,
     truth: &Truth,
     run: &RunFiles,
@@ -93,7 +93,7 @@ pub fn compare(
         truth.parts.iter().filter_map(|p| Some((p, p.joint.as_ref()?))).collect();
     // The part of the root stands still and is matched with the static one.
     let movable = run.parts.len() - 1;
-    let cost: Vec<Vec<f64>> = wanted.iter().map(|(part, joint)| costs(part, joint, run)).collect();
+    let cost: Vec<Vec<f64>> = wanted.iter().map(|(part, joint)| matching_costs(part, joint, run)).collect();
     let count = wanted.len().max(movable);
     let pairs =
         cheapest_pairs(&cost, movable).ok_or(EvaluateError::TooManyParts { count, limit: MAX_PARTS })?;
@@ -139,7 +139,7 @@ pub fn compare(
 
 /// Mean displacement of a true part under the motion of every found movable part over all states of both run
 /// and truth, meters.
-fn costs(part: &TruePart, joint: &TrueJoint, run: &RunFiles) -> Vec<f64> {
+fn matching_costs(part: &TruePart, joint: &TrueJoint, run: &RunFiles) -> Vec<f64> {
     // By the effect of the motions on the true part: found shapes need not be good for it.
     let points = &part.meshes[0].vertices;
     let mut costs = Vec::new();
@@ -174,9 +174,9 @@ fn mesh_row(
     let seen: Vec<Point3<f64>> = seen.map(|p| p.point).collect();
     let area_m2 = true_mesh.area_m2();
     MeshRow {
-        cd: chamfer(&samples, &first),
+        cd: chamfer_distance(&samples, &first),
         // The distance by sampling alone (13.3), measured.
-        cd_floor: chamfer(&second, &third),
+        cd_floor: chamfer_distance(&second, &third),
         cd_floor_expected: FLOOR_PER_M2 * area_m2 * FLOOR_SAMPLES / options.samples as f64,
         area_m2,
         accuracy_mm: mean_distance_mm(&samples, true_mesh),

@@ -1,6 +1,6 @@
 //! Connected components of a mesh.
 
-use surface::{TriangleMesh, components, drop_unused_vertices, weld};
+use surface::{TriangleMesh, connected_components, drop_unused_vertices, welded_mesh};
 
 /// The mesh without components of less than `share` times the area of the largest one. The released
 /// evaluation counts triangles of marching cubes, alike in size; those of a simplified mesh are not.
@@ -8,8 +8,8 @@ use surface::{TriangleMesh, components, drop_unused_vertices, weld};
 #[must_use]
 pub(crate) fn large_components(mesh: &TriangleMesh, share: f64) -> TriangleMesh {
     // Textures split vertices at their seams: by position they are one.
-    let welded = weld(mesh, 0.0);
-    let (labels, sizes) = components(&welded);
+    let welded = welded_mesh(mesh, 0.0);
+    let (labels, sizes) = connected_components(&welded);
     let mut area_m2 = vec![0.0; sizes.len()];
     for (t, label) in labels.iter().enumerate() {
         area_m2[*label as usize] += f64::from(welded.area_normal(t).norm());
@@ -25,7 +25,7 @@ pub(crate) fn large_components(mesh: &TriangleMesh, share: f64) -> TriangleMesh 
 mod tests {
     use super::*;
     use model::example::box_mesh;
-    use surface::merge;
+    use surface::merged_mesh;
 
     #[test]
     fn small_components_go_and_large_ones_stay() {
@@ -33,18 +33,18 @@ mod tests {
         let b = box_mesh([3.0; 3], [4.0; 3], [2; 3]);
         let mut sliver = box_mesh([7.0; 3], [8.0; 3], [3; 3]);
         sliver.triangles.truncate(1);
-        let all = merge(&[&a, &sliver, &b]);
+        let all = merged_mesh(&[&a, &sliver, &b]);
         assert_eq!(large_components(&all, 0.1).triangles.len(), 24, "1 of 12 is less than 10 %");
         assert_eq!(large_components(&all, 0.05).triangles.len(), 25);
         // By area, not by count: a floater of many small triangles goes, a plate of two large ones stays.
         let mut fine = TriangleMesh::default();
         for k in 0..30 {
             let x = 9.0 + 0.01 * k as f32;
-            fine = merge(&[&fine, &box_mesh([x, 0.0, 0.0], [x + 0.01, 0.01, 0.01], [4; 3])]);
+            fine = merged_mesh(&[&fine, &box_mesh([x, 0.0, 0.0], [x + 0.01, 0.01, 0.01], [4; 3])]);
         }
         let mut plate = box_mesh([-9.0; 3], [-8.0; 3], [5; 3]);
         plate.triangles.truncate(2);
-        assert_eq!(large_components(&merge(&[&a, &fine, &plate]), 0.1).triangles.len(), 14);
+        assert_eq!(large_components(&merged_mesh(&[&a, &fine, &plate]), 0.1).triangles.len(), 14);
         // The same box as a soup of triangles is still one component.
         let mut soup = TriangleMesh::default();
         for t in 0..a.triangles.len() {

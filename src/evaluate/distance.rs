@@ -29,25 +29,25 @@ impl MeshDistance {
         let mut triangles: Vec<_> =
             (0..mesh.triangles.len()).map(|t| mesh.corners(t).map(|p| p.cast::<f64>())).collect();
         let mut nodes = Vec::with_capacity(triangles.len());
-        build(&mut nodes, &mut triangles, 0);
+        build_nodes(&mut nodes, &mut triangles, 0);
         Self { nodes, triangles }
     }
 
     /// Distance to the nearest triangle, meters; infinite without triangles.
     #[must_use]
-    pub(crate) fn unsigned(&self, point: &Point3<f64>) -> f64 {
+    pub(crate) fn distance_m(&self, point: &Point3<f64>) -> f64 {
         let mut best = f64::INFINITY;
         if !self.triangles.is_empty() {
-            self.visit(0, point, &mut best);
+            self.visit_node(0, point, &mut best);
         }
         best.sqrt()
     }
 
-    fn visit(&self, index: usize, point: &Point3<f64>, best: &mut f64) {
+    fn visit_node(&self, index: usize, point: &Point3<f64>, best: &mut f64) {
         let node = &self.nodes[index];
         if node.count > 0 {
             for triangle in &self.triangles[node.next..node.next + node.count] {
-                *best = best.min((closest(triangle, point) - point).norm_squared());
+                *best = best.min((closest_on_triangle(triangle, point) - point).norm_squared());
             }
             return;
         }
@@ -56,7 +56,7 @@ impl MeshDistance {
         halves.sort_by(|a, b| a.0.total_cmp(&b.0));
         for (gap, half) in halves {
             if gap < *best {
-                self.visit(half, point, best);
+                self.visit_node(half, point, best);
             }
         }
     }
@@ -68,7 +68,7 @@ impl MeshDistance {
     }
 }
 
-fn build(nodes: &mut Vec<Node>, triangles: &mut [[Point3<f64>; 3]], first: usize) {
+fn build_nodes(nodes: &mut Vec<Node>, triangles: &mut [[Point3<f64>; 3]], first: usize) {
     let start =
         (Point3::from(Vector3::repeat(f64::INFINITY)), Point3::from(Vector3::repeat(f64::NEG_INFINITY)));
     let (lower, upper) = triangles.iter().flatten().fold(start, |(lo, hi), p| (lo.inf(p), hi.sup(p)));
@@ -85,13 +85,13 @@ fn build(nodes: &mut Vec<Node>, triangles: &mut [[Point3<f64>; 3]], first: usize
     let (left, right) = triangles.split_at_mut(middle);
     // No leaf after all: the first half follows at once, the second at `next`.
     nodes[index].count = 0;
-    build(nodes, left, first);
+    build_nodes(nodes, left, first);
     nodes[index].next = nodes.len();
-    build(nodes, right, first + middle);
+    build_nodes(nodes, right, first + middle);
 }
 
 /// Closest point of a triangle (Ericson, Real-Time Collision Detection, 5.1.5).
-fn closest([a, b, c]: &[Point3<f64>; 3], p: &Point3<f64>) -> Point3<f64> {
+fn closest_on_triangle([a, b, c]: &[Point3<f64>; 3], p: &Point3<f64>) -> Point3<f64> {
     // By the region of the point's projection: corner a, corner b, edge ab, corner c, edge ac, edge bc,
     // inside.
     let ab = b - a;
@@ -137,7 +137,7 @@ mod tests {
     use crate::surface_metrics::sample_surface;
     use model::example::box_mesh;
     use numeric::random::stage_rng;
-    use surface::merge;
+    use surface::merged_mesh;
 
     #[test]
     fn agrees_with_boxes_and_with_a_full_search() {
@@ -149,17 +149,17 @@ mod tests {
         for p in &cloud {
             let q = (p.coords - half).abs() - half;
             let exact = if q.max() > 0.0 { q.sup(&Vector3::zeros()).norm() } else { -q.max() };
-            assert!((distance.unsigned(p) - exact).abs() < 1e-6);
+            assert!((distance.distance_m(p) - exact).abs() < 1e-6);
         }
         let boxes: Vec<_> =
             (0..40).map(|i| box_mesh([i as f32 * 0.1; 3], [i as f32 * 0.1 + 0.05; 3], [0; 3])).collect();
-        let many = merge(&boxes.iter().collect::<Vec<_>>());
+        let many = merged_mesh(&boxes.iter().collect::<Vec<_>>());
         let distance = MeshDistance::new(&many);
         for p in &cloud {
             let all = (0..many.triangles.len())
-                .map(|t| (closest(&many.corners(t).map(|c| c.cast()), p) - p).norm());
-            assert!((distance.unsigned(p) - all.fold(f64::INFINITY, f64::min)).abs() < 1e-12);
+                .map(|t| (closest_on_triangle(&many.corners(t).map(|c| c.cast()), p) - p).norm());
+            assert!((distance.distance_m(p) - all.fold(f64::INFINITY, f64::min)).abs() < 1e-12);
         }
-        assert!(MeshDistance::new(&TriangleMesh::default()).unsigned(&Point3::origin()).is_infinite());
+        assert!(MeshDistance::new(&TriangleMesh::default()).distance_m(&Point3::origin()).is_infinite());
     }
 }

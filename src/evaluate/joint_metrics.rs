@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 use serde::Serialize;
 
-use super::{run_files::RunFiles, surface_metrics::mean, truth::TrueJoint};
+use super::{run_files::RunFiles, surface_metrics::mean_of, truth::TrueJoint};
 use geometry::{Pose, line_distance_m, rotation_angle_rad};
 
 /// One movable part against the truth. Numbers without a meaning for the true joint's type are left out, and
@@ -96,5 +96,5 @@ impl JointRow {
 pub(crate) fn displacement_m(points: &[Point3<f32>], a: &Pose, b: &Pose) -> Option<f64> {
     let distances: Vec<f64> =
         points.iter().map(|p| p.cast::<f64>()).map(|p| (a * p - b * p).norm()).collect();
-    mean(&distances)
+    mean_of(&distances)
 }

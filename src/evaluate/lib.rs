@@ -4,7 +4,7 @@
 //! lines keep their distance also where they are parallel, surfaces are measured in millimeters, and each
 //! Chamfer distance comes with its floor by sampling alone.
 //!
-//! ```ignore
+//! ```
 //! use evaluate::EvaluateOptions;
 //!
 //! let report = evaluate::run(&["runs/drawer".into()], "bags/drawer".as_ref(), &EvaluateOptions::default())?;
@@ -28,7 +28,7 @@ mod truth;
 
 use std::path::{Path, PathBuf};
 
-pub use compare::{Evaluation, compare};
+pub use compare::{Evaluation, compare_run};
 pub use error::{EvaluateError, MAX_SAMPLES};
 pub use published::Published;
 pub use report::EvaluationReport;
@@ -63,8 +63,8 @@ impl Default for EvaluateOptions {
 /// # Errors
 /// A missing or damaged file, named in the error.
 pub fn read_truth(folder: &Path) -> Result<Truth, EvaluateError> {
-    match published_truth::find(folder).filter(|_| !folder.join("truth.json").exists()) {
-        Some(path) => published_truth::read(&path),
+    match published_truth::find_transforms(folder).filter(|_| !folder.join("truth.json").exists()) {
+        Some(path) => published_truth::read_transforms(&path),
         None => Truth::read(folder),
     }
 }
@@ -75,7 +75,7 @@ pub fn read_truth(folder: &Path) -> Result<Truth, EvaluateError> {
 /// # Errors
 /// No run; a file of the truth, or of every run, missing, damaged or beyond a limit, named in the error. Of
 /// several runs unreadable ones are failed trials.
-pub fn run(
+pub fn evaluate_runs(
     runs: &[PathBuf],
     truth: &Path,
     options: &EvaluateOptions,
@@ -88,13 +88,13 @@ pub fn run(
     }
     // Once for all trials.
     let known = read_truth(truth)?;
-    let measured = runs.iter().map(|folder| measure(folder, &known, options)).collect::<Vec<_>>();
+    let measured = runs.iter().map(|folder| evaluate_run(folder, &known, options)).collect::<Vec<_>>();
     let trials = if measured.iter().any(Result::is_ok) {
         measured.into_iter().zip(runs).map(|(trial, folder)| or_failed(trial, folder, &known)).collect()
     } else {
         measured.into_iter().collect::<Result<Vec<_>, _>>()?
     };
-    let published = Published::of(&trials);
+    let published = Published::of_trials(&trials);
     let &EvaluateOptions { samples, seed, min_component } = options;
     Ok(EvaluationReport {
         truth: truth.display().to_string(),
@@ -108,14 +108,18 @@ pub fn run(
 
 /// Measures trials of one object; an unreadable one is a failed trial.
 #[must_use]
-pub fn trials(runs: &[PathBuf], truth: &Truth, options: &EvaluateOptions) -> Vec<Evaluation> {
-    runs.iter().map(|folder| or_failed(measure(folder, truth, options), folder, truth)).collect()
+pub fn evaluate_trials(runs: &[PathBuf], truth: &Truth, options: &EvaluateOptions) -> Vec<Evaluation> {
+    runs.iter().map(|folder| or_failed(evaluate_run(folder, truth, options), folder, truth)).collect()
 }
 
 /// One run against the truth; only its numbers stay in memory.
-fn measure(folder: &Path, truth: &Truth, options: &EvaluateOptions) -> Result<Evaluation, EvaluateError> {
+fn evaluate_run(
+    folder: &Path,
+    truth: &Truth,
+    options: &EvaluateOptions,
+) -> Result<Evaluation, EvaluateError> {
     let files = RunFiles::read(folder, options.min_component)?;
-    compare(&folder.display().to_string(), truth, &files, options)
+    compare_run(&folder.display().to_string(), truth, &files, options)
 }
 
 fn or_failed(trial: Result<Evaluation, EvaluateError>, folder: &Path, truth: &Truth) -> Evaluation {

@@ -6,7 +6,7 @@
 
 use serde::Serialize;
 
-use super::{compare::Evaluation, surface_metrics::mean};
+use super::{compare::Evaluation, surface_metrics::mean_of};
 
 /// One published metric over all trials.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -29,7 +29,7 @@ pub struct PublishedRow {
 
 impl PublishedRow {
     /// Printed digits of its numbers behind the point.
-    pub(super) fn places(&self) -> usize {
+    pub(super) fn decimal_places(&self) -> usize {
         if self.unit == "m" { 4 } else { 3 }
     }
 }
@@ -48,12 +48,12 @@ pub struct Published {
 impl Published {
     /// The published metrics of some trials of the same object; `None` without trials.
     #[must_use]
-    pub fn of(trials: &[Evaluation]) -> Option<Self> {
+    pub fn of_trials(trials: &[Evaluation]) -> Option<Self> {
         // All trials have the same rows, as these follow from the truth.
         let names: Vec<(String, &'static str)> =
-            numbers(trials.first()?).into_iter().map(|(n, u, _)| (n, u)).collect();
+            published_numbers(trials.first()?).into_iter().map(|(n, u, _)| (n, u)).collect();
         let table: Vec<Vec<Option<f64>>> =
-            trials.iter().map(|t| numbers(t).into_iter().map(|(_, _, v)| v).collect()).collect();
+            trials.iter().map(|t| published_numbers(t).into_iter().map(|(_, _, v)| v).collect()).collect();
         let columns: Vec<Vec<Option<f64>>> =
             (0..names.len()).map(|i| table.iter().map(|t| t[i]).collect()).collect();
         // Each surface votes once: the released evaluation has one state, the start.
@@ -73,7 +73,7 @@ impl Published {
 }
 
 /// Name, unit and printed value of every published metric of one trial. The list depends on the truth alone.
-fn numbers(trial: &Evaluation) -> Vec<(String, &'static str, Option<f64>)> {
+fn published_numbers(trial: &Evaluation) -> Vec<(String, &'static str, Option<f64>)> {
     let mut out = Vec::new();
     for joint in &trial.joints {
         let turns = joint.type_true != "prismatic";
@@ -106,9 +106,9 @@ fn is_of_end(metric: &str) -> bool {
 /// Mean and population standard deviation of the existing values.
 fn mean_std(values: &[Option<f64>]) -> (Option<f64>, Option<f64>) {
     let values: Vec<f64> = values.iter().flatten().copied().collect();
-    let Some(m) = mean(&values) else { return (None, None) };
+    let Some(m) = mean_of(&values) else { return (None, None) };
     let squared: Vec<f64> = values.iter().map(|v| (v - m) * (v - m)).collect();
-    (Some(m), mean(&squared).map(f64::sqrt))
+    (Some(m), mean_of(&squared).map(f64::sqrt))
 }
 
 /// The trial with the smallest value of most metrics. Among equals the smallest value of the metric with the

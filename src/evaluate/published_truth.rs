@@ -15,7 +15,7 @@ use io::{JointTransform, JointTransforms, MeshFileError, STATES, read_mesh};
 use surface::TriangleMesh;
 
 /// The `trans.json` of a folder: of the dataset itself, of its `gt` or of its `textured_objs`.
-pub(super) fn find(folder: &Path) -> Option<PathBuf> {
+pub(super) fn find_transforms(folder: &Path) -> Option<PathBuf> {
     let places = ["gt", "", "textured_objs"].map(|place| folder.join(place).join("trans.json"));
     places.into_iter().find(|path| path.is_file())
 }
@@ -24,7 +24,7 @@ pub(super) fn find(folder: &Path) -> Option<PathBuf> {
 ///
 /// # Errors
 /// A missing or damaged file, or an impossible joint.
-pub(super) fn read(path: &Path) -> Result<Truth, EvaluateError> {
+pub(super) fn read_transforms(path: &Path) -> Result<Truth, EvaluateError> {
     let text = read_text(path, TRUTH)?;
     let file: JointTransforms = serde_json::from_str(&text)
         .map_err(|source| EvaluateError::Json { path: path.to_owned(), source })?;
@@ -37,7 +37,7 @@ pub(super) fn read(path: &Path) -> Result<Truth, EvaluateError> {
     let mut parts = vec![TruePart { index: 0, name: "static".into(), joint: None, meshes: static_meshes }];
     for (k, transform) in transforms.iter().enumerate() {
         let name = if transforms.len() == 1 { "dynamic".to_owned() } else { format!("dynamic_{k}") };
-        let joint = joint(transform).map_err(|problem| EvaluateError::Invalid {
+        let joint = joint_of_transform(transform).map_err(|problem| EvaluateError::Invalid {
             path: path.to_owned(),
             problem: format!("{name}: {problem}"),
         })?;
@@ -55,7 +55,7 @@ fn read_both(folder: &Path, part: &str) -> Result<[TriangleMesh; 2], MeshFileErr
 }
 
 /// The joint of a transform: about or along its axis from `l` to `r`.
-fn joint(transform: &JointTransform) -> Result<TrueJoint, &'static str> {
+fn joint_of_transform(transform: &JointTransform) -> Result<TrueJoint, &'static str> {
     let direction = Unit::try_new(Vector3::from(transform.axis.d), 1e-9).filter(|d| d.norm() > 0.5);
     let axis = direction.ok_or("its axis has no length")?;
     let origin = Point3::from(transform.axis.o);
@@ -67,7 +67,7 @@ fn joint(transform: &JointTransform) -> Result<TrueJoint, &'static str> {
                 angle_rad: ends.motion().to_radians(),
                 advance_m: 0.0,
             };
-            ("revolute", turn.motion())
+            ("revolute", turn.to_motion())
         }
         ("translate", _, Some(ends)) => {
             let shift = axis.into_inner() * ends.motion();

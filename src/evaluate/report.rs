@@ -104,7 +104,7 @@ fn push_published(out: &mut String, published: &Published, trials: usize) {
     writeln!(out, "\nmetrics as published{spread}").ok();
     let mut rows = vec![["metric", "unit", "mean", "std", "best", "trials"].map(String::from).to_vec()];
     for row in &published.rows {
-        let places = row.places();
+        let places = row.decimal_places();
         // F, as the tables print a failed trial.
         let failed = |v: Option<f64>| v.map_or("F".into(), |v| format!("{v:.places$}"));
         rows.push(vec![

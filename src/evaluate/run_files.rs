@@ -14,7 +14,7 @@ use export::ReadReport;
 use geometry::Pose;
 use io::read_urdf;
 use model::{JointType, Tree};
-use surface::{TriangleMesh, merge};
+use surface::{TriangleMesh, merged_mesh};
 
 /// What a simulator gets from a run: a tree and the joint positions of the observed states.
 pub struct RunFiles {
@@ -61,7 +61,7 @@ impl RunFiles {
             self.tree.links[l].visual.transformed(&self.tree.world_from_link(l, &self.states[state]))
         };
         let placed: Vec<TriangleMesh> = links.iter().map(placed).collect();
-        merge(&placed.iter().collect::<Vec<_>>())
+        merged_mesh(&placed.iter().collect::<Vec<_>>())
     }
 
     /// Motion of a part in the world from state 0 to another state.

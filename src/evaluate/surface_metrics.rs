@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::distance::MeshDistance;
 use geometry::NearestPoints;
-use numeric::random::unit;
+use numeric::random::unit_uniform;
 use surface::TriangleMesh;
 
 /// `count` points drawn uniformly by area from a mesh; empty for a mesh without area.
@@ -24,11 +24,11 @@ pub(crate) fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl R
     }
     let mut points = Vec::with_capacity(count);
     for _ in 0..count {
-        let at = unit(rng) * sum;
+        let at = unit_uniform(rng) * sum;
         let triangle = cumulative.partition_point(|&c| c <= at).min(cumulative.len() - 1);
         let [a, b, c] = mesh.corners(triangle).map(|p| p.cast::<f64>());
-        let mut u = unit(rng);
-        let mut v = unit(rng);
+        let mut u = unit_uniform(rng);
+        let mut v = unit_uniform(rng);
         // The other half of the parallelogram is folded back: the density stays even.
         if u + v > 1.0 {
             (u, v) = (1.0 - u, 1.0 - v);
@@ -41,15 +41,16 @@ pub(crate) fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl R
 /// The published Chamfer distance of two point sets, 1e-3 m^2: mean squared distance from `a` to the nearest
 /// of `b`, plus the same from `b` to `a`, times 1000: docs/method.md (13.2). `None` where a set is empty.
 #[must_use]
-pub(crate) fn chamfer(a: &[Point3<f64>], b: &[Point3<f64>]) -> Option<f64> {
+pub(crate) fn chamfer_distance(a: &[Point3<f64>], b: &[Point3<f64>]) -> Option<f64> {
     Some(1000.0 * (mean_squared_m2(a, b)? + mean_squared_m2(b, a)?))
 }
 
 fn mean_squared_m2(from: &[Point3<f64>], to: &[Point3<f64>]) -> Option<f64> {
     let tree = NearestPoints::new(to);
     // In parallel, then summed in order: the sum does not depend on the number of threads.
-    let squared: Option<Vec<f64>> = from.par_iter().map(|p| tree.nearest(p).map(|(_, d)| d * d)).collect();
-    mean(&squared?)
+    let squared: Option<Vec<f64>> =
+        from.par_iter().map(|p| tree.nearest_one(p).map(|(_, d)| d * d)).collect();
+    mean_of(&squared?)
 }
 
 /// Mean distance from points to a mesh, millimeters; `None` without points or triangles.
@@ -59,12 +60,12 @@ pub(crate) fn mean_distance_mm(points: &[Point3<f64>], mesh: &TriangleMesh) -> O
         return None;
     }
     let distance = MeshDistance::new(mesh);
-    let distances: Vec<f64> = points.par_iter().map(|p| distance.unsigned(p)).collect();
-    Some(1000.0 * mean(&distances)?)
+    let distances: Vec<f64> = points.par_iter().map(|p| distance.distance_m(p)).collect();
+    Some(1000.0 * mean_of(&distances)?)
 }
 
 /// Mean in the order of the values; `None` without values.
-pub(super) fn mean(values: &[f64]) -> Option<f64> {
+pub(super) fn mean_of(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
@@ -93,7 +94,7 @@ mod tests {
         let mut square = box_mesh([0.0; 3], [1.0; 3], [0; 3]);
         square.triangles.truncate(2);
         let draw = |k| sample_surface(&square, 10_000, &mut stage_rng(3, "test", k));
-        let floor = chamfer(&draw(0), &draw(1)).unwrap();
+        let floor = chamfer_distance(&draw(0), &draw(1)).unwrap();
         assert!((floor - 0.0637).abs() < 0.003, "{floor}");
     }
 
@@ -102,7 +103,7 @@ mod tests {
         let a = [Point3::origin(), Point3::new(0.0, 0.0, 1.0)];
         let b = [Point3::new(0.1, 0.0, 0.0)];
         // a to b: (0.01 + 1.01) / 2; b to a: 0.01.
-        assert!((chamfer(&a, &b).unwrap() - 520.0).abs() < 1e-9);
-        assert_eq!(chamfer(&a, &[]), None);
+        assert!((chamfer_distance(&a, &b).unwrap() - 520.0).abs() < 1e-9);
+        assert_eq!(chamfer_distance(&a, &[]), None);
     }
 }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     published::{Published, PublishedRow},
-    surface_metrics::mean,
+    surface_metrics::mean_of,
 };
 
 /// Time and memory of a trial.
@@ -53,7 +53,7 @@ impl TrialTable {
     }
 
     /// Adds the trials of a method on an object, with why their twins were rejected; nothing without trials.
-    pub fn add(
+    pub fn add_trials(
         &mut self,
         object: &str,
         method: &str,
@@ -61,7 +61,7 @@ impl TrialTable {
         rejected: Vec<Option<String>>,
         costs: Vec<TrialCost>,
     ) {
-        let Some(published) = Published::of(trials) else { return };
+        let Some(published) = Published::of_trials(trials) else { return };
         let failures = trials.iter().enumerate().filter_map(|(seed, t)| Some((seed, t.failed.clone()?)));
         self.trials.push(MethodTrials {
             object: object.to_owned(),
@@ -118,11 +118,11 @@ fn push_object(out: &mut String, object: &str, methods: &[&MethodTrials]) {
     });
     push_row(out, "seconds", methods, |m| {
         let seconds: Vec<f64> = m.costs.iter().map(|c| c.seconds).collect();
-        mean(&seconds).map_or("-".into(), |s| format!("{s:.0}"))
+        mean_of(&seconds).map_or("-".into(), |s| format!("{s:.0}"))
     });
     push_row(out, "memory, MiB", methods, |m| {
         let peaks: Vec<f64> = m.costs.iter().filter_map(|c| c.peak_mib).collect();
-        mean(&peaks).map_or("-".into(), |s| format!("{s:.0}"))
+        mean_of(&peaks).map_or("-".into(), |s| format!("{s:.0}"))
     });
 }
 
@@ -136,7 +136,7 @@ fn push_row(out: &mut String, name: &str, methods: &[&MethodTrials], cell: impl 
 
 /// Mean, deviation and best trial of a metric; the number of its trials, where not all have it.
 fn metric_cell(row: &PublishedRow) -> String {
-    let places = row.places();
+    let places = row.decimal_places();
     let (Some(mean), Some(std)) = (row.mean, row.std) else { return "F".into() };
     let best = row.best.map_or("F".into(), |b| format!("{b:.places$}"));
     let trials = row.trials.len();

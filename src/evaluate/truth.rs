@@ -104,7 +104,7 @@ impl Truth {
             parts.push(TruePart {
                 index: entry.index,
                 name: entry.name.clone(),
-                joint: joint(entry).map_err(|fault| EvaluateError::Invalid {
+                joint: joint_of_entry(entry).map_err(|fault| EvaluateError::Invalid {
                     path: path.clone(),
                     problem: fault.to_string(),
                 })?,
@@ -121,7 +121,7 @@ impl Truth {
         Ok(Self {
             parts,
             whole: [mesh(0, "whole")?, mesh(1, "whole")?],
-            seen: [seen(&state(0))?, seen(&state(1))?],
+            seen: [read_seen(&state(0))?, read_seen(&state(1))?],
         })
     }
 }
@@ -146,7 +146,7 @@ enum PartFault {
     FurtherNotRigid(String),
 }
 
-fn joint(entry: &PartEntry) -> Result<Option<TrueJoint>, PartFault> {
+fn joint_of_entry(entry: &PartEntry) -> Result<Option<TrueJoint>, PartFault> {
     let name = || entry.name.clone();
     if entry.kind == "fixed" {
         return Ok(None);
@@ -161,8 +161,8 @@ fn joint(entry: &PartEntry) -> Result<Option<TrueJoint>, PartFault> {
     // The length of the largest numbers is no number.
     let direction = Unit::try_new(Vector3::from(axis), 1e-9).filter(|a| a.norm() > 0.5);
     let axis = direction.ok_or_else(|| PartFault::NoAxis(name()))?;
-    let motion = rigid(&motion).ok_or_else(|| PartFault::NotRigid(name()))?;
-    let further: Option<Vec<Pose>> = entry.further_from_state0.iter().map(rigid).collect();
+    let motion = rigid_pose(&motion).ok_or_else(|| PartFault::NotRigid(name()))?;
+    let further: Option<Vec<Pose>> = entry.further_from_state0.iter().map(rigid_pose).collect();
     let further_from_state0 = further.ok_or_else(|| PartFault::FurtherNotRigid(name()))?;
     Ok(Some(TrueJoint {
         kind: entry.kind.clone(),
@@ -174,7 +174,7 @@ fn joint(entry: &PartEntry) -> Result<Option<TrueJoint>, PartFault> {
 }
 
 /// A pose from a row-major 4x4 matrix; `None` where it is not rigid.
-fn rigid(rows: &[[f64; 4]; 4]) -> Option<Pose> {
+fn rigid_pose(rows: &[[f64; 4]; 4]) -> Option<Pose> {
     let m = Matrix4::from_fn(|r, c| rows[r][c]);
     let r: Matrix3<f64> = m.fixed_view::<3, 3>(0, 0).into();
     // The truth has all its digits: a larger error is no rounding.
@@ -188,7 +188,7 @@ fn rigid(rows: &[[f64; 4]; 4]) -> Option<Pose> {
     })
 }
 
-fn seen(folder: &Path) -> Result<Vec<SeenPoint>, EvaluateError> {
+fn read_seen(folder: &Path) -> Result<Vec<SeenPoint>, EvaluateError> {
     let path: PathBuf = folder.join("seen.npy");
     // Not every truth holds the points seen by cameras; completeness is left out then.
     if !path.exists() {

@@ -50,10 +50,10 @@ pub fn board_page(layout: &BoardLayout) -> Vec<u8> {
 
 /// The drawing commands: lengths in points from the lower left corner of the sheet.
 fn drawing(layout: &BoardLayout) -> String {
-    let [low, _] = layout.sheet();
+    let [low, _] = layout.sheet_corners();
     let mut text = String::new();
-    for tag in layout.tags() {
-        let (Some(corners), Some(cells)) = (layout.corners(tag), layout.cells(tag)) else { continue };
+    for tag in layout.tag_numbers() {
+        let (Some(corners), Some(cells)) = (layout.tag_corners(tag), layout.tag_cells(tag)) else { continue };
         let upper_left: Point2<f64> = corners[0] - low.coords;
         let cell_m = layout.tag_m / cells.len() as f64;
         rectangle(&mut text, upper_left.x, upper_left.y - layout.tag_m, layout.tag_m, layout.tag_m);
@@ -123,7 +123,7 @@ mod tests {
     #[test]
     fn the_table_leads_to_every_object_and_sizes_are_true() {
         for paper in Paper::ALL {
-            let layout = BoardLayout::of(paper);
+            let layout = BoardLayout::of_paper(paper);
             let file = String::from_utf8(board_page(&layout)).unwrap();
             let (_, table) = file.split_once("xref\n0 6\n0000000000 65535 f \n").unwrap();
             for (k, line) in table.lines().take(5).enumerate() {

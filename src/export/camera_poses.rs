@@ -27,7 +27,7 @@ pub struct CameraPosesReport {
 impl CameraPosesReport {
     /// Reports of the states with a correction.
     #[must_use]
-    pub fn of(states: &[Option<PoseCorrection>]) -> Vec<Self> {
+    pub fn of_corrections(states: &[Option<PoseCorrection>]) -> Vec<Self> {
         let mut reports = Vec::new();
         for (state, found) in states.iter().enumerate() {
             let Some(found) = found else { continue };
@@ -68,7 +68,7 @@ pub struct CameraTrackingReport {
 impl CameraTrackingReport {
     /// Reports of all states; none for recorded poses.
     #[must_use]
-    pub fn of(states: &[TrackingFindings]) -> Vec<Self> {
+    pub fn of_findings(states: &[TrackingFindings]) -> Vec<Self> {
         states.iter().enumerate().map(|(state, found)| Self::of_state(state, found)).collect()
     }
 
@@ -99,7 +99,7 @@ pub struct WorldFrameReport {
 impl WorldFrameReport {
     /// The report of a displacement, meters, and a turn, radians.
     #[must_use]
-    pub fn of([moved_m, turned_rad]: [f64; 2]) -> Self {
+    pub fn of_uncertainty([moved_m, turned_rad]: [f64; 2]) -> Self {
         Self {
             std_mm: round_significant(1e3 * moved_m, DIGITS),
             std_deg: round_significant(turned_rad.to_degrees(), DIGITS),
@@ -139,7 +139,7 @@ pub struct DepthSensorReport {
 impl DepthSensorReport {
     /// The report of a calibration.
     #[must_use]
-    pub fn of(found: &SensorCalibration) -> Self {
+    pub fn of_calibration(found: &SensorCalibration) -> Self {
         let percent = |share: f64| round_significant(100.0 * share, DIGITS);
         Self {
             corrected: found.used,
@@ -152,7 +152,7 @@ impl DepthSensorReport {
             step_px: found.warp.step_px,
             shape: found.warp.shape,
             values_percent: found.warp.values.iter().copied().map(percent).collect(),
-            sigmas_percent: found.sigmas().into_iter().map(percent).collect(),
+            sigmas_percent: found.warp_sigmas().into_iter().map(percent).collect(),
         }
     }
 }

@@ -46,7 +46,7 @@ impl ExportConfig {
     ///
     /// # Errors
     /// Key within the group and the fault of its value.
-    pub fn check(&self) -> Result<(), (&'static str, String)> {
+    pub fn check_values(&self) -> Result<(), (&'static str, String)> {
         let is_short_name = is_plain_name(&self.prefix) && self.prefix.len() <= MAX_PREFIX;
         if !self.prefix.is_empty() && !is_short_name {
             let why = format!(
@@ -109,23 +109,23 @@ mod tests {
 
     #[test]
     fn what_no_file_can_hold_is_refused_by_key() {
-        ExportConfig::default().check().unwrap();
+        ExportConfig::default().check_values().unwrap();
         let with = |edit: fn(&mut ExportConfig)| {
             let mut config = ExportConfig::default();
             edit(&mut config);
-            config.check().map_err(|(key, _)| key)
+            config.check_values().map_err(|(key, _)| key)
         };
         assert_eq!(with(|c| c.prefix = "left_".into()), Ok(()));
         for prefix in ["2_", "a b", "_", "../", "a_prefix_of_25_characters"] {
             let config = ExportConfig { prefix: prefix.into(), ..ExportConfig::default() };
-            assert_eq!(config.check().map_err(|(key, _)| key), Err("prefix"), "{prefix}");
+            assert_eq!(config.check_values().map_err(|(key, _)| key), Err("prefix"), "{prefix}");
         }
         assert_eq!(with(|c| c.license = " ".into()), Err("license"));
         assert_eq!(with(|c| c.license = "MIT\nApache".into()), Err("license"));
         assert_eq!(with(|c| c.maintainer = "Ada <ada@example.org>".into()), Ok(()));
         for maintainer in ["Ada", "<ada@example.org>", "Ada <ada>", "Ada <a b@c>", "Ada <ada@example.org"] {
             let config = ExportConfig { maintainer: maintainer.into(), ..ExportConfig::default() };
-            assert_eq!(config.check().map_err(|(key, _)| key), Err("maintainer"), "{maintainer}");
+            assert_eq!(config.check_values().map_err(|(key, _)| key), Err("maintainer"), "{maintainer}");
         }
         let ada = ExportConfig { maintainer: "Ada L. <ada@example.org>".into(), ..ExportConfig::default() };
         assert_eq!(ada.maintainer(), Some(("Ada L.", "ada@example.org")));

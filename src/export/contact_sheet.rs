@@ -28,15 +28,15 @@ pub fn contact_sheet(capture: &Capture, coverage: &[Option<Coverage>]) -> Vec<u8
     let mut sheet = Sheet { width, height, rgb: vec![BACKGROUND; width * height] };
     for (state, (frames, coverage)) in capture.states.iter().zip(coverage).enumerate() {
         let top = GAP + state * (VIEW[1] + GAP);
-        for (k, frame) in spread(frames).into_iter().enumerate() {
-            sheet.place([GAP + k * (VIEW[0] + GAP), top], VIEW, |at| photo_pixel(frame, at));
+        for (k, frame) in spread_views(frames).into_iter().enumerate() {
+            sheet.draw_rectangle([GAP + k * (VIEW[0] + GAP), top], VIEW, |at| photo_pixel(frame, at));
         }
         if let Some(coverage) = coverage {
             let left = GAP + VIEWS * (VIEW[0] + GAP);
-            sheet.place([left, top], [VIEW[1], VIEW[1]], |at| disc_pixel(coverage, at));
+            sheet.draw_rectangle([left, top], [VIEW[1], VIEW[1]], |at| disc_pixel(coverage, at));
         }
     }
-    sheet.png()
+    sheet.png_bytes()
 }
 
 struct Sheet {
@@ -47,7 +47,7 @@ struct Sheet {
 
 impl Sheet {
     /// Draws a rectangle, `pixel` by pixel.
-    fn place(
+    fn draw_rectangle(
         &mut self,
         [x, y]: [usize; 2],
         [width, height]: [usize; 2],
@@ -60,7 +60,7 @@ impl Sheet {
         }
     }
 
-    fn png(&self) -> Vec<u8> {
+    fn png_bytes(&self) -> Vec<u8> {
         let mut bytes = Vec::new();
         // Writing to memory fails only if size and pixels disagree.
         PngEncoder::new(&mut bytes)
@@ -76,7 +76,7 @@ impl Sheet {
 }
 
 /// Views of the first, the middle and the last part of a state.
-fn spread(frames: &[RgbdFrame]) -> Vec<&RgbdFrame> {
+fn spread_views(frames: &[RgbdFrame]) -> Vec<&RgbdFrame> {
     let mut numbers: Vec<usize> = (0..VIEWS).map(|k| (2 * k + 1) * frames.len() / (2 * VIEWS)).collect();
     numbers.retain(|i| *i < frames.len());
     numbers.dedup();

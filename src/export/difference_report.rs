@@ -30,14 +30,14 @@ pub struct Tally {
 
 impl Tally {
     /// Counts a reading.
-    pub fn count(&mut self, difference: Difference) {
+    pub fn count_reading(&mut self, difference: Difference) {
         self.compared += usize::from(difference != Difference::Unread);
         self.lacks += usize::from(difference == Difference::Lacks);
         self.surplus += usize::from(difference == Difference::Surplus);
     }
 
     /// Adds the counts of another tally.
-    pub fn add(&mut self, other: &Self) {
+    pub fn add_tally(&mut self, other: &Self) {
         self.compared += other.compared;
         self.lacks += other.lacks;
         self.surplus += other.surplus;
@@ -45,11 +45,11 @@ impl Tally {
 
     /// Share of the readings without explanation by the twin, from 0 to 1.
     #[must_use]
-    pub fn share(&self) -> f64 {
-        self.of(self.lacks + self.surplus)
+    pub fn unexplained_share(&self) -> f64 {
+        self.share_of(self.lacks + self.surplus)
     }
 
-    fn of(&self, count: usize) -> f64 {
+    fn share_of(&self, count: usize) -> f64 {
         round_significant(count as f64 / self.compared.max(1) as f64, DIGITS)
     }
 }
@@ -87,7 +87,7 @@ pub struct NamedShare {
 impl StateDifference {
     /// A warning if the twin differs by more than errors explain.
     #[must_use]
-    pub fn warning(&self) -> Option<Note> {
+    pub fn difference_warning(&self) -> Option<Note> {
         let least_readings = LEAST * self.readings as f64;
         let differing =
             self.links.iter().filter(|l| l.share > MOST && l.share * l.readings as f64 > least_readings);
@@ -110,13 +110,13 @@ impl StateDifference {
     #[must_use]
     pub fn new(state: usize, views: &[(String, Tally)], links: &[(String, Tally)]) -> Self {
         let mut all = Tally::default();
-        views.iter().for_each(|(_, tally)| all.add(tally));
+        views.iter().for_each(|(_, tally)| all.add_tally(tally));
         Self {
             state,
             readings: all.compared,
-            share: all.share(),
-            lacks: all.of(all.lacks),
-            surplus: all.of(all.surplus),
+            share: all.unexplained_share(),
+            lacks: all.share_of(all.lacks),
+            surplus: all.share_of(all.surplus),
             views: named_shares(views),
             links: named_shares(links),
         }
@@ -126,7 +126,11 @@ impl StateDifference {
 fn named_shares(tallies: &[(String, Tally)]) -> Vec<NamedShare> {
     let mut shares = Vec::with_capacity(tallies.len());
     for (name, tally) in tallies {
-        shares.push(NamedShare { name: name.clone(), readings: tally.compared, share: tally.share() });
+        shares.push(NamedShare {
+            name: name.clone(),
+            readings: tally.compared,
+            share: tally.unexplained_share(),
+        });
     }
     shares
 }
@@ -150,13 +154,14 @@ mod tests {
         let found = of(&[tally(3000, 30, 0), tally(1000, 0, 10)], &[tally(2000, 20, 0)]);
         assert_eq!((found.share, found.lacks, found.surplus, found.readings), (0.01, 0.0075, 0.0025, 4000));
         assert_eq!((found.views[1].share, found.links[0].share), (0.01, 0.01));
-        assert_eq!(found.warning(), None);
-        assert_eq!(of(&[Tally::default()], &[]).warning(), None);
+        assert_eq!(found.difference_warning(), None);
+        assert_eq!(of(&[Tally::default()], &[]).difference_warning(), None);
     }
 
     #[test]
     fn a_state_or_a_link_that_differs_much_is_a_warning() {
-        let warned = |views: Tally, link: Tally| of(&[views], &[tally(5000, 0, 0), link]).warning();
+        let warned =
+            |views: Tally, link: Tally| of(&[views], &[tally(5000, 0, 0), link]).difference_warning();
         let text = warned(tally(10_000, 700, 50), tally(0, 0, 0)).unwrap().text;
         assert!(text.starts_with("state 1: 7.5 % of what") && text.contains("(7.0 %"), "{text}");
         let text = warned(tally(10_000, 0, 200), tally(1000, 0, 200)).unwrap().text;

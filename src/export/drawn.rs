@@ -24,18 +24,18 @@ pub struct Visual<'a> {
 
 impl Visual<'_> {
     /// Its material file, relative to the twin's folder.
-    pub fn library(&self) -> String {
+    pub fn material_path(&self) -> String {
         self.path.replace(".obj", ".mtl")
     }
 
     /// Its texture, relative to the twin's folder.
-    pub fn texture(&self) -> String {
+    pub fn texture_path(&self) -> String {
         self.path.replace(".obj", ".png")
     }
 }
 
 /// The visual meshes of a link, without empty ones.
-pub(crate) fn visuals(link: &Link) -> impl Iterator<Item = Visual<'_>> {
+pub(crate) fn link_visuals(link: &Link) -> impl Iterator<Item = Visual<'_>> {
     let name = &link.name;
     let file = identifier(&link.name);
     let seen = Visual {
@@ -70,28 +70,28 @@ pub struct Drawn<'a> {
 
 /// All meshes of a model, link by link; `looks` of the seen surfaces in the order of the links.
 #[must_use]
-pub(crate) fn drawn<'a>(model: &'a ArticulatedModel, looks: &'a [Look]) -> Vec<Drawn<'a>> {
+pub(crate) fn drawn_meshes<'a>(model: &'a ArticulatedModel, looks: &'a [Look]) -> Vec<Drawn<'a>> {
     let mut all = Vec::new();
     for (number, (link, seen)) in model.links.iter().zip(looks).enumerate() {
-        all.extend(visuals(link).map(|visual| (number, visual, seen)));
+        all.extend(link_visuals(link).map(|visual| (number, visual, seen)));
     }
     all.into_par_iter().map(|(link, visual, seen)| drawn_visual(link, visual, seen)).collect()
 }
 
 fn drawn_visual<'a>(link: usize, visual: Visual<'a>, seen: &'a Look) -> Drawn<'a> {
-    let look = if visual.is_assumed { Cow::Owned(plain(visual.mesh)) } else { Cow::Borrowed(seen) };
+    let look = if visual.is_assumed { Cow::Owned(plain_look(visual.mesh)) } else { Cow::Borrowed(seen) };
     // Encoded once: the folder and the viewer hold the same textures.
-    let png = look.png();
+    let png = look.png_of_texture();
     Drawn { link, visual, look, png }
 }
 
 /// Looks of links without photos: the meshes' own colors are their textures.
 #[must_use]
 pub(crate) fn plain_looks(model: &ArticulatedModel) -> Vec<Look> {
-    model.links.iter().map(|link| plain(&link.visual)).collect()
+    model.links.iter().map(|link| plain_look(&link.visual)).collect()
 }
 
-fn plain(mesh: &TriangleMesh) -> Look {
+fn plain_look(mesh: &TriangleMesh) -> Look {
     look(mesh, &[], &LookConfig::default())
 }
 
@@ -105,13 +105,13 @@ mod tests {
         let mut model = cabinet();
         model.links[2].assumed = box_mesh([0.0; 3], [0.4, 0.3, 0.02], [200, 60, 50]);
         let looks = plain_looks(&model);
-        let drawn = drawn(&model, &looks);
+        let drawn = drawn_meshes(&model, &looks);
         let names: Vec<(usize, &str)> = drawn.iter().map(|d| (d.link, d.visual.name.as_str())).collect();
         assert_eq!(
             names,
             [(0, "body_visual"), (1, "door_visual"), (2, "drawer_visual"), (2, "drawer_assumed")]
         );
-        assert_eq!(drawn[3].visual.texture(), "meshes/assumed/drawer_assumed.png");
+        assert_eq!(drawn[3].visual.texture_path(), "meshes/assumed/drawer_assumed.png");
         assert!(drawn[3].look.texture.contains(&[200, 60, 50]));
     }
 }

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use base64::Engine as _;
 
-use super::page::{self, count, push_list};
+use super::page::{self, counted_noun, push_list};
 use model::escape_xml as escape;
 
 /// Mark of a gallery page: a later run may replace a page with it.
@@ -39,12 +39,12 @@ pub struct GalleryCard {
 /// The page; `unread` has a sentence for each unreadable result.
 #[must_use]
 pub fn gallery_page(cards: &[GalleryCard], unread: &[String]) -> String {
-    let mut out = page::head("artitwin: gallery", STYLE);
+    let mut out = page::page_head("artitwin: gallery", STYLE);
     // Writing to a string cannot fail.
     writeln!(
         out,
         "{GALLERY_MARK}\n<header>\n<h1>Gallery</h1>\n<p class=\"facts\">{}</p>\n</header>",
-        count(cards.len(), "result")
+        counted_noun(cards.len(), "result")
     )
     .ok();
     push_list(&mut out, "warnings", "Not read", unread);

@@ -4,16 +4,16 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{
     Base, ExportConfig, Report, ReportPictures, RunFacts, UrdfScrew,
-    drawn::{drawn, plain_looks},
+    drawn::{drawn_meshes, plain_looks},
     mjcf::mjcf,
     report_html,
     sdf::sdf,
     urdf::{ros_urdf, urdf},
     usda,
-    xacro::macros,
+    xacro::macros_text,
 };
 use geometry::Pose;
-use model::{ArticulatedModel, Grasp, PartNames, example::cabinet, named};
+use model::{ArticulatedModel, Grasp, PartNames, example::cabinet, renamed_model};
 
 /// The cabinet with two places on its door, all names behind a prefix.
 fn twin() -> ArticulatedModel {
@@ -28,7 +28,7 @@ fn twin() -> ArticulatedModel {
     };
     let mut model = cabinet();
     model.links[1].grasps = vec![grasp(0.25, 0.0142), grasp(0.2, 0.032)];
-    named(model, PartNames::Numbered, "left_")
+    renamed_model(model, PartNames::Numbered, "left_")
 }
 
 const NAMES: [&str; 2] = ["left_door_grasp_1", "left_door_grasp_2"];
@@ -58,7 +58,7 @@ fn mjcf_has_sites_and_sdf_frames_on_the_part() {
 #[test]
 fn usd_has_a_bare_prim_below_the_part() {
     let model = twin();
-    let text = usda(&model, &drawn(&model, &plain_looks(&model)), Base::Fixed);
+    let text = usda(&model, &drawn_meshes(&model, &plain_looks(&model)), Base::Fixed);
     for name in NAMES {
         let prim = text.split_once(&format!("        def Xform \"{name}\"\n        {{\n")).unwrap().1;
         let prim = prim.split_once('}').unwrap().0;
@@ -74,7 +74,7 @@ fn of_the_urdfs_the_macro_alone_has_frames() {
     for text in [urdf(&model, UrdfScrew::Pair), ros_urdf(&model, UrdfScrew::Pair)] {
         assert!(!text.contains("grasp"), "{text}");
     }
-    let text = macros(&model, UrdfScrew::Pair);
+    let text = macros_text(&model, UrdfScrew::Pair);
     let document = roxmltree::Document::parse(&text).unwrap();
     for name in NAMES.map(|n| format!("${{prefix}}{n}")) {
         let link = document.descendants().find(|n| n.attribute("name") == Some(&name)).unwrap();

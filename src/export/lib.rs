@@ -1,7 +1,7 @@
 //! Files in memory from a model: simulator formats, meshes, textures, viewer, report. Nothing here touches a
 //! disk.
 //!
-//! ```ignore
+//! ```
 //! use export::{ExportConfig, urdf_package};
 //!
 //! let files = urdf_package(&model::example::cabinet(), &ExportConfig::default());
@@ -62,10 +62,10 @@ pub use difference_report::{StateDifference, Tally};
 pub use gallery_page::{GALLERY_MARK, GalleryCard, gallery_page};
 pub use guide::screw_notes;
 pub use look::look;
-pub use look::{Look, LookConfig, looks};
+pub use look::{Look, LookConfig, link_looks};
 pub use obj::textured_obj;
 pub use package::{ExportFile, package, urdf_package};
-pub use page::count;
+pub use page::counted_noun;
 pub use part_count::PartCountReport;
 pub use picture::{Picture, PictureKind, Window, axis_arrows, cutout_png, part_color};
 pub use report_html::{PhotoAndTwin, ReportPictures, report_html};

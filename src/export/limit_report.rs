@@ -47,7 +47,7 @@ pub struct SeatReport {
 impl LimitReport {
     /// The limits of a joint of a model.
     #[must_use]
-    pub fn of(model: &ArticulatedModel, joint: usize) -> Self {
+    pub fn of_joint(model: &ArticulatedModel, joint: usize) -> Self {
         let l = &model.joints[joint].limit;
         Self {
             lower: round_significant(l.lower, 12),

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::{
-    drawn::visuals,
+    drawn::link_visuals,
     mjcf::quaternion,
     number::round_significant,
     package::ExportFile,
@@ -55,9 +55,9 @@ pub struct FileTriangles {
 }
 
 impl FileTriangles {
-    fn of(link: &Link, files: &[ExportFile]) -> Self {
+    fn of_link_files(link: &Link, files: &[ExportFile]) -> Self {
         let mut triangles = Self::default();
-        for visual in visuals(link) {
+        for visual in link_visuals(link) {
             let count = if visual.is_assumed { &mut triangles.assumed } else { &mut triangles.visual };
             *count += file_triangles(files, &visual.path);
         }
@@ -94,7 +94,7 @@ pub struct GraspReport {
 impl LinkReport {
     /// The report of a link; `files` have its meshes.
     #[must_use]
-    pub fn of(l: &Link, files: &[ExportFile]) -> Self {
+    pub fn of_link(l: &Link, files: &[ExportFile]) -> Self {
         Self {
             name: l.name.clone(),
             mass_kg: round_significant(l.inertial.mass_kg, DIGITS),
@@ -106,7 +106,7 @@ impl LinkReport {
             assumed_walls_m2: round_significant(l.assumed.area_m2(), DIGITS),
             vertices: l.visual.vertices.len(),
             triangles: l.visual.triangles.len(),
-            file_triangles: FileTriangles::of(l, files),
+            file_triangles: FileTriangles::of_link_files(l, files),
             grasps: l.grasps.iter().enumerate().map(|(k, g)| grasp_report(grasp_name(l, k), g)).collect(),
         }
     }

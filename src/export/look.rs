@@ -13,8 +13,8 @@ use geometry::Pose;
 use model::ArticulatedModel;
 use numeric::statistics::median;
 use surface::{
-    BakeView, Light, Lighting, Paint, RenderItem, Shown, Texture, TriangleMesh, bake, keep_components,
-    render, shown, simplify, unwrap,
+    BakeView, Light, Lighting, Paint, RenderItem, Shown, Texture, TriangleMesh, atlas_of_mesh, baked_texture,
+    keep_components, render, samples_of_spots, simplify,
 };
 
 /// Components of a visual mesh with a smaller share of the largest one's triangles are loose fragments.
@@ -75,7 +75,7 @@ pub struct Look {
 impl Look {
     /// The mesh with one vertex a corner, as a renderer takes it, and the places of these in the texture.
     #[must_use]
-    pub fn unwelded(&self) -> (TriangleMesh, Vec<[f64; 2]>) {
+    pub fn unwelded_mesh(&self) -> (TriangleMesh, Vec<[f64; 2]>) {
         let vertices = self.corners.iter().map(|c| self.mesh.vertices[c.vertex as usize]).collect();
         let mesh = TriangleMesh { vertices, triangles: self.triangles.clone(), ..TriangleMesh::default() };
         (mesh, self.corners.iter().map(|c| c.uv).collect())
@@ -89,7 +89,7 @@ impl Look {
 
     /// The texture as a PNG; empty for a texture without pixels.
     #[must_use]
-    pub fn png(&self) -> Vec<u8> {
+    pub fn png_of_texture(&self) -> Vec<u8> {
         let mut bytes = Vec::new();
         let side = self.size_px as u32;
         let pixels = self.texture.as_flattened();
@@ -103,8 +103,8 @@ impl Look {
 
 /// Looks of all links from the photos of all states, in the order of the links.
 #[must_use]
-pub fn looks(model: &ArticulatedModel, capture: &Capture, config: &LookConfig) -> Vec<Look> {
-    let meshes: Vec<TriangleMesh> = model.links.par_iter().map(|l| reduced(&l.visual, config)).collect();
+pub fn link_looks(model: &ArticulatedModel, capture: &Capture, config: &LookConfig) -> Vec<Look> {
+    let meshes: Vec<TriangleMesh> = model.links.par_iter().map(|l| reduced_mesh(&l.visual, config)).collect();
     let mut depths: Vec<Vec<Vec<f32>>> = Vec::new();
     for (frames, positions) in capture.states.iter().zip(&model.states) {
         // All parts together: a texel hidden by another part takes no color from the photo.
@@ -125,11 +125,18 @@ pub fn looks(model: &ArticulatedModel, capture: &Capture, config: &LookConfig) -
     // Every link has the views of all states, in one order.
     let photos = views.first().map_or(0, Vec::len);
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(0);
-    let spots: Vec<Vec<Shown>> =
-        meshes.iter().zip(&views).flat_map(|(mesh, views)| shown(mesh, views, SPOTS, &mut rng)).collect();
-    let Lighting { gains, light } = Lighting::of(&spots, photos);
+    let spots: Vec<Vec<Shown>> = meshes
+        .iter()
+        .zip(&views)
+        .flat_map(|(mesh, views)| samples_of_spots(mesh, views, SPOTS, &mut rng))
+        .collect();
+    let Lighting { gains, light } = Lighting::of_spots(&spots, photos);
     views.iter_mut().for_each(|v| v.iter_mut().zip(&gains).for_each(|(view, gain)| view.gain = *gain));
-    meshes.into_par_iter().zip(views).map(|(mesh, views)| painted(mesh, &views, &light, config)).collect()
+    meshes
+        .into_par_iter()
+        .zip(views)
+        .map(|(mesh, views)| painted_look(mesh, &views, &light, config))
+        .collect()
 }
 
 /// The views of a link in all states; `depths` has the rendered depth of each state's frames, meters.
@@ -153,10 +160,10 @@ fn views_of_link<'a>(
 /// The look of one mesh from some views; without any its own colors are the texture.
 #[must_use]
 pub fn look(mesh: &TriangleMesh, views: &[BakeView], config: &LookConfig) -> Look {
-    painted(reduced(mesh, config), views, &Light::default(), config)
+    painted_look(reduced_mesh(mesh, config), views, &Light::default(), config)
 }
 
-fn reduced(mesh: &TriangleMesh, config: &LookConfig) -> TriangleMesh {
+fn reduced_mesh(mesh: &TriangleMesh, config: &LookConfig) -> TriangleMesh {
     let whole = keep_components(mesh, MIN_COMPONENT);
     let mut small = simplify(&whole, config.max_faces, f64::INFINITY);
     // Fewer still at no cost.
@@ -168,13 +175,13 @@ fn extent_m(mesh: &TriangleMesh) -> f64 {
     mesh.bounds().map_or(0.0, |(lo, hi)| f64::from((hi - lo).norm()))
 }
 
-fn painted(mesh: TriangleMesh, views: &[BakeView], light: &Light, config: &LookConfig) -> Look {
-    let atlas = unwrap(&mesh, texel_m(&mesh, views), config.max_texture_px);
+fn painted_look(mesh: TriangleMesh, views: &[BakeView], light: &Light, config: &LookConfig) -> Look {
+    let atlas = atlas_of_mesh(&mesh, texel_m(&mesh, views), config.max_texture_px);
     let mut index: BTreeMap<(u32, u32), u32> = BTreeMap::new();
     let mut corners: Vec<Corner> = Vec::new();
     let mut triangles = Vec::with_capacity(mesh.triangles.len());
     for (t, vertices) in mesh.triangles.iter().enumerate() {
-        let uv = atlas.uv(t);
+        let uv = atlas.texture_coordinates(t);
         let area_normal = mesh.area_normal(t).cast::<f64>();
         triangles.push([0, 1, 2].map(|k| {
             let corner = *index.entry((vertices[k], atlas.chart[t])).or_insert_with(|| {
@@ -190,7 +197,7 @@ fn painted(mesh: TriangleMesh, views: &[BakeView], light: &Light, config: &LookC
         corner.normal = corner.normal.try_normalize(0.0).unwrap_or_else(Vector3::z);
     }
     let normals: Vec<_> = triangles.iter().map(|t| t.map(|c| corners[c as usize].normal)).collect();
-    let texture = bake(&mesh, &atlas, &normals, views, light);
+    let texture = baked_texture(&mesh, &atlas, &normals, views, light);
     Look { mesh, corners, triangles, size_px: atlas.size_px, texture }
 }
 
@@ -225,12 +232,12 @@ mod tests {
             assert_eq!(look.texture[y * look.size_px + x], [200, 60, 50]);
             assert!((c.normal.amax() - 1.0).abs() < 1e-9, "the edges of a box are sharp");
         }
-        let decoded = image::load_from_memory(&look.png()).unwrap();
+        let decoded = image::load_from_memory(&look.png_of_texture()).unwrap();
         assert_eq!((decoded.width() as usize, decoded.height() as usize), (look.size_px, look.size_px));
     }
 
     #[test]
     fn there_is_one_for_every_link() {
-        assert_eq!(looks(&cabinet(), &Capture::default(), &LookConfig::default()).len(), 3);
+        assert_eq!(link_looks(&cabinet(), &Capture::default(), &LookConfig::default()).len(), 3);
     }
 }

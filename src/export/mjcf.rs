@@ -7,7 +7,7 @@ use nalgebra::{Quaternion, UnitQuaternion};
 
 use super::{
     config::{Base, ExportConfig},
-    drawn::visuals,
+    drawn::link_visuals,
     number::decimal,
     urdf::{advance_limit, grasp_name, short, solid_name, solid_path, triple},
 };
@@ -112,10 +112,10 @@ fn push_threads(text: &mut String, model: &ArticulatedModel) {
 }
 
 fn push_assets(text: &mut String, link: &Link) {
-    for visual in visuals(link) {
+    for visual in link_visuals(link) {
         // MuJoCo drops the texture of a mesh file: it is named here, as PNG, the only format it reads.
         let [name, material, file, texture] =
-            [&visual.name, &visual.material, &visual.path, &visual.texture()].map(|s| escape(s));
+            [&visual.name, &visual.material, &visual.path, &visual.texture_path()].map(|s| escape(s));
         writeln!(text, "    <texture name=\"{material}\" type=\"2d\" file=\"{texture}\"/>").ok();
         writeln!(text, "    <material name=\"{material}\" texture=\"{material}\" specular=\"0.1\"/>").ok();
         writeln!(text, "    <mesh name=\"{name}\" file=\"{file}\"/>").ok();
@@ -163,7 +163,7 @@ fn push_body(
         }
         None => {}
     }
-    for visual in visuals(link) {
+    for visual in link_visuals(link) {
         let [name, material] = [&visual.name, &visual.material].map(|s| escape(s));
         writeln!(
             text,

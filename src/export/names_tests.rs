@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::{
-    drawn::{drawn, plain_looks},
+    drawn::{drawn_meshes, plain_looks},
     mjcf::mjcf,
     sdf::sdf,
     urdf::{ros_urdf, urdf},
@@ -139,7 +139,7 @@ proptest! {
     #[test]
     fn pages_hold_a_name_as_text(name in name()) {
         let model = renamed(&name);
-        let page = viewer_html(&model, &drawn(&model, &plain_looks(&model)));
+        let page = viewer_html(&model, &drawn_meshes(&model, &plain_looks(&model)));
         prop_assert_eq!(page.matches("</script>").count(), 2);
         let json = page.split_once("application/json\">").unwrap().1.split_once("</script>").unwrap().0;
         let data: serde_json::Value = serde_json::from_str(json).unwrap();
@@ -162,10 +162,10 @@ proptest! {
         prop_assert!(!validate(&model).is_empty());
         let plain = |n: &str| !n.is_empty() && n.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
         let looks = plain_looks(&model);
-        let text = usda(&model, &drawn(&model, &looks), Base::Fixed);
+        let text = usda(&model, &drawn_meshes(&model, &looks), Base::Fixed);
         let prims: Vec<&str> = text.lines().filter_map(|l| l.trim_start().strip_prefix("def ")).collect();
         let is_definition = |line: &&str| line.trim_start().starts_with("def ");
-        let plainly = usda(&cabinet(), &drawn(&cabinet(), &looks), Base::Fixed);
+        let plainly = usda(&cabinet(), &drawn_meshes(&cabinet(), &looks), Base::Fixed);
         let expected = plainly.lines().filter(is_definition).count();
         prop_assert_eq!(prims.len(), expected);
         for prim in prims {

@@ -20,14 +20,14 @@ pub fn textured_obj(look: &Look, name: &str) -> String {
     let name = identifier(name);
     let mut text = format!("mtllib {name}.mtl\no {name}\n");
     for p in &look.mesh.vertices {
-        push(&mut text, "v", &[p.x, p.y, p.z].map(f64::from), POSITION_PLACES);
+        push_values(&mut text, "v", &[p.x, p.y, p.z].map(f64::from), POSITION_PLACES);
     }
     for c in &look.corners {
-        push(&mut text, "vt", &c.uv, UV_PLACES);
+        push_values(&mut text, "vt", &c.uv, UV_PLACES);
     }
     for c in &look.corners {
         // Drake's renderer fails on a mesh without normals.
-        push(&mut text, "vn", c.normal.as_slice(), 4);
+        push_values(&mut text, "vn", c.normal.as_slice(), 4);
     }
     writeln!(text, "usemtl {name}").ok();
     for (t, corners) in look.mesh.triangles.iter().zip(&look.triangles) {
@@ -41,7 +41,7 @@ pub fn textured_obj(look: &Look, name: &str) -> String {
 
 /// The material of a textured mesh: its texture without a tint.
 #[must_use]
-pub(crate) fn mtl(name: &str) -> String {
+pub(crate) fn mtl_text(name: &str) -> String {
     // Importers multiply the texture by Kd: 1 leaves its colors as they are.
     let name = identifier(name);
     format!("newmtl {name}\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nd 1\nillum 1\nmap_Kd {name}.png\n")
@@ -50,15 +50,15 @@ pub(crate) fn mtl(name: &str) -> String {
 /// OBJ text of a convex solid: positions and triangles with the normals of their faces.
 #[must_use]
 pub(crate) fn solid_obj(solid: &ConvexSolid, name: &str) -> String {
-    let mesh = solid.mesh();
+    let mesh = solid.to_mesh();
     let mut text = format!("o {}\n", identifier(name));
     for p in &solid.vertices {
-        push(&mut text, "v", &[p.x, p.y, p.z], POSITION_PLACES);
+        push_values(&mut text, "v", &[p.x, p.y, p.z], POSITION_PLACES);
     }
     for t in 0..mesh.triangles.len() {
         // A face without area gets some normal: the others keep their numbers.
         let normal = mesh.area_normal(t).cast::<f64>().try_normalize(0.0).unwrap_or_else(Vector3::z);
-        push(&mut text, "vn", normal.as_slice(), 4);
+        push_values(&mut text, "vn", normal.as_slice(), 4);
     }
     for (k, t) in mesh.triangles.iter().enumerate() {
         let [a, b, c] = t.map(|i| i + 1);
@@ -67,7 +67,7 @@ pub(crate) fn solid_obj(solid: &ConvexSolid, name: &str) -> String {
     text
 }
 
-fn push(text: &mut String, word: &str, values: &[f64], places: usize) {
+fn push_values(text: &mut String, word: &str, values: &[f64], places: usize) {
     text.push_str(word);
     for v in values {
         text.push(' ');
@@ -105,7 +105,7 @@ mod tests {
             .filter_map(|l| l.strip_prefix("vt "))
             .flat_map(|l| l.split(' ').map(|x| x.parse::<f64>().unwrap()));
         assert!(uv.clone().count() == 6 && uv.into_iter().all(|x| x > 0.0 && x < 1.0));
-        assert!(mtl("lid").contains("Kd 1 1 1\n") && mtl("lid").ends_with("map_Kd lid.png\n"));
+        assert!(mtl_text("lid").contains("Kd 1 1 1\n") && mtl_text("lid").ends_with("map_Kd lid.png\n"));
     }
 
     #[test]

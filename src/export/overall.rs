@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::{difference_report::StateDifference, page::count};
+use super::{difference_report::StateDifference, page::counted_noun};
 use common::note::Note;
 
 /// What can be done with a twin.
@@ -30,7 +30,7 @@ pub struct Overall {
 impl Overall {
     /// The verdict on a twin with so many joints, from the warnings and differences of its run.
     #[must_use]
-    pub fn of(joints: usize, warnings: &[Note], differences: &[StateDifference]) -> Self {
+    pub fn of_run(joints: usize, warnings: &[Note], differences: &[StateDifference]) -> Self {
         let doubts: Vec<&Note> = warnings.iter().filter(|w| w.code.doubts_twin()).collect();
         let (word, mut sentences) = if let Some((first, others)) = doubts.split_first() {
             let more =
@@ -48,24 +48,24 @@ impl Overall {
             (OverallWord::UsableWithWarnings, vec![text.to_owned()])
         };
         if word != OverallWord::LookBeforeUse {
-            sentences.extend(agreement(differences));
+            sentences.extend(agreement_sentence(differences));
         }
         Self { word, reason: sentences.join("; ") }
     }
 
     /// The word for people, of a result with so many warnings.
     #[must_use]
-    pub fn title(&self, warnings: usize) -> String {
+    pub fn title_text(&self, warnings: usize) -> String {
         match self.word {
             OverallWord::Usable => "Usable".to_owned(),
-            OverallWord::UsableWithWarnings => format!("Usable, with {}", count(warnings, "warning")),
+            OverallWord::UsableWithWarnings => format!("Usable, with {}", counted_noun(warnings, "warning")),
             OverallWord::LookBeforeUse => "Look before use".to_owned(),
         }
     }
 }
 
 /// A sentence with the share of depth readings explained by the twin; none without readings.
-fn agreement(differences: &[StateDifference]) -> Option<String> {
+fn agreement_sentence(differences: &[StateDifference]) -> Option<String> {
     let views: usize = differences.iter().map(|d| d.views.len()).sum();
     let readings: usize = differences.iter().map(|d| d.readings).sum();
     let differing: f64 = differences.iter().map(|d| d.share * d.readings as f64).sum();
@@ -73,7 +73,7 @@ fn agreement(differences: &[StateDifference]) -> Option<String> {
         let share = 100.0 * (1.0 - differing / readings as f64);
         format!(
             "the twin explains {share:.2} % of the depth that {} read of the object",
-            count(views, "view")
+            counted_noun(views, "view")
         )
     })
 }
@@ -87,8 +87,8 @@ mod tests {
     fn the_word_follows_the_warnings() {
         let of = |codes: &[NoteCode]| {
             let notes: Vec<Note> = codes.iter().map(|c| Note::new(*c, c.word())).collect();
-            let overall = Overall::of(1, &notes, &[]);
-            (overall.title(notes.len()), overall.reason)
+            let overall = Overall::of_run(1, &notes, &[]);
+            (overall.title_text(notes.len()), overall.reason)
         };
         let (title, reason) = of(&[]);
         assert_eq!((title.as_str(), reason.as_str()), ("Usable", "nothing speaks against the joint"));
@@ -100,8 +100,8 @@ mod tests {
     #[test]
     fn a_usable_twin_says_how_much_of_the_readings_it_explains() {
         let state = |readings, share| StateDifference { readings, share, ..StateDifference::default() };
-        let overall = Overall::of(2, &[], &[state(3000, 0.02), state(1000, 0.06)]);
+        let overall = Overall::of_run(2, &[], &[state(3000, 0.02), state(1000, 0.06)]);
         assert!(overall.reason.contains("the twin explains 97.00 % of the depth"), "{overall:?}");
-        assert!(Overall::of(0, &[], &[]).reason.contains("one body"));
+        assert!(Overall::of_run(0, &[], &[]).reason.contains("one body"));
     }
 }

@@ -5,18 +5,18 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     config::{ExportConfig, UrdfScrew},
-    drawn::{Drawn, drawn, plain_looks},
+    drawn::{Drawn, drawn_meshes, plain_looks},
     guide::guide,
     look::Look,
     mjcf::mjcf,
-    obj::{mtl, solid_obj, textured_obj},
-    preview::{thumbnail, turntable},
+    obj::{mtl_text, solid_obj, textured_obj},
+    preview::{thumbnail_png, turntable_gif},
     ros_package::{
         CMAKE_LISTS, PACKAGE_XML, cmake_lists, controllers, display_launch, display_rviz, package_xml,
     },
-    scene::{actuated, scene},
+    scene::{actuated_scene, scene_text},
     sdf::{SCREW_SDF, model_config, screw_sdf, sdf},
-    srdf::srdf,
+    srdf::srdf_text,
     urdf::{SINGLE_JOINT, ros_urdf, single_joint_urdf, solid_name, solid_path, urdf},
     usda::usda,
     viewer::viewer_html,
@@ -39,25 +39,28 @@ pub struct ExportFile {
 /// ([`model::validate`]).
 #[must_use]
 pub fn package(model: &ArticulatedModel, looks: &[Look], config: &ExportConfig) -> Vec<ExportFile> {
-    let drawn = drawn(model, looks);
+    let drawn = drawn_meshes(model, looks);
     let name = identifier(&model.name);
     let ((usda, viewer), (objs, (thumbnail, turntable))) = rayon::join(
         || rayon::join(|| usda(model, &drawn, config.base), || viewer_html(model, &drawn)),
         || {
             rayon::join(
                 || drawn.par_iter().map(|d| textured_obj(&d.look, &d.visual.material)).collect::<Vec<_>>(),
-                || rayon::join(|| thumbnail(model), || turntable(model, &drawn)),
+                || rayon::join(|| thumbnail_png(model), || turntable_gif(model, &drawn)),
             )
         },
     );
-    let mut texts = descriptions(model, config);
+    let mut texts = description_files(model, config);
     texts.push((format!("{name}.usda"), usda));
     texts.push(("viewer.html".to_owned(), viewer));
     let mut files: Vec<ExportFile> =
         texts.into_iter().map(|(path, text)| ExportFile { path, bytes: text.into_bytes() }).collect();
     for (Drawn { visual, png, .. }, obj) in drawn.into_iter().zip(objs) {
-        files.push(ExportFile { path: visual.library(), bytes: mtl(&visual.material).into_bytes() });
-        files.push(ExportFile { path: visual.texture(), bytes: png });
+        files.push(ExportFile {
+            path: visual.material_path(),
+            bytes: mtl_text(&visual.material).into_bytes(),
+        });
+        files.push(ExportFile { path: visual.texture_path(), bytes: png });
         files.push(ExportFile { path: visual.path, bytes: obj.into_bytes() });
     }
     for link in &model.links {
@@ -77,7 +80,7 @@ pub fn package(model: &ArticulatedModel, looks: &[Look], config: &ExportConfig) 
 }
 
 /// Path and text of the files without a look.
-fn descriptions(model: &ArticulatedModel, config: &ExportConfig) -> Vec<(String, String)> {
+fn description_files(model: &ArticulatedModel, config: &ExportConfig) -> Vec<(String, String)> {
     let name = identifier(&model.name);
     let screws = config.urdf_screw;
     let threaded = model.joints.iter().any(|j| j.kind.thread_m_per_rad().is_some());
@@ -85,13 +88,13 @@ fn descriptions(model: &ArticulatedModel, config: &ExportConfig) -> Vec<(String,
     let mut texts = vec![
         (format!("{name}.urdf"), urdf(model, screws)),
         (format!("{name}.ros.urdf"), ros_urdf(model, screws)),
-        (format!("{name}.urdf.xacro"), xacro::top(model)),
-        (xacro::macro_file(model), xacro::macros(model, screws)),
-        ("scene.xml".to_owned(), scene(model, &twin)),
+        (format!("{name}.urdf.xacro"), xacro::twin_text(model)),
+        (xacro::macro_file(model), xacro::macros_text(model, screws)),
+        ("scene.xml".to_owned(), scene_text(model, &twin)),
         (twin, mjcf(model, config)),
         ("model.sdf".to_owned(), sdf(model, config)),
         ("model.config".to_owned(), model_config(model, config)),
-        (format!("config/{name}.srdf"), srdf(model, config)),
+        (format!("config/{name}.srdf"), srdf_text(model, config)),
         ("config/controllers.yaml".to_owned(), controllers(model, screws)),
         ("launch/display.launch.py".to_owned(), display_launch(model)),
         ("rviz/display.rviz".to_owned(), display_rviz(model)),
@@ -104,7 +107,7 @@ fn descriptions(model: &ArticulatedModel, config: &ExportConfig) -> Vec<(String,
     }
     texts.extend(screw_sdf(model, config).map(|text| (SCREW_SDF.to_owned(), text)));
     if !model.joints.is_empty() {
-        texts.push(("scene_actuated.xml".to_owned(), actuated(model, config)));
+        texts.push(("scene_actuated.xml".to_owned(), actuated_scene(model, config)));
     }
     texts
 }

@@ -11,7 +11,7 @@ pub(crate) const TAIL: &str = "</main>\n</body>\n</html>\n";
 
 /// A page up to its first section; `title` is escaped, `style` extends the style of all pages.
 #[must_use]
-pub(crate) fn head(title: &str, style: &str) -> String {
+pub(crate) fn page_head(title: &str, style: &str) -> String {
     // The policy admits nothing but pictures inside the page and its own style: no name out of a recording
     // can make the page load or run something.
     format!(
@@ -37,7 +37,7 @@ pub(crate) fn push_list(out: &mut String, class: &str, title: &str, sentences: &
 /// A row of a table under a head. On a narrow screen every cell has a line of its own, and each but the first
 /// shows its column's head.
 #[must_use]
-pub(crate) fn row(head: &[&str], cells: &[String]) -> String {
+pub(crate) fn table_row(head: &[&str], cells: &[String]) -> String {
     let mut out = "<tr>".to_owned();
     for (k, (cell, head)) in cells.iter().zip(head).enumerate() {
         let label = if k > 0 { format!(" data-label=\"{head}\"") } else { String::new() };
@@ -63,19 +63,19 @@ pub(crate) fn push_table(out: &mut String, title: &str, head: &[&str], rows: &st
 
 /// Text with true minus signs.
 #[must_use]
-pub(crate) fn minus(text: &str) -> String {
+pub(crate) fn with_true_minus(text: &str) -> String {
     text.replace('-', "\u{2212}")
 }
 
 /// A number, escaped, with its unit.
 #[must_use]
-pub(crate) fn unit(number: &str, unit: &str) -> String {
+pub(crate) fn number_with_unit(number: &str, unit: &str) -> String {
     let space = if unit == "\u{b0}" { "" } else { "\u{a0}" };
     format!("{}{space}<span class=\"unit\">{unit}</span>", escape(number))
 }
 
 /// A number with its noun, in the plural unless it is 1.
 #[must_use]
-pub fn count(n: usize, what: &str) -> String {
+pub fn counted_noun(n: usize, what: &str) -> String {
     if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
 }

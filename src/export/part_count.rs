@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     number::{decimal, round_significant},
-    page::row,
+    page::table_row,
 };
 use articulate::EvidencePoint;
 
@@ -61,7 +61,7 @@ impl PartCountReport {
 
     /// Head and rows of a table: number of parts, evidence, weakest motion, unexplained rest; the chosen
     /// number marked.
-    pub(super) fn table(&self) -> ([&'static str; 4], String) {
+    pub(super) fn head_and_rows(&self) -> ([&'static str; 4], String) {
         let head = ["Parts", "Evidence of all motions", "Weakest motion", "Unexplained"];
         let mut rows = String::new();
         for p in &self.curve {
@@ -69,7 +69,7 @@ impl PartCountReport {
             let weakest = p.weakest.map_or_else(|| "\u{2013}".to_owned(), |w| decimal(w, 1));
             let cells =
                 [format!("{}{mark}", p.parts), decimal(p.evidence, 1), weakest, decimal(p.unexplained, 1)];
-            rows.push_str(&row(&head, &cells));
+            rows.push_str(&table_row(&head, &cells));
         }
         (head, rows)
     }

@@ -89,7 +89,7 @@ impl Window {
     /// The window around the marked pixels of some masks (`width * height`, row-major) with a margin of an
     /// eighth of its size, in the proportions of the picture; the whole picture where nothing is marked.
     #[must_use]
-    pub fn around(masks: &[&[bool]], width: usize, height: usize) -> Self {
+    pub fn around_marks(masks: &[&[bool]], width: usize, height: usize) -> Self {
         let marked = masks
             .iter()
             .flat_map(|m| m.iter().enumerate())
@@ -149,7 +149,7 @@ pub enum PictureError {
 impl Picture {
     /// The part of the picture in a window, with its arrows. The window is cut to the picture.
     #[must_use]
-    pub fn cropped(&self, window: &Window) -> Self {
+    pub fn cropped_to(&self, window: &Window) -> Self {
         let x = window.x.min(self.width);
         let y = window.y.min(self.height);
         let width = window.width.min(self.width - x);
@@ -169,7 +169,7 @@ impl Picture {
     ///
     /// # Errors
     /// The number of bytes does not fit the size, or the encoder refuses the size.
-    pub fn figure(&self) -> Result<String, PictureError> {
+    pub fn figure_html(&self) -> Result<String, PictureError> {
         let caption = escape(&self.caption);
         let data = self.data_uri()?;
         let w = self.width;
@@ -178,7 +178,7 @@ impl Picture {
             "<figure><div class=\"frame\"><img src=\"{data}\" width=\"{w}\" height=\"{h}\" alt=\"{caption}\">"
         );
         if !self.arrows.is_empty() {
-            html.push_str(&svg(&self.arrows, w, h));
+            html.push_str(&arrows_svg(&self.arrows, w, h));
         }
         // Writing to a string cannot fail.
         write!(html, "</div><figcaption>{caption}</figcaption></figure>").ok();
@@ -233,7 +233,7 @@ pub fn cutout_png(rgb: &[[u8; 3]], width: usize, height: usize, shown: impl Fn(u
 }
 
 /// Arrows with a white rim, to stand out on any ground; labels beside the heads.
-fn svg(arrows: &[Arrow], width: usize, height: usize) -> String {
+fn arrows_svg(arrows: &[Arrow], width: usize, height: usize) -> String {
     // Widths and fonts below are for a picture of 640 pixels.
     let size = width.max(height) as f64 / 640.0;
     let mut out = format!("<svg viewBox=\"0 0 {width} {height}\" aria-hidden=\"true\">");
@@ -345,7 +345,7 @@ mod tests {
         };
         for (kind, mime) in [(PictureKind::Photo, "image/jpeg"), (PictureKind::Drawing, "image/png")] {
             picture.kind = kind;
-            let html = picture.figure().unwrap();
+            let html = picture.figure_html().unwrap();
             let (_, rest) = html.split_once(&format!("{mime};base64,")).unwrap();
             let bytes =
                 base64::engine::general_purpose::STANDARD.decode(rest.split_once('"').unwrap().0).unwrap();
@@ -354,27 +354,27 @@ mod tests {
             assert!(html.contains("x &amp; y") && html.contains("a&lt;b") && html.contains("M1 1L9 5M"));
         }
         picture.rgb.pop();
-        assert!(picture.figure().unwrap_err().to_string().contains("179 bytes for 10 x 6"));
-        assert!(Picture::default().figure().is_err());
+        assert!(picture.figure_html().unwrap_err().to_string().contains("179 bytes for 10 x 6"));
+        assert!(Picture::default().figure_html().is_err());
     }
 
     #[test]
     fn a_window_holds_what_is_marked_in_the_same_proportions() {
         let mut mask = vec![false; 80 * 60];
         (mask[20 * 80 + 40], mask[30 * 80 + 44]) = (true, true);
-        let window = Window::around(&[&mask, &vec![false; 4800]], 80, 60);
+        let window = Window::around_marks(&[&mask, &vec![false; 4800]], 80, 60);
         assert_eq!(window, Window { x: 33, y: 18, width: 18, height: 14 });
-        assert_eq!(Window::around(&[&[false; 12]], 4, 3), Window { x: 0, y: 0, width: 4, height: 3 });
+        assert_eq!(Window::around_marks(&[&[false; 12]], 4, 3), Window { x: 0, y: 0, width: 4, height: 3 });
         let rgb: Vec<u8> = (0..60 * 80).flat_map(|i| [(i % 80) as u8, (i / 80) as u8, 0]).collect();
         let arrow = Arrow { from: [40.0, 20.0], to: [44.0, 30.0], color: [0; 3], label: String::new() };
         let picture = Picture { width: 80, height: 60, rgb, arrows: vec![arrow], ..Picture::default() };
-        let part = picture.cropped(&window);
+        let part = picture.cropped_to(&window);
         assert_eq!(
             (part.rgb.len(), &part.rgb[..2], &part.rgb[part.rgb.len() - 3..][..2]),
             (18 * 14 * 3, &[33, 18][..], &[50, 31][..])
         );
         assert_eq!(part.arrows[0].from, [7.0, 2.0]);
-        let corner = picture.cropped(&Window { x: 70, y: 55, width: 99, height: 99 });
+        let corner = picture.cropped_to(&Window { x: 70, y: 55, width: 99, height: 99 });
         assert_eq!((corner.width, corner.height, corner.rgb.len()), (10, 5, 150));
     }
 

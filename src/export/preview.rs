@@ -5,7 +5,7 @@ use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
-use super::drawn::{Drawn, visuals};
+use super::drawn::{Drawn, link_visuals};
 use geometry::Intrinsics;
 use model::ArticulatedModel;
 use surface::TriangleMesh;
@@ -34,10 +34,10 @@ const TURNTABLE_FACES: usize = 8000;
 
 /// A PNG of the model in its last observed state; world z is up.
 #[must_use]
-pub(crate) fn thumbnail(model: &ArticulatedModel) -> Vec<u8> {
-    let meshes: Vec<(usize, &TriangleMesh)> = meshes(model).collect();
+pub(crate) fn thumbnail_png(model: &ArticulatedModel) -> Vec<u8> {
+    let meshes: Vec<(usize, &TriangleMesh)> = model_meshes(model).collect();
     let none = Vec::new();
-    let rgb = view(model, &meshes, model.states.last().unwrap_or(&none), AZIMUTH_RAD, THUMBNAIL_PX);
+    let rgb = view_pixels(model, &meshes, model.states.last().unwrap_or(&none), AZIMUTH_RAD, THUMBNAIL_PX);
     let mut bytes = Vec::new();
     let [w, h] = THUMBNAIL_PX.map(|x| x as u32);
     // Writing to memory fails only if size and pixels disagree.
@@ -48,7 +48,7 @@ pub(crate) fn thumbnail(model: &ArticulatedModel) -> Vec<u8> {
 /// An animated GIF: one turn around the object while the joints go from the first observed state to the last
 /// and back.
 #[must_use]
-pub(crate) fn turntable(model: &ArticulatedModel, drawn: &[Drawn]) -> Vec<u8> {
+pub(crate) fn turntable_gif(model: &ArticulatedModel, drawn: &[Drawn]) -> Vec<u8> {
     // Of the exported meshes: they have few triangles already.
     let small: Vec<(usize, TriangleMesh)> =
         drawn.par_iter().map(|d| (d.link, simplify(&d.look.mesh, TURNTABLE_FACES, f64::INFINITY))).collect();
@@ -71,7 +71,7 @@ fn turntable_frame(
     // Once there and back in a turn, slow at both ends: the loop has no jump.
     let share = 0.5 - 0.5 * turn.cos();
     let positions: Vec<f64> = first.iter().zip(last).map(|(a, b)| a + (b - a) * share).collect();
-    let rgb = view(model, meshes, &positions, AZIMUTH_RAD + turn, TURNTABLE_PX);
+    let rgb = view_pixels(model, meshes, &positions, AZIMUTH_RAD + turn, TURNTABLE_PX);
     let [w, h] = TURNTABLE_PX.map(|x| x as u16);
     let mut frame = Frame::from_rgb_speed(w, h, rgb.as_flattened(), SPEED);
     frame.delay = FRAME_DELAY;
@@ -90,12 +90,12 @@ fn gif_of_frames(frames: &[Frame]) -> Result<Vec<u8>, EncodingError> {
 }
 
 /// The visual meshes of a model, each with its link.
-fn meshes(model: &ArticulatedModel) -> impl Iterator<Item = (usize, &TriangleMesh)> {
-    model.links.iter().enumerate().flat_map(|(link, own)| visuals(own).map(move |v| (link, v.mesh)))
+fn model_meshes(model: &ArticulatedModel) -> impl Iterator<Item = (usize, &TriangleMesh)> {
+    model.links.iter().enumerate().flat_map(|(link, own)| link_visuals(own).map(move |v| (link, v.mesh)))
 }
 
 /// The pixels of a camera at an azimuth, aimed at the middle of the model.
-fn view(
+fn view_pixels(
     model: &ArticulatedModel,
     meshes: &[(usize, &TriangleMesh)],
     positions: &[f64],
@@ -141,17 +141,17 @@ fn view(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::drawn::{drawn, plain_looks};
+    use crate::drawn::{drawn_meshes, plain_looks};
     use model::example::cabinet;
 
     #[test]
     fn pictures_show_the_object_and_the_turntable_turns() {
-        let png = image::load_from_memory(&thumbnail(&cabinet())).unwrap().to_rgb8();
+        let png = image::load_from_memory(&thumbnail_png(&cabinet())).unwrap().to_rgb8();
         let shown = png.pixels().filter(|p| p.0 != [255; 3]).count() as f64 / png.pixels().len() as f64;
         assert!((0.05..0.8).contains(&shown), "{shown}");
         let model = cabinet();
         let looks = plain_looks(&cabinet());
-        let bytes = turntable(&model, &drawn(&model, &looks));
+        let bytes = turntable_gif(&model, &drawn_meshes(&model, &looks));
         let gif = image::codecs::gif::GifDecoder::new(std::io::Cursor::new(bytes)).unwrap();
         let frames = image::AnimationDecoder::into_frames(gif).collect_frames().unwrap();
         assert_eq!(frames.len(), FRAMES);

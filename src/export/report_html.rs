@@ -9,7 +9,7 @@ use super::{
     link_report::{FileTriangles, LinkReport},
     number::{decimal, significant},
     overall::OverallWord,
-    page::{self, count, minus, push_list, push_table, row, unit},
+    page::{self, counted_noun, number_with_unit, push_list, push_table, table_row, with_true_minus},
     picture::{Picture, PictureError, part_color},
     report_json::{JointReport, Quantity, RecordedCamera, Report, SpreadReport},
 };
@@ -60,7 +60,7 @@ pub struct PhotoAndTwin {
 /// A picture that cannot be encoded.
 pub fn report_html(report: &Report, pictures: &ReportPictures) -> Result<String, PictureError> {
     let name = escape(&report.name);
-    let mut out = page::head(&format!("{name}: articulated twin"), "");
+    let mut out = page::page_head(&format!("{name}: articulated twin"), "");
     push_header(&mut out, report);
     push_warnings(&mut out, report);
     push_photos(&mut out, &pictures.states, &report.run.differences)?;
@@ -88,7 +88,7 @@ fn push_header(out: &mut String, report: &Report) {
         OverallWord::UsableWithWarnings => "pill check",
         OverallWord::LookBeforeUse => "pill look",
     };
-    let title = report.overall.title(report.run.warnings.len());
+    let title = report.overall.title_text(report.run.warnings.len());
     let motions: Vec<String> = report.joints.iter().map(sentence).collect();
     let found = if motions.is_empty() { "no joint was found".to_owned() } else { motions.join("; ") };
     let name = escape(&report.name);
@@ -100,7 +100,8 @@ fn push_header(out: &mut String, report: &Report) {
          {reason}.</p>\n<p class=\"found\">{found}.</p>"
     )
     .ok();
-    let mut facts = vec![count(report.links.len(), "part"), count(report.joints.len(), "joint")];
+    let mut facts =
+        vec![counted_noun(report.links.len(), "part"), counted_noun(report.joints.len(), "joint")];
     if !report.run.input.frames.is_empty() {
         facts.push(format!(
             "{} frames",
@@ -150,7 +151,7 @@ fn push_photos(
         "Orange: twin lacks",
         "Violet: twin too much",
     ];
-    let percent = |share: f64| unit(&decimal(100.0 * share, 2), "%");
+    let percent = |share: f64| number_with_unit(&decimal(100.0 * share, 2), "%");
     let cells = |d: &StateDifference| {
         let worst = d.views.iter().max_by(|a, b| a.share.total_cmp(&b.share));
         let worst = worst.map_or_else(String::new, |w| {
@@ -168,7 +169,7 @@ fn push_photos(
             percent(d.surplus),
         ]
     };
-    let rows: String = differences.iter().map(|d| row(&head, &cells(d))).collect();
+    let rows: String = differences.iter().map(|d| table_row(&head, &cells(d))).collect();
     push_table(out, "Where twin and photos differ", &head, &rows);
     Ok(())
 }
@@ -186,7 +187,7 @@ fn push_pictures(
     let columns = columns.min(pictures.len());
     let class = if columns == 3 { "pictures triples" } else { "pictures" };
     writeln!(out, "<section>\n<h2>{title}</h2>\n<div class=\"{class}\" style=\"--columns: {columns}\">").ok();
-    for figure in pictures.par_iter().map(|picture| picture.figure()).collect::<Vec<_>>() {
+    for figure in pictures.par_iter().map(|picture| picture.figure_html()).collect::<Vec<_>>() {
         out.push_str(&figure?);
         out.push('\n');
     }
@@ -236,9 +237,9 @@ fn push_joints(out: &mut String, report: &Report) {
             spread(joint.axis_std_deg, "\u{b0}") + &alone,
             place,
             format!("{}<br><span class=\"soft\">{share:.0} % of {}</span>", joint.inliers, joint.tried),
-            unit(&decimal(joint.residual_rms_mm, 2), "mm"),
+            number_with_unit(&decimal(joint.residual_rms_mm, 2), "mm"),
         ];
-        rows.push_str(&row(&head, &cells));
+        rows.push_str(&table_row(&head, &cells));
         for caution in &joint.cautions {
             writeln!(rows, "<tr class=\"caution\"><td colspan=\"8\">{}</td></tr>", escape(&caution.text))
                 .ok();
@@ -260,7 +261,7 @@ fn push_unknown(out: &mut String, report: &Report) {
     if let Some(count) = &report.run.part_count {
         let title =
             if count.given.is_some() { "Number of parts: given" } else { "Number of parts: by evidence" };
-        let (head, rows) = count.table();
+        let (head, rows) = count.head_and_rows();
         push_table(out, title, &head, &rows);
     }
 }
@@ -271,11 +272,12 @@ fn push_links(out: &mut String, report: &Report) {
         let [low, high] = range_kg.map(|m| significant(m, 2));
         format!(
             "{}<br><span class=\"soft\">{low} to {}</span>",
-            unit(&significant(kg, 3), "kg"),
-            unit(&high, "kg")
+            number_with_unit(&significant(kg, 3), "kg"),
+            number_with_unit(&high, "kg")
         )
     };
-    let triangles = |n: usize| unit(&n.to_string(), if n == 1 { "triangle" } else { "triangles" });
+    let triangles =
+        |n: usize| number_with_unit(&n.to_string(), if n == 1 { "triangle" } else { "triangles" });
     let cells = |(i, link): (usize, &LinkReport)| {
         let FileTriangles { visual, assumed: walls, collision } = link.file_triangles;
         let walls = if walls > 0 { format!(", {walls} of assumed walls") } else { String::new() };
@@ -289,14 +291,14 @@ fn push_links(out: &mut String, report: &Report) {
             format!(
                 "{}<br><span class=\"soft\">in {}</span>",
                 triangles(collision),
-                count(link.solids, "convex solid")
+                counted_noun(link.solids, "convex solid")
             ),
-            unit(&decimal(link.area_m2, 3), "m\u{b2}") + &assumed(link),
+            number_with_unit(&decimal(link.area_m2, 3), "m\u{b2}") + &assumed(link),
             mass(link.mass_kg, link.mass_range_kg),
             format!("<span class=\"soft\">{}</span>", escape(&link.assumption)),
         ]
     };
-    let mut rows: String = report.links.iter().enumerate().map(|l| row(&head, &cells(l))).collect();
+    let mut rows: String = report.links.iter().enumerate().map(|l| table_row(&head, &cells(l))).collect();
     if report.links.len() > 1 {
         let all = |of: fn(&LinkReport) -> usize| report.links.iter().map(of).sum::<usize>();
         let sum = |of: fn(&LinkReport) -> f64| report.links.iter().map(of).sum::<f64>();
@@ -304,11 +306,11 @@ fn push_links(out: &mut String, report: &Report) {
             "All parts".to_owned(),
             triangles(all(|l| l.file_triangles.visual + l.file_triangles.assumed)),
             triangles(all(|l| l.file_triangles.collision)),
-            unit(&decimal(sum(|l| l.area_m2), 3), "m\u{b2}"),
+            number_with_unit(&decimal(sum(|l| l.area_m2), 3), "m\u{b2}"),
             mass(sum(|l| l.mass_kg), [sum(|l| l.mass_range_kg[0]), sum(|l| l.mass_range_kg[1])]),
             String::new(),
         ];
-        rows.push_str(&row(&head, &cells));
+        rows.push_str(&table_row(&head, &cells));
     }
     push_table(out, "Parts and their files", &head, &rows);
 }
@@ -320,7 +322,7 @@ fn grasps(link: &LinkReport) -> String {
         None => String::new(),
         Some((last, others)) => {
             let and = if others.is_empty() { String::new() } else { format!("{} and ", others.join(", ")) };
-            let places = count(widths.len(), "place");
+            let places = counted_noun(widths.len(), "place");
             format!("<br><span class=\"soft\">{places} to grasp, {and}{last} mm wide</span>")
         }
     }
@@ -364,13 +366,13 @@ fn push_start(out: &mut String, report: &Report) {
         let both = |rotation_deg, displacement_mm| {
             format!(
                 "{} / {}",
-                unit(&decimal(rotation_deg, 3), "\u{b0}"),
-                unit(&decimal(displacement_mm, 2), "mm")
+                number_with_unit(&decimal(rotation_deg, 3), "\u{b0}"),
+                number_with_unit(&decimal(displacement_mm, 2), "mm")
             )
         };
         let start = both(m.start_rotation_deg, m.start_displacement_mm);
         let change = both(m.rotation_deg, m.displacement_mm);
-        rows.push_str(&row(&head, &[escape(&m.joint), source, start, change]));
+        rows.push_str(&table_row(&head, &[escape(&m.joint), source, start, change]));
     }
     push_table(out, "From the start to the result", &head, &rows);
 }
@@ -401,12 +403,12 @@ fn motion(value: &Quantity, std: &SpreadReport) -> String {
         Some(std) => format!("\u{b1} {}{unit}", decimal((factor * std).max(0.01), 2)),
         None => format!("(deviation {NOT_DETERMINED})"),
     };
-    minus(&format!("{:+.2}{unit} {spread}", factor * value.value))
+    with_true_minus(&format!("{:+.2}{unit} {spread}", factor * value.value))
 }
 
 /// A deviation with its unit, or that there is none.
 fn spread(value: Option<f64>, its_unit: &str) -> String {
-    value.map_or_else(|| NOT_DETERMINED.to_owned(), |v| unit(&significant(v, 2), its_unit))
+    value.map_or_else(|| NOT_DETERMINED.to_owned(), |v| number_with_unit(&significant(v, 2), its_unit))
 }
 
 /// Where the joint is closed, and its positions in all states, where there are more than two.
@@ -416,12 +418,13 @@ fn positions(joint: &JointReport) -> String {
     let closed = joint.limit.closed.as_ref().map(|seat| {
         format!(
             "<br><span class=\"soft\">closed at {}{unit}, where {:.0} % of the face meets its seat</span>",
-            minus(&decimal(factor * seat.position, 2)),
+            with_true_minus(&decimal(factor * seat.position, 2)),
             100.0 * seat.contact_share
         )
     });
     let closed = closed.unwrap_or_default();
-    let all: Vec<String> = joint.positions.iter().map(|p| minus(&decimal(factor * p.value, 2))).collect();
+    let all: Vec<String> =
+        joint.positions.iter().map(|p| with_true_minus(&decimal(factor * p.value, 2))).collect();
     // Of two states the motion says the same.
     if all.len() < 3 {
         return closed;
@@ -436,7 +439,7 @@ fn positions(joint: &JointReport) -> String {
 
 /// Three coordinates.
 fn vector(v: [f64; 3]) -> String {
-    minus(&format!("({})", v.map(|x| decimal(x, 3)).join(", ")))
+    with_true_minus(&format!("({})", v.map(|x| decimal(x, 3)).join(", ")))
 }
 
 fn dot(part: usize) -> String {
@@ -549,7 +552,7 @@ mod tests {
             report.run.warnings.push(Note::new(NoteCode::PosesMissing, "2 frames had no pose"));
             report.run.warnings.push(caution.about("door_hinge"));
             report.joints[0].cautions.push(caution);
-            report.overall = Overall::of(2, &report.run.warnings, &[]);
+            report.overall = Overall::of_run(2, &report.run.warnings, &[]);
         });
         assert!(
             html.contains(">Look before use</span>door_hinge: little support.")

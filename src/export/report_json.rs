@@ -297,10 +297,10 @@ impl Report {
         Self {
             format: REPORT_FORMAT.to_owned(),
             name: model.name.clone(),
-            overall: Overall::of(model.joints.len(), &run.warnings, &run.differences),
+            overall: Overall::of_run(model.joints.len(), &run.warnings, &run.differences),
             states: model.states.iter().map(state).collect(),
             joints: model.joints.iter().enumerate().map(|(i, j)| joint_report(model, i, j)).collect(),
-            links: model.links.iter().map(|l| LinkReport::of(l, files)).collect(),
+            links: model.links.iter().map(|l| LinkReport::of_link(l, files)).collect(),
             run,
         }
     }
@@ -330,7 +330,7 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
     let e = &joint.evidence;
     let extent_m = model.extent_m();
     let direction = Unit::new_normalize(axis);
-    let deviation = Deviations::of(&e.covariance, &direction, joint.kind.turns(), extent_m);
+    let deviation = Deviations::of_covariance(&e.covariance, &direction, joint.kind.turns(), extent_m);
     // No deviation is known to more than some digits.
     let spread = |value: Option<f64>, factor: f64| value.map(|v| round_significant(factor * v, 4));
     JointReport {
@@ -345,9 +345,9 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
         child: model.links[joint.child].name.clone(),
         axis: round3(axis.into()),
         origin: round3(world_from_joint.translation.vector.into()),
-        motion: quantity(model.motion(index)),
+        motion: quantity(model.motion_of_joint(index)),
         positions: positions(model, index),
-        limit: LimitReport::of(model, index),
+        limit: LimitReport::of_joint(model, index),
         dynamics: DynamicsReport {
             friction: round_significant(joint.dynamics.friction, DIGITS),
             damping: round_significant(joint.dynamics.damping, DIGITS),

@@ -4,7 +4,7 @@ use std::{collections::BTreeSet, fmt::Write as _};
 
 use super::{
     config::{ExportConfig, UrdfScrew},
-    xacro::commanded,
+    xacro::commanded_joint,
 };
 use model::{ArticulatedModel, escape_xml as escape, identifier};
 
@@ -132,7 +132,7 @@ pub(crate) fn controllers(model: &ArticulatedModel, screws: UrdfScrew) -> String
     );
     for joint in &model.joints {
         // Writing to a string cannot fail.
-        writeln!(text, "      - {}", commanded(joint, screws).0).ok();
+        writeln!(text, "      - {}", commanded_joint(joint, screws).0).ok();
     }
     text.push_str("    command_interfaces:\n      - position\n    state_interfaces:\n      - position\n");
     text.push_str("      - velocity\n");

@@ -28,8 +28,8 @@ const FASTEST_RAD_S: f64 = 200.0;
 
 /// `scene.xml`: the twin on a floor, with a light and a camera.
 #[must_use]
-pub(crate) fn scene(model: &ArticulatedModel, twin_file: &str) -> String {
-    let (lower, upper) = bounds(model);
+pub(crate) fn scene_text(model: &ArticulatedModel, twin_file: &str) -> String {
+    let (lower, upper) = model_bounds(model);
     let center = nalgebra::center(&lower, &upper);
     let radius_m = (0.5 * (upper - lower).norm()).max(1e-3);
     let eye = center + Vector3::from(VIEW).normalize() * AWAY * radius_m;
@@ -72,14 +72,14 @@ pub(crate) fn scene(model: &ArticulatedModel, twin_file: &str) -> String {
 /// `scene_actuated.xml`: the scene with a position actuator a joint, and a keyframe `hold0`, ... for each
 /// held state.
 #[must_use]
-pub(crate) fn actuated(model: &ArticulatedModel, config: &ExportConfig) -> String {
+pub(crate) fn actuated_scene(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let mut text = format!(
         "<mujoco model=\"{}_actuated\">\n  <include file=\"scene.xml\"/>\n  <actuator>\n",
         escape(&model.name)
     );
     for (j, joint) in model.joints.iter().enumerate() {
         let name = escape(&joint.name);
-        let [kp, kv] = gains(joint, &joint_load(model, j));
+        let [kp, kv] = actuator_gains(joint, &joint_load(model, j));
         let l = &joint.limit;
         // Writing to a string cannot fail, here and below.
         writeln!(
@@ -107,7 +107,7 @@ pub(crate) fn actuated(model: &ArticulatedModel, config: &ExportConfig) -> Strin
 
 /// Stiffness and damping of an actuator: as stiff as friction asks for, as far as the time step follows;
 /// damped critically.
-fn gains(joint: &Joint, load: &JointLoad) -> [f64; 2] {
+fn actuator_gains(joint: &Joint, load: &JointLoad) -> [f64; 2] {
     let range = (joint.limit.upper - joint.limit.lower).max(1e-6);
     let held = joint.dynamics.friction + load.effort;
     let stiff = (SERVO_RAD_S.powi(2) * load.inertia).max(held / (SERVO_ERROR * range));
@@ -116,7 +116,7 @@ fn gains(joint: &Joint, load: &JointLoad) -> [f64; 2] {
 }
 
 /// The box of all solids and surfaces in all states, world.
-fn bounds(model: &ArticulatedModel) -> (Point3<f64>, Point3<f64>) {
+fn model_bounds(model: &ArticulatedModel) -> (Point3<f64>, Point3<f64>) {
     let closed = vec![vec![0.0; model.joints.len()]];
     let states = if model.states.is_empty() { &closed } else { &model.states };
     let places = states.iter().flat_map(|q| {
@@ -140,13 +140,13 @@ mod tests {
     #[test]
     fn the_floor_is_below_all_and_the_camera_looks_at_the_middle() {
         let model = cabinet();
-        let text = scene(&model, "cabinet.xml");
+        let text = scene_text(&model, "cabinet.xml");
         let document = roxmltree::Document::parse(&text).unwrap();
         let of = |tag: &str, attribute: &str| -> Vec<f64> {
             let node = document.descendants().find(|n| n.has_tag_name(tag)).unwrap();
             node.attribute(attribute).unwrap().split(' ').map(|x| x.parse().unwrap()).collect()
         };
-        let (lower, upper) = bounds(&model);
+        let (lower, upper) = model_bounds(&model);
         assert!((of("geom", "pos")[2] - lower.z).abs() < 1e-9);
         let axes = of("camera", "xyaxes");
         let x = Vector3::from_row_slice(&axes[..3]);
@@ -161,7 +161,7 @@ mod tests {
         let mut model = cabinet();
         model.joints[0].dynamics.friction = 1.0;
         let config = ExportConfig { base: Base::Floating, ..ExportConfig::default() };
-        let text = actuated(&model, &config);
+        let text = actuated_scene(&model, &config);
         let document = roxmltree::Document::parse(&text).unwrap();
         let servos: Vec<_> = document.descendants().filter(|n| n.has_tag_name("position")).collect();
         let words = |name: &str| servos.iter().map(|n| n.attribute(name).unwrap()).collect::<Vec<_>>();

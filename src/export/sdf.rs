@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::{
     config::{Base, ExportConfig},
-    drawn::visuals,
+    drawn::link_visuals,
     urdf::{
         CARRIER_KG, CARRIER_KG_M2, advance_limit, carrier_name, grasp_name, origin, short, solid_name,
         solid_path, triple,
@@ -122,7 +122,7 @@ fn push_link(text: &mut String, link: &Link, model_from_link: &Pose) {
         writeln!(text, "          <{tag}>{}</{tag}>", short(i[k])).ok();
     }
     text.push_str("        </inertia>\n      </inertial>\n");
-    for visual in visuals(link) {
+    for visual in link_visuals(link) {
         push_geometry(text, "visual", &visual.name, &visual.path);
     }
     for k in 0..link.collision.len() {
@@ -192,7 +192,7 @@ fn push_pair(
 }
 
 fn push_joint(text: &mut String, joint: &Joint, thread_m_per_rad: Option<f64>, model: &ArticulatedModel) {
-    let kind = if thread_m_per_rad.is_some() { "screw" } else { joint.kind.nearest().name() };
+    let kind = if thread_m_per_rad.is_some() { "screw" } else { joint.kind.nearest_simple().name() };
     let [parent, child] = [joint.parent, joint.child].map(|l| escape(&model.links[l].name));
     writeln!(
         text,

@@ -7,7 +7,7 @@ use nalgebra::{Point3, Vector3};
 use super::{
     config::{Base, ExportConfig},
     urdf::short,
-    xacro::commanded,
+    xacro::commanded_joint,
 };
 use model::{ArticulatedModel, Joint, escape_xml as escape};
 
@@ -17,7 +17,7 @@ const STEPS: [usize; 3] = [25, 12, 6];
 /// SRDF text of a model. A pair is disabled if a joint connects its links, or if the boxes of their reach
 /// within the limits lie apart.
 #[must_use]
-pub(crate) fn srdf(model: &ArticulatedModel, config: &ExportConfig) -> String {
+pub(crate) fn srdf_text(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let root = model.links.first().map_or(String::new(), |l| escape(&l.name));
     let name = escape(&model.name);
     let kind = if config.base == Base::Floating { "floating" } else { "fixed" };
@@ -27,7 +27,7 @@ pub(crate) fn srdf(model: &ArticulatedModel, config: &ExportConfig) -> String {
         config.prefix
     );
     let leaders: Vec<String> =
-        model.joints.iter().map(|j| escape(&commanded(j, config.urdf_screw).0)).collect();
+        model.joints.iter().map(|j| escape(&commanded_joint(j, config.urdf_screw).0)).collect();
     // Writing to a string cannot fail, here and below.
     for joint in &leaders {
         writeln!(text, "    <joint name=\"{joint}\"/>").ok();
@@ -58,7 +58,7 @@ struct UncheckedPair {
 
 /// All pairs of links exempt from collision checks.
 fn unchecked_pairs(model: &ArticulatedModel) -> Vec<UncheckedPair> {
-    let reach: Vec<_> = (0..model.links.len()).map(|link| reach(model, link)).collect();
+    let reach: Vec<_> = (0..model.links.len()).map(|link| reach_box(model, link)).collect();
     let mut pairs = Vec::new();
     for a in 0..model.links.len() {
         for b in a + 1..model.links.len() {
@@ -76,7 +76,7 @@ fn unchecked_pairs(model: &ArticulatedModel) -> Vec<UncheckedPair> {
 
 /// Lower and upper corner of a box around all places of a link's solids within the limits of the joints above
 /// it, meters in the world; `None` for a link without solids or below too many joints.
-fn reach(model: &ArticulatedModel, link: usize) -> Option<(Point3<f64>, Point3<f64>)> {
+fn reach_box(model: &ArticulatedModel, link: usize) -> Option<(Point3<f64>, Point3<f64>)> {
     let chain: Vec<usize> = (0..model.joints.len())
         .filter(|&j| model.joints[j].child == link || model.is_below(link, model.joints[j].child))
         .collect();
@@ -144,7 +144,7 @@ mod tests {
     fn groups_and_states_name_the_joints_that_lead() {
         let mut model = cabinet();
         model.joints[1].kind = JointKind::Screw { pitch_m_per_rad: 0.5 };
-        let text = srdf(&model, &ExportConfig::default());
+        let text = srdf_text(&model, &ExportConfig::default());
         let document = roxmltree::Document::parse(&text).unwrap();
         let joints: Vec<_> = document.descendants().filter(|n| n.has_tag_name("joint")).collect();
         assert!(

@@ -35,7 +35,7 @@ pub fn compare_starts(
 ) -> Vec<InitialMotion> {
     let mut motions = Vec::new();
     for (j, (joint, start)) in model.joints.iter().zip(starts).enumerate() {
-        let part = MovingPart::of(model, j);
+        let part = MovingPart::of_joint(model, j);
         let end_from_start = part.state1_from_state0 * start.inverse();
         motions.push(InitialMotion {
             joint: joint.name.clone(),
@@ -54,7 +54,7 @@ pub fn compare_starts(
 /// motions in the order of another search for parts.
 #[must_use]
 pub fn nearest_starts(model: &ArticulatedModel, motions: &[Pose]) -> Vec<Pose> {
-    let parts: Vec<MovingPart> = (0..model.joints.len()).map(|j| MovingPart::of(model, j)).collect();
+    let parts: Vec<MovingPart> = (0..model.joints.len()).map(|j| MovingPart::of_joint(model, j)).collect();
     let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
     for (j, part) in parts.iter().enumerate() {
         for (m, motion) in motions.iter().enumerate() {
@@ -80,7 +80,7 @@ struct MovingPart<'a> {
 }
 
 impl<'a> MovingPart<'a> {
-    fn of(model: &'a ArticulatedModel, joint: usize) -> Self {
+    fn of_joint(model: &'a ArticulatedModel, joint: usize) -> Self {
         let none = vec![0.0; model.joints.len()];
         let first = model.states.first().unwrap_or(&none);
         let last = model.states.last().unwrap_or(&none);

@@ -9,7 +9,7 @@ use nalgebra::UnitQuaternion;
 
 use super::{
     config::UrdfScrew,
-    drawn::visuals,
+    drawn::link_visuals,
     number::{decimal, significant},
 };
 use geometry::Pose;
@@ -172,7 +172,7 @@ fn push_link(text: &mut String, link: &Link, Form { paths, names, .. }: Form) {
     )
     .ok();
     // No `<material>` beside the texture: Newton would take it in the texture's place.
-    for visual in visuals(link) {
+    for visual in link_visuals(link) {
         writeln!(text, "    <visual name=\"{names}{}\">", escape(&visual.name)).ok();
         push_mesh(text, &format!("{paths}{}", visual.path));
         text.push_str("    </visual>\n");
@@ -199,7 +199,7 @@ fn push_mesh(text: &mut String, path: &str) {
 
 fn push_joint(text: &mut String, joint: &Joint, links: &[Link], names: &str) {
     let ends = [joint.parent, joint.child].map(|l| links[l].name.as_str());
-    let kind = (joint.name.as_str(), joint.kind.nearest().name());
+    let kind = (joint.name.as_str(), joint.kind.nearest_simple().name());
     open_joint(text, kind, &joint.parent_from_joint, ends, joint, names);
     if let Some(pitch) = joint.kind.pitch_m_per_rad() {
         let kind = joint.kind.name();

@@ -53,7 +53,7 @@ pub fn usda(model: &ArticulatedModel, drawn: &[Drawn], base: Base) -> String {
             push_visual(&mut text, name, own);
         }
         for (k, solid) in link.collision.iter().enumerate() {
-            push_collider(&mut text, name, &solid_name(link, k), &solid.mesh());
+            push_collider(&mut text, name, &solid_name(link, k), &solid.to_mesh());
         }
         for (k, grasp) in link.grasps.iter().enumerate() {
             let name = grasp_name(link, k);
@@ -98,7 +98,7 @@ const PHYSICS_MATERIAL: &str = "        def Material \"Contact\" (\n            
 
 fn push_material(text: &mut String, model: &str, visual: &Visual) {
     let name = identifier(&visual.material);
-    let file = visual.texture();
+    let file = visual.texture_path();
     let path = format!("/{model}/Looks/{name}");
     write!(
         text,
@@ -311,11 +311,11 @@ fn short(x: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::drawn::{drawn, plain_looks};
+    use crate::drawn::{drawn_meshes, plain_looks};
     use model::example::cabinet;
 
     fn text(model: &ArticulatedModel) -> String {
-        usda(model, &drawn(model, &plain_looks(model)), Base::Fixed)
+        usda(model, &drawn_meshes(model, &plain_looks(model)), Base::Fixed)
     }
 
     #[test]
@@ -338,7 +338,7 @@ mod tests {
         );
         assert_eq!(count("{"), count("}"));
         let looks = plain_looks(&model);
-        assert!(!usda(&model, &drawn(&model, &looks), Base::Floating).contains("PhysicsFixedJoint"));
+        assert!(!usda(&model, &drawn_meshes(&model, &looks), Base::Floating).contains("PhysicsFixedJoint"));
         assert!(text.contains("PhysicsFixedJoint"));
     }
 

@@ -62,7 +62,7 @@ struct JointData {
 /// The page with the meshes of a model. It loads nothing else.
 #[must_use]
 pub(crate) fn viewer_html(model: &ArticulatedModel, drawn: &[Drawn]) -> String {
-    let (center, radius) = sphere(model);
+    let (center, radius) = bounding_sphere(model);
     let data = Data {
         center: center.into(),
         radius,
@@ -82,7 +82,7 @@ fn link_data(link: &Link, part: usize) -> LinkData {
     LinkData {
         name: link.name.clone(),
         color: part_color(part),
-        solids: link.collision.iter().map(|s| base64(&places(&s.mesh()))).collect(),
+        solids: link.collision.iter().map(|s| base64_text(&triangle_bytes(&s.to_mesh()))).collect(),
     }
 }
 
@@ -90,8 +90,8 @@ fn mesh_data(drawn: &Drawn) -> MeshData {
     MeshData {
         link: drawn.link,
         assumed: drawn.visual.is_assumed,
-        corners: base64(&corners(&drawn.look)),
-        texture_png: base64(&drawn.png),
+        corners: base64_text(&corner_bytes(&drawn.look)),
+        texture_png: base64_text(&drawn.png),
     }
 }
 
@@ -100,7 +100,7 @@ fn joint_data(model: &ArticulatedModel, j: usize) -> JointData {
     let first = model.states.first().and_then(|s| s.get(j)).copied();
     JointData {
         name: joint.name.clone(),
-        kind: joint.kind.nearest().name(),
+        kind: joint.kind.nearest_simple().name(),
         pitch: joint.kind.pitch_m_per_rad().unwrap_or(0.0),
         parent: joint.parent,
         child: joint.child,
@@ -114,16 +114,16 @@ fn joint_data(model: &ArticulatedModel, j: usize) -> JointData {
 }
 
 /// Floats in base64 are exact and take less room than numbers in JSON.
-fn base64(bytes: &[u8]) -> String {
+fn base64_text(bytes: &[u8]) -> String {
     base64::engine::general_purpose::STANDARD.encode(bytes)
 }
 
-fn places(mesh: &TriangleMesh) -> Vec<u8> {
+fn triangle_bytes(mesh: &TriangleMesh) -> Vec<u8> {
     let places = mesh.triangles.iter().flatten().map(|&i| <[f32; 3]>::from(mesh.vertices[i as usize]));
     places.flatten().flat_map(f32::to_le_bytes).collect()
 }
 
-fn corners(look: &Look) -> Vec<u8> {
+fn corner_bytes(look: &Look) -> Vec<u8> {
     let mut bytes = Vec::new();
     for &i in look.triangles.iter().flatten() {
         let c = &look.corners[i as usize];
@@ -137,7 +137,7 @@ fn corners(look: &Look) -> Vec<u8> {
 }
 
 /// A sphere around the model in its first state.
-fn sphere(model: &ArticulatedModel) -> (Point3<f64>, f64) {
+fn bounding_sphere(model: &ArticulatedModel) -> (Point3<f64>, f64) {
     let none = vec![0.0; model.joints.len()];
     let positions = model.states.first().unwrap_or(&none);
     let points = model.links.iter().enumerate().flat_map(|(i, l)| {
@@ -152,14 +152,14 @@ fn sphere(model: &ArticulatedModel) -> (Point3<f64>, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::drawn::{drawn, plain_looks};
+    use crate::drawn::{drawn_meshes, plain_looks};
     use model::example::cabinet;
 
     #[test]
     fn the_page_holds_everything_and_asks_for_nothing() {
         let model = cabinet();
         let looks = plain_looks(&model);
-        let page = viewer_html(&model, &drawn(&model, &looks));
+        let page = viewer_html(&model, &drawn_meshes(&model, &looks));
         assert!(!page.contains("http") && !page.contains("@DATA@") && !page.contains("@TITLE@"));
         let json = page.split_once("application/json\">").unwrap().1.split_once("</script>").unwrap().0;
         let data: serde_json::Value = serde_json::from_str(json).unwrap();

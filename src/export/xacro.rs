@@ -23,7 +23,7 @@ pub(crate) fn macro_file(model: &ArticulatedModel) -> String {
 /// Two macros: the twin, with a prefix before all names and on request held by a link; and its joints for
 /// `ros2_control`.
 #[must_use]
-pub(crate) fn macros(model: &ArticulatedModel, screws: UrdfScrew) -> String {
+pub(crate) fn macros_text(model: &ArticulatedModel, screws: UrdfScrew) -> String {
     let name = identifier(&model.name);
     let paths = format!("package://{name}/");
     // Writing to a string cannot fail, here and below.
@@ -66,7 +66,7 @@ fn push_grasps(text: &mut String, link: &Link) {
 
 /// The twin by itself, made by the macros.
 #[must_use]
-pub(crate) fn top(model: &ArticulatedModel) -> String {
+pub(crate) fn twin_text(model: &ArticulatedModel) -> String {
     let name = identifier(&model.name);
     let file = macro_file(model);
     format!(
@@ -83,7 +83,7 @@ pub(crate) fn top(model: &ArticulatedModel) -> String {
 }
 
 /// Name and limits of the joint commanded by `ros2_control`.
-pub(super) fn commanded(joint: &Joint, screws: UrdfScrew) -> (String, Limit) {
+pub(super) fn commanded_joint(joint: &Joint, screws: UrdfScrew) -> (String, Limit) {
     // Of a pair the slide leads; the turn follows it.
     match joint.kind.thread_m_per_rad().filter(|_| screws == UrdfScrew::Pair) {
         Some(pitch) => (joint.advance_name(), advance_limit(joint, pitch)),
@@ -100,7 +100,7 @@ fn push_control(text: &mut String, model: &ArticulatedModel, screws: UrdfScrew, 
     )
     .ok();
     for (j, joint) in model.joints.iter().enumerate() {
-        let (leader, limit) = commanded(joint, screws);
+        let (leader, limit) = commanded_joint(joint, screws);
         let start = model.states.first().and_then(|s| s.get(j)).copied().unwrap_or_default();
         let leads = leader == joint.name;
         let of_leader = if leads { start } else { start * joint.kind.thread_m_per_rad().unwrap_or(0.0) };
@@ -143,7 +143,7 @@ mod tests {
     fn every_name_has_the_prefix_and_every_joint_is_controlled_once() {
         let mut model = cabinet();
         model.joints[1].kind = JointKind::Screw { pitch_m_per_rad: 0.5 };
-        let text = macros(&model, UrdfScrew::Pair);
+        let text = macros_text(&model, UrdfScrew::Pair);
         let document = roxmltree::Document::parse(&text).unwrap();
         let tags = ["link", "joint", "visual", "collision", "mimic", "parent", "child", "gazebo"];
         for node in document.descendants().filter(|n| tags.contains(&n.tag_name().name())) {
@@ -162,7 +162,7 @@ mod tests {
             of("state_interface"),
             ["${prefix}door_hinge", "${prefix}drawer_slide_advance", "${prefix}drawer_slide"]
         );
-        assert!(roxmltree::Document::parse(&top(&model)).is_ok());
-        assert!(top(&model).contains("<xacro:include filename=\"cabinet_macro.xacro\"/>"));
+        assert!(roxmltree::Document::parse(&twin_text(&model)).is_ok());
+        assert!(twin_text(&model).contains("<xacro:include filename=\"cabinet_macro.xacro\"/>"));
     }
 }

@@ -113,7 +113,7 @@ fn color_losses(
     if columns.is_empty() {
         return 0.0;
     }
-    let cols = color.gather(
+    let cols = color.gather_inputs(
         &geometry.outputs,
         block.cols,
         columns,

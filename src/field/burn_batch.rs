@@ -28,7 +28,7 @@ pub(super) struct Piece {
 }
 
 /// Cuts a batch into pieces of whole rays; pieces without any loss are left out.
-pub(super) fn pieces(batch: &SampleBatch) -> Vec<Piece> {
+pub(super) fn batch_pieces(batch: &SampleBatch) -> Vec<Piece> {
     let rays = (PIECE_SAMPLES / batch.samples_per_ray.max(1)).max(1);
     let starts = (0..batch.rays).step_by(rays);
     starts.map(|s| Piece::new(batch, s..(s + rays).min(batch.rays))).filter(|p| p.samples > 0).collect()
@@ -49,7 +49,7 @@ impl Piece {
             for i in of_ray(ray) {
                 if lit(i) || fill > 0 {
                     fill -= usize::from(!lit(i));
-                    piece.push(batch, i);
+                    piece.push_sample(batch, i);
                     piece.color_weights.push(batch.color_weights[i]);
                 } else if batch.targets[i] != SdfTarget::Ignore {
                     rest.push(i);
@@ -59,12 +59,12 @@ impl Piece {
         }
         // Behind the samples of lit rays: the color network takes these as one rectangle.
         for i in rest {
-            piece.push(batch, i);
+            piece.push_sample(batch, i);
         }
         piece
     }
 
-    fn push(&mut self, batch: &SampleBatch, i: usize) {
+    fn push_sample(&mut self, batch: &SampleBatch, i: usize) {
         self.samples += 1;
         self.points.extend_from_slice(&batch.points[i]);
         self.targets.extend_from_slice(&match batch.targets[i] {
@@ -102,7 +102,7 @@ mod tests {
 
     #[test]
     fn lit_samples_come_first_and_idle_ones_not_at_all() {
-        let pieces = pieces(&batch());
+        let pieces = batch_pieces(&batch());
         assert_eq!(pieces.len(), 1);
         let p = &pieces[0];
         let order: Vec<usize> = p.points.chunks(3).map(|x| x[0] as usize).collect();
@@ -127,6 +127,9 @@ mod tests {
             colors: vec![[0.5; 3]; 3],
             ray_weights: vec![1.0; 3],
         };
-        assert_eq!(pieces(&batch).iter().map(|p| p.samples).collect::<Vec<_>>(), [2 * per_ray, per_ray]);
+        assert_eq!(
+            batch_pieces(&batch).iter().map(|p| p.samples).collect::<Vec<_>>(),
+            [2 * per_ray, per_ray]
+        );
     }
 }

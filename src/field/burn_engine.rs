@@ -6,9 +6,9 @@ use std::sync::{Mutex, OnceLock};
 
 use burn::tensor::{Device, Tensor};
 
-use super::burn_batch::pieces;
+use super::burn_batch::batch_pieces;
 use super::burn_device::{EngineError, guarded};
-use super::burn_model::{FieldShape, losses, upload};
+use super::burn_model::{FieldShape, piece_losses, upload_tensors};
 use super::{
     ADAM_BETAS, ADAM_EPSILON, EngineState, FEATURES, FieldEngine, FieldLosses, FieldParams, GEOMETRY_OUTPUTS,
     SampleBatch,
@@ -40,7 +40,7 @@ impl BurnEngine {
     /// [`EngineError::Shape`] if the parameters do not fit together, [`EngineError::Failed`] if the device
     /// fails.
     pub fn new(params: FieldParams, device: Device) -> Result<Self, EngineError> {
-        let n = params.parameters();
+        let n = params.parameter_count();
         Self::resume(EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 }, device)
     }
 
@@ -52,10 +52,10 @@ impl BurnEngine {
         check_shape(&state)?;
         guarded("received the parameters", || {
             let device = device.without_autodiff();
-            let shape = FieldShape::of(&state.params);
-            let params = upload(&shape, &state.params.flatten(), &device);
-            let first = upload(&shape, &state.first, &device);
-            let second = upload(&shape, &state.second, &device);
+            let shape = FieldShape::of_params(&state.params);
+            let params = upload_tensors(&shape, &state.params.flatten(), &device);
+            let first = upload_tensors(&shape, &state.first, &device);
+            let second = upload_tensors(&shape, &state.second, &device);
             let steps = state.steps;
             let engine = Self {
                 device,
@@ -68,7 +68,7 @@ impl BurnEngine {
                 last_read: Mutex::new(state),
             };
             // A device has a queue: without waiting, a failed upload would show in a later step.
-            engine.device.sync().map_err(|e| failed("received the parameters", e))?;
+            engine.device.sync().map_err(|e| device_failure("received the parameters", e))?;
             Ok(engine)
         })
     }
@@ -113,7 +113,7 @@ impl BurnEngine {
         use super::burn_trial::{agree, trial_batch};
         let batch = trial_batch();
         let found = self.try_gradient(&batch)?;
-        let expected = super::CpuEngine::resume(state).gradient(&batch);
+        let expected = super::CpuEngine::resume(state).loss_gradient(&batch);
         agree(&found, &expected).map_err(|e| EngineError::Unavailable { message: e.to_string() })
     }
 
@@ -123,11 +123,11 @@ impl BurnEngine {
     /// [`EngineError::Failed`]; the engine is of no use afterwards.
     pub fn try_step(&mut self, batch: &SampleBatch, learning_rate: f32) -> Result<FieldLosses, EngineError> {
         guarded("took a training step", || {
-            let (losses, gradients) = self.differentiate(batch)?;
+            let (losses, gradients) = self.losses_and_gradients(batch)?;
             self.steps += 1;
             let update = AdamUpdate::new(self.steps, learning_rate);
             for (k, gradient) in gradients.into_iter().enumerate() {
-                (self.params[k], self.first[k], self.second[k]) = update.apply(
+                (self.params[k], self.first[k], self.second[k]) = update.stepped_parameter(
                     self.params[k].clone(),
                     self.first[k].clone(),
                     self.second[k].clone(),
@@ -144,8 +144,8 @@ impl BurnEngine {
     /// [`EngineError::Failed`].
     pub fn try_gradient(&mut self, batch: &SampleBatch) -> Result<(FieldLosses, Vec<f32>), EngineError> {
         guarded("computed a gradient", || {
-            let (losses, gradients) = self.differentiate(batch)?;
-            Ok((losses, read(&gradients)?))
+            let (losses, gradients) = self.losses_and_gradients(batch)?;
+            Ok((losses, read_tensors(&gradients)?))
         })
     }
 
@@ -155,31 +155,34 @@ impl BurnEngine {
     /// [`EngineError::Failed`].
     pub fn try_state(&self) -> Result<EngineState, EngineError> {
         guarded("returned the parameters", || {
-            let first = read(&self.first)?;
-            let second = read(&self.second)?;
-            let flat = read(&self.params)?;
+            let first = read_tensors(&self.first)?;
+            let second = read_tensors(&self.second)?;
+            let flat = read_tensors(&self.params)?;
             let mut last = self.last_read.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-            last.params.assign(&flat);
+            last.params.assign_values(&flat);
             (last.first, last.second, last.steps) = (first, second, self.steps);
             Ok(last.clone())
         })
     }
 
     /// Losses and their gradient by every parameter tensor.
-    fn differentiate(&self, batch: &SampleBatch) -> Result<(FieldLosses, Vec<Tensor<1>>), EngineError> {
+    fn losses_and_gradients(
+        &self,
+        batch: &SampleBatch,
+    ) -> Result<(FieldLosses, Vec<Tensor<1>>), EngineError> {
         let mut sums = FieldLosses::default();
         let mut gradients: Vec<Option<Tensor<1>>> = vec![None; self.params.len()];
         // A graph of its own for each piece bounds the memory of a step.
-        for piece in pieces(batch) {
+        for piece in batch_pieces(batch) {
             let params: Vec<Tensor<1>> =
                 self.params.iter().map(|p| p.clone().autodiff().require_grad()).collect();
-            let (sdf, color) = losses(&self.shape, &params, batch, &piece);
+            let (sdf, color) = piece_losses(&self.shape, &params, batch, &piece);
             let mut backward = (sdf.clone() + color.clone()).backward();
             // One transfer for both: each would wait for the device.
             let values = Tensor::cat(vec![sdf, color], 0)
                 .without_autodiff()
                 .try_into_vec_as::<f32>()
-                .map_err(|e| failed("read the losses", e))?;
+                .map_err(|e| device_failure("read the losses", e))?;
             sums.sdf += f64::from(values[0]);
             sums.color += f64::from(values[1]);
             for (sum, param) in gradients.iter_mut().zip(&params) {
@@ -194,33 +197,33 @@ impl BurnEngine {
     }
 
     /// Losses of a failed engine.
-    fn fail(&self, error: EngineError) -> FieldLosses {
+    fn record_failure(&self, error: EngineError) -> FieldLosses {
         self.failure.get_or_init(|| error);
         FieldLosses { sdf: f64::NAN, color: f64::NAN }
     }
 
     /// The failure, if there was one.
-    fn working(&self) -> Result<(), EngineError> {
+    fn ensure_working(&self) -> Result<(), EngineError> {
         self.failure.get().cloned().map_or(Ok(()), Err)
     }
 }
 
 impl FieldEngine for BurnEngine {
-    fn step(&mut self, batch: &SampleBatch, learning_rate: f32) -> FieldLosses {
-        self.working()
+    fn train_step(&mut self, batch: &SampleBatch, learning_rate: f32) -> FieldLosses {
+        self.ensure_working()
             .and_then(|()| self.try_step(batch, learning_rate))
-            .unwrap_or_else(|error| self.fail(error))
+            .unwrap_or_else(|error| self.record_failure(error))
     }
 
-    fn gradient(&mut self, batch: &SampleBatch) -> (FieldLosses, Vec<f32>) {
+    fn loss_gradient(&mut self, batch: &SampleBatch) -> (FieldLosses, Vec<f32>) {
         let parameters = self.params.iter().map(|p| p.dims()[0]).sum();
-        let result = self.working().and_then(|()| self.try_gradient(batch));
-        result.unwrap_or_else(|error| (self.fail(error), vec![f32::NAN; parameters]))
+        let result = self.ensure_working().and_then(|()| self.try_gradient(batch));
+        result.unwrap_or_else(|error| (self.record_failure(error), vec![f32::NAN; parameters]))
     }
 
-    fn state(&self) -> EngineState {
-        self.working().and_then(|()| self.try_state()).unwrap_or_else(|error| {
-            self.fail(error);
+    fn training_state(&self) -> EngineState {
+        self.ensure_working().and_then(|()| self.try_state()).unwrap_or_else(|error| {
+            self.record_failure(error);
             self.last_read.lock().unwrap_or_else(std::sync::PoisonError::into_inner).clone()
         })
     }
@@ -261,7 +264,7 @@ impl AdamUpdate {
     }
 
     /// The parameter and its moments after the step.
-    fn apply(
+    fn stepped_parameter(
         &self,
         param: Tensor<1>,
         first: Tensor<1>,
@@ -278,15 +281,15 @@ impl AdamUpdate {
 }
 
 /// Values of tensors, one after another.
-fn read(tensors: &[Tensor<1>]) -> Result<Vec<f32>, EngineError> {
+fn read_tensors(tensors: &[Tensor<1>]) -> Result<Vec<f32>, EngineError> {
     let mut all = Vec::new();
     for t in tensors {
-        all.extend(t.try_to_vec_as::<f32>().map_err(|e| failed("was read", e))?);
+        all.extend(t.try_to_vec_as::<f32>().map_err(|e| device_failure("was read", e))?);
     }
     Ok(all)
 }
 
-fn failed(doing: &'static str, error: impl std::fmt::Display) -> EngineError {
+fn device_failure(doing: &'static str, error: impl std::fmt::Display) -> EngineError {
     EngineError::Failed { doing, message: error.to_string() }
 }
 
@@ -331,7 +334,7 @@ fn check_shape(state: &EngineState) -> Result<(), EngineError> {
             return err(format!("the {name} network ends with {width} outputs instead of {outputs}"));
         }
     }
-    let n = params.parameters();
+    let n = params.parameter_count();
     if state.first.len() != n || state.second.len() != n {
         return err(format!("{n} parameters with {} and {} moments", state.first.len(), state.second.len()));
     }

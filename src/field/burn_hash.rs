@@ -26,7 +26,8 @@ pub(super) fn hash_encode(points: &Tensor<2>, tables: &[Tensor<1>], levels: &[Le
         return Tensor::cat(features.collect(), 1);
     }
     let upper = Corners::new(&points.device());
-    let features = tables.iter().zip(levels).map(|(table, level)| upper.features(points, table, level));
+    let features =
+        tables.iter().zip(levels).map(|(table, level)| upper.interpolated_features(points, table, level));
     Tensor::cat(features.collect(), 1)
 }
 
@@ -43,7 +44,7 @@ impl Corners {
     }
 
     /// Interpolated features `[points, 2]` of one level.
-    fn features(&self, points: &Tensor<2>, table: &Tensor<1>, level: &LevelLayout) -> Tensor<2> {
+    fn interpolated_features(&self, points: &Tensor<2>, table: &Tensor<1>, level: &LevelLayout) -> Tensor<2> {
         let n = points.dims()[0];
         // docs/method.md (12.1).
         let position = points.clone() * level.scale + 0.5;
@@ -57,9 +58,9 @@ impl Corners {
         let weights = corner_weights(&fraction, 0, along_x)
             * corner_weights(&fraction, 1, along_y)
             * corner_weights(&fraction, 2, along_z);
-        let x = self.nodes(&cell, 0, along_x);
-        let y = self.nodes(&cell, 1, along_y);
-        let z = self.nodes(&cell, 2, along_z);
+        let x = self.axis_nodes(&cell, 0, along_x);
+        let y = self.axis_nodes(&cell, 1, along_y);
+        let z = self.axis_nodes(&cell, 2, along_z);
         // docs/method.md (12.2).
         let entry = if level.hashed {
             let y = y * HASH_PRIMES[1];
@@ -77,7 +78,7 @@ impl Corners {
     }
 
     /// Lower and upper node of every cell along one axis.
-    fn nodes(&self, cell: &Tensor<2, Int>, axis: usize, shape: [usize; 4]) -> Tensor<4, Int> {
+    fn axis_nodes(&self, cell: &Tensor<2, Int>, axis: usize, shape: [usize; 4]) -> Tensor<4, Int> {
         (cell.clone().narrow(1, axis, 1) + self.offset.clone().reshape([1, 2])).reshape(shape)
     }
 }

@@ -19,7 +19,7 @@ pub(super) struct FieldShape {
 }
 
 impl FieldShape {
-    pub(crate) fn of(params: &FieldParams) -> Self {
+    pub(crate) fn of_params(params: &FieldParams) -> Self {
         let layers = params.geometry.iter().chain(&params.color).map(|l| [l.outputs, l.inputs]);
         Self {
             levels: params.levels.clone(),
@@ -31,25 +31,25 @@ impl FieldShape {
 
 /// Uploads one tensor per hash level, then weights and biases of every layer: their concatenation is the
 /// order of [`FieldParams::flatten`].
-pub(super) fn upload(shape: &FieldShape, flat: &[f32], device: &Device) -> Vec<Tensor<1>> {
+pub(super) fn upload_tensors(shape: &FieldShape, flat: &[f32], device: &Device) -> Vec<Tensor<1>> {
     let tables = shape.levels.iter().map(|l| l.entries * super::FEATURES);
     let layers = shape.layers.iter().flat_map(|[outputs, inputs]| [outputs * inputs, *outputs]);
     let mut rest = flat;
     let tensors = tables.chain(layers).map(|len| {
         let (head, tail) = rest.split_at(len);
         rest = tail;
-        floats(head.to_vec(), [len], device)
+        float_tensor(head.to_vec(), [len], device)
     });
     tensors.collect()
 }
 
 /// Uploads floats.
-fn floats<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Device) -> Tensor<D> {
+fn float_tensor<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Device) -> Tensor<D> {
     Tensor::from_data(TensorData::new(values, shape), device)
 }
 
 /// Both loss terms `[1]` of one piece of a batch, divided by the counts of the whole batch.
-pub(super) fn losses(
+pub(super) fn piece_losses(
     shape: &FieldShape,
     params: &[Tensor<1>],
     batch: &SampleBatch,
@@ -61,11 +61,11 @@ pub(super) fn losses(
     let (geometry, color) = layers.split_at(2 * shape.geometry_layers);
     let (geometry_shape, color_shape) = shape.layers.split_at(shape.geometry_layers);
 
-    let points = floats(piece.points.clone(), [n, 3], &device);
+    let points = float_tensor(piece.points.clone(), [n, 3], &device);
     let features = hash_encode(&points, tables, &shape.levels);
-    let outputs = network(features, geometry, geometry_shape);
+    let outputs = network_outputs(features, geometry, geometry_shape);
     let tsdf = outputs.clone().narrow(1, 0, 1);
-    let sdf = sdf_loss(&tsdf, &floats(piece.targets.clone(), [n, 4], &device))
+    let sdf = sdf_loss(&tsdf, &float_tensor(piece.targets.clone(), [n, 4], &device))
         / (batch.rays * batch.samples_per_ray) as f32;
     let lit = piece.lit_rays.len() * piece.per_ray;
     // The color network would get a tensor without rows.
@@ -74,8 +74,8 @@ pub(super) fn losses(
     }
     // Lit samples come first (see `Piece`): the color network takes a rectangle of them.
     let appearance = outputs.narrow(0, 0, lit).narrow(1, 1, GEOMETRY_OUTPUTS - 1);
-    let inputs = Tensor::cat(vec![views(batch, piece, &device), appearance], 1);
-    let colors = sigmoid(network(inputs, color, color_shape));
+    let inputs = Tensor::cat(vec![view_harmonics(batch, piece, &device), appearance], 1);
+    let colors = sigmoid(network_outputs(inputs, color, color_shape));
     (sdf, color_loss(colors, batch, piece) / (3 * batch.rays) as f32)
 }
 
@@ -87,7 +87,7 @@ const GROUP_ROWS: usize = 256;
 ///
 /// The rows go in groups, and biases come as products: a gradient by a parameter is a sum over all rows. As
 /// one product or as a plain sum, few threads of a GPU would add them one after another.
-fn network(x: Tensor<2>, params: &[Tensor<1>], shapes: &[[usize; 2]]) -> Tensor<2> {
+fn network_outputs(x: Tensor<2>, params: &[Tensor<1>], shapes: &[[usize; 2]]) -> Tensor<2> {
     let [rows, inputs] = x.dims();
     let device = x.device();
     let groups = rows.div_ceil(GROUP_ROWS);
@@ -118,10 +118,10 @@ fn sdf_loss(tsdf: &Tensor<2>, targets: &Tensor<2>) -> Tensor<1> {
 }
 
 /// Harmonics `[lit samples, 16]` of the rays' directions.
-fn views(batch: &SampleBatch, piece: &Piece, device: &Device) -> Tensor<2> {
+fn view_harmonics(batch: &SampleBatch, piece: &Piece, device: &Device) -> Tensor<2> {
     let rays = piece.lit_rays.len();
     let coefficients = piece.lit_rays.iter().flat_map(|&r| view_coefficients(batch.directions[r])).collect();
-    let per_ray = floats(coefficients, [rays, 1, VIEW_COEFFICIENTS], device);
+    let per_ray = float_tensor(coefficients, [rays, 1, VIEW_COEFFICIENTS], device);
     per_ray
         .expand([rays, piece.per_ray, VIEW_COEFFICIENTS])
         .reshape([rays * piece.per_ray, VIEW_COEFFICIENTS])
@@ -132,10 +132,11 @@ fn color_loss(colors: Tensor<2>, batch: &SampleBatch, piece: &Piece) -> Tensor<1
     let device = colors.device();
     let rays = piece.lit_rays.len();
     let per_ray = piece.per_ray;
-    let weights = floats(piece.color_weights.clone(), [rays, 1, per_ray], &device);
+    let weights = float_tensor(piece.color_weights.clone(), [rays, 1, per_ray], &device);
     let rendered = weights.matmul(colors.reshape([rays, per_ray, 3])).reshape([rays, 3]);
-    let observed = floats(piece.lit_rays.iter().flat_map(|&r| batch.colors[r]).collect(), [rays, 3], &device);
+    let observed =
+        float_tensor(piece.lit_rays.iter().flat_map(|&r| batch.colors[r]).collect(), [rays, 3], &device);
     let ray_weights =
-        floats(piece.lit_rays.iter().map(|&r| batch.ray_weights[r]).collect(), [rays, 1], &device);
+        float_tensor(piece.lit_rays.iter().map(|&r| batch.ray_weights[r]).collect(), [rays, 1], &device);
     ((rendered - observed).square() * ray_weights).sum()
 }

@@ -77,7 +77,7 @@ fn check_gradients(make: impl Fn(EngineState) -> BurnEngine) {
         sizes.extend([l.weights.len(), l.biases.len()]);
     }
     for (name, batch, expected_tensors) in cases() {
-        let (loss, gradient) = engine.gradient(&batch);
+        let (loss, gradient) = engine.loss_gradient(&batch);
         let mut reference = Reference::new(&params);
         let (sdf, color) = losses(&reference, &batch);
         assert!(
@@ -147,17 +147,17 @@ fn check_adam(make: impl Fn(EngineState) -> BurnEngine) {
     let mut previous = f64::INFINITY;
     for k in 0..5u8 {
         let rate = 0.01 / f32::from(k + 1);
-        let (before, gradient) = engine.gradient(&batch);
+        let (before, gradient) = engine.loss_gradient(&batch);
         assert!(before.sdf + before.color < previous, "step {k}: the loss rises");
         previous = before.sdf + before.color;
-        let losses = engine.step(&batch, rate);
+        let losses = engine.train_step(&batch, rate);
         assert!(
             (losses.sdf - before.sdf).abs() < 1e-6 * before.sdf
                 && (losses.color - before.color).abs() < 1e-6 * before.color
         );
         plain.step(&gradient, f64::from(rate));
     }
-    let state = engine.state();
+    let state = engine.training_state();
     assert_eq!(state.steps, 5);
     let close = |name: &str, ours: &[f32], expected: &[f64], tolerance: f64| {
         let worst = ours.iter().zip(expected).map(|(a, e)| (f64::from(*a) - e).abs()).fold(0.0, f64::max);
@@ -185,15 +185,15 @@ fn a_resumed_engine_goes_on_as_if_it_had_not_stopped() {
     let params = small_field(4);
     let batches: Vec<SampleBatch> = (0..6).map(|k| batch(12, 6, k)).collect();
     let mut whole = BurnEngine::new(params.clone(), Device::flex()).unwrap_or_else(|e| panic!("{e}"));
-    assert_eq!(whole.state(), fresh(&params));
+    assert_eq!(whole.training_state(), fresh(&params));
     let mut parts = flex(fresh(&params));
     for (k, b) in batches.iter().enumerate() {
         if k == 3 {
-            parts = flex(parts.state());
+            parts = flex(parts.training_state());
         }
-        assert_eq!(whole.step(b, 0.01), parts.step(b, 0.01));
+        assert_eq!(whole.train_step(b, 0.01), parts.train_step(b, 0.01));
     }
-    assert_eq!(whole.state(), parts.state());
+    assert_eq!(whole.training_state(), parts.training_state());
 }
 
 #[test]
@@ -203,7 +203,7 @@ fn gradients_of_the_pieces_of_a_batch_add_up() {
     let per_ray = 1 << 16;
     let big = batch(rays, per_ray, 6);
     let mut engine = flex(fresh(&params));
-    let (loss, gradient) = engine.gradient(&big);
+    let (loss, gradient) = engine.loss_gradient(&big);
     let mut sum = vec![0.0f64; gradient.len()];
     let mut sdf = 0.0;
     let mut color = 0.0;
@@ -219,7 +219,7 @@ fn gradients_of_the_pieces_of_a_batch_add_up() {
             colors: vec![big.colors[ray]],
             ray_weights: vec![big.ray_weights[ray]],
         };
-        let (l, g) = engine.gradient(&one);
+        let (l, g) = engine.loss_gradient(&one);
         (sdf, color) = (sdf + l.sdf / 3.0, color + l.color / 3.0);
         sum.iter_mut().zip(g).for_each(|(s, g)| *s += f64::from(g) / 3.0);
     }
@@ -238,10 +238,10 @@ fn a_batch_without_losses_moves_nothing() {
     let mut engine = flex(fresh(&params));
     let idle = only(batch(4, 4, 7), |_| false, false);
     for b in [idle, SampleBatch::default()] {
-        let losses = engine.step(&b, 0.01);
+        let losses = engine.train_step(&b, 0.01);
         assert_eq!((losses.sdf, losses.color), (0.0, 0.0));
     }
-    assert_eq!(engine.state().params, params);
+    assert_eq!(engine.training_state().params, params);
 }
 
 #[test]
@@ -269,15 +269,15 @@ fn a_failing_engine_keeps_its_last_state() {
     let params = small_field(8);
     let good = batch(4, 4, 7);
     let mut engine = flex(fresh(&params));
-    engine.step(&good, 0.01);
-    let before = engine.state();
-    engine.step(&good, 0.01);
+    engine.train_step(&good, 0.01);
+    let before = engine.training_state();
+    engine.train_step(&good, 0.01);
     let mut broken = good.clone();
     broken.directions.clear();
-    assert!(engine.step(&broken, 0.01).sdf.is_nan());
+    assert!(engine.train_step(&broken, 0.01).sdf.is_nan());
     assert!(matches!(engine.failure(), Some(EngineError::Failed { doing: "took a training step", .. })));
-    assert!(engine.step(&good, 0.01).color.is_nan() && engine.gradient(&good).1[0].is_nan());
-    assert_eq!(engine.state(), before);
+    assert!(engine.train_step(&good, 0.01).color.is_nan() && engine.loss_gradient(&good).1[0].is_nan());
+    assert_eq!(engine.training_state(), before);
 }
 
 #[test]
@@ -293,18 +293,18 @@ fn the_trial_of_a_device_passes_where_the_device_works() {
 #[test]
 fn the_engines_agree() {
     let params = small_field(10);
-    let n = params.parameters();
+    let n = params.parameter_count();
     let mut ours = flex(fresh(&params));
     let mut cpu = CpuEngine::new(params);
     for k in 0..8 {
         let b = batch(20, 8, 20 + k);
         if k == 4 {
-            let swapped = flex(cpu.state());
-            cpu = CpuEngine::resume(ours.state());
+            let swapped = flex(cpu.training_state());
+            cpu = CpuEngine::resume(ours.training_state());
             ours = swapped;
         }
-        let (la, ga) = ours.gradient(&b);
-        let (lb, gb) = cpu.gradient(&b);
+        let (la, ga) = ours.loss_gradient(&b);
+        let (lb, gb) = cpu.loss_gradient(&b);
         assert!(
             (la.sdf - lb.sdf).abs() < 1e-3 * lb.sdf && (la.color - lb.color).abs() < 1e-3 * lb.color,
             "step {k}: {la:?} {lb:?}"
@@ -312,10 +312,10 @@ fn the_engines_agree() {
         let largest = gb.iter().fold(0.0f32, |a, g| a.max(g.abs()));
         let apart = ga.iter().zip(&gb).filter(|(a, b)| (*a - *b).abs() > 1e-3 * largest).count();
         assert!(apart * 1000 < n, "step {k}: {apart} of {n} gradients differ");
-        ours.step(&b, 0.01);
-        cpu.step(&b, 0.01);
+        ours.train_step(&b, 0.01);
+        cpu.train_step(&b, 0.01);
     }
-    assert_eq!((ours.state().steps, cpu.state().steps), (8, 8));
+    assert_eq!((ours.training_state().steps, cpu.training_state().steps), (8, 8));
 }
 
 #[cfg(not(feature = "gpu"))]
@@ -340,9 +340,9 @@ fn the_gpu_agrees_with_the_equations() {
 #[test]
 #[ignore = "a measurement"]
 fn where_a_step_goes() {
-    use super::burn_batch::pieces;
+    use super::burn_batch::batch_pieces;
     use super::burn_hash::hash_encode;
-    use super::burn_model::{FieldShape, losses as losses_of, upload};
+    use super::burn_model::{FieldShape, piece_losses as losses_of, upload_tensors};
     use std::time::Instant;
 
     let config = FieldConfig {
@@ -353,10 +353,10 @@ fn where_a_step_goes() {
         hidden: 64,
     };
     let params = field(&config, 1);
-    let shape = FieldShape::of(&params);
+    let shape = FieldShape::of_params(&params);
     let batch = batch(4096, 16, 3);
     let device = super::burn_device::wgpu_device().unwrap_or_else(|e| panic!("{e}"));
-    let tensors = upload(&shape, &params.flatten(), &device);
+    let tensors = upload_tensors(&shape, &params.flatten(), &device);
     let waits = || device.sync().unwrap_or_else(|e| panic!("{e}"));
     let timed = |name: &str, work: &mut dyn FnMut()| {
         let mut times: Vec<f64> = (0..12)
@@ -373,8 +373,8 @@ fn where_a_step_goes() {
         eprintln!("{name}: {:.2} ms, first {first:.0}", times[times.len() / 2]);
     };
     let tracked = || -> Vec<_> { tensors.iter().map(|p| p.clone().autodiff().require_grad()).collect() };
-    timed("cut into pieces", &mut || drop(pieces(&batch)));
-    let piece = pieces(&batch).remove(0);
+    timed("cut into pieces", &mut || drop(batch_pieces(&batch)));
+    let piece = batch_pieces(&batch).remove(0);
     let points = burn::tensor::Tensor::<2>::from_data(
         burn::tensor::TensorData::new(piece.points.clone(), [piece.samples, 3]),
         &device,
@@ -395,6 +395,6 @@ fn where_a_step_goes() {
     });
     let mut engine = BurnEngine::wgpu(fresh(&params)).unwrap_or_else(|e| panic!("{e}"));
     timed("step", &mut || {
-        engine.step(&batch, 0.01);
+        engine.train_step(&batch, 0.01);
     });
 }

@@ -143,38 +143,38 @@ impl TrainConfig {
     /// [`FieldError::Config`] with the key and its range.
     pub fn validate(&self) -> Result<(), FieldError> {
         check_shape(&self.field)?;
-        within("steps", self.steps as f64, 1.0, 1e7)?;
-        within("rays", self.rays as f64, 1.0, 1e6)?;
-        within("free_samples", self.free_samples as f64, 0.0, 1024.0)?;
-        within("band_samples", self.band_samples as f64, 1.0, 1024.0)?;
-        within("background_share", self.background_share, 0.0, 0.9)?;
-        within("background_ring_px", self.background_ring_px as f64, 0.0, 10_000.0)?;
-        within("learning_rate", self.learning_rate, 1e-8, 1.0)?;
-        within("learning_rate_decay", self.learning_rate_decay, 1e-6, 1.0)?;
-        within("empty_weight", self.empty_weight, 0.0, 1e6)?;
-        within("surface_weight", self.surface_weight, 0.0, 1e9)?;
-        within("color_weight", self.color_weight, 0.0, 1e6)?;
-        within("color_share", self.color_share, 0.0, 1.0)?;
-        within("color_sharpness", self.color_sharpness, 0.1, 100.0)?;
-        within("initial_tsdf", self.initial_tsdf, -10.0, 10.0)?;
-        within("outlier_sigmas", self.outlier_sigmas, 0.0, 1e3)?;
-        within("outlier_from", self.outlier_from, 0.0, 1.0)?;
-        self.truncation_m.map_or(Ok(()), |t| within("truncation_m", t, 1e-5, 1e3))
+        ensure_within("steps", self.steps as f64, 1.0, 1e7)?;
+        ensure_within("rays", self.rays as f64, 1.0, 1e6)?;
+        ensure_within("free_samples", self.free_samples as f64, 0.0, 1024.0)?;
+        ensure_within("band_samples", self.band_samples as f64, 1.0, 1024.0)?;
+        ensure_within("background_share", self.background_share, 0.0, 0.9)?;
+        ensure_within("background_ring_px", self.background_ring_px as f64, 0.0, 10_000.0)?;
+        ensure_within("learning_rate", self.learning_rate, 1e-8, 1.0)?;
+        ensure_within("learning_rate_decay", self.learning_rate_decay, 1e-6, 1.0)?;
+        ensure_within("empty_weight", self.empty_weight, 0.0, 1e6)?;
+        ensure_within("surface_weight", self.surface_weight, 0.0, 1e9)?;
+        ensure_within("color_weight", self.color_weight, 0.0, 1e6)?;
+        ensure_within("color_share", self.color_share, 0.0, 1.0)?;
+        ensure_within("color_sharpness", self.color_sharpness, 0.1, 100.0)?;
+        ensure_within("initial_tsdf", self.initial_tsdf, -10.0, 10.0)?;
+        ensure_within("outlier_sigmas", self.outlier_sigmas, 0.0, 1e3)?;
+        ensure_within("outlier_from", self.outlier_from, 0.0, 1.0)?;
+        self.truncation_m.map_or(Ok(()), |t| ensure_within("truncation_m", t, 1e-5, 1e3))
     }
 }
 
 /// Refuses a configured value out of its range.
-pub(super) fn within(key: &'static str, value: f64, low: f64, high: f64) -> Result<(), FieldError> {
+pub(super) fn ensure_within(key: &'static str, value: f64, low: f64, high: f64) -> Result<(), FieldError> {
     if value >= low && value <= high { Ok(()) } else { Err(FieldError::Config { key, value, low, high }) }
 }
 
 /// Refuses shapes of a field out of their ranges.
 pub(super) fn check_shape(f: &FieldConfig) -> Result<(), FieldError> {
-    within("field.levels", f.levels as f64, 1.0, 32.0)?;
-    within("field.base_resolution", f.base_resolution as f64, 2.0, 1024.0)?;
-    within("field.finest_resolution", f.finest_resolution as f64, f.base_resolution as f64, 65536.0)?;
-    within("field.log2_table_size", f64::from(f.log2_table_size), 8.0, 24.0)?;
-    within("field.hidden", f.hidden as f64, 4.0, 256.0)
+    ensure_within("field.levels", f.levels as f64, 1.0, 32.0)?;
+    ensure_within("field.base_resolution", f.base_resolution as f64, 2.0, 1024.0)?;
+    ensure_within("field.finest_resolution", f.finest_resolution as f64, f.base_resolution as f64, 65536.0)?;
+    ensure_within("field.log2_table_size", f64::from(f.log2_table_size), 8.0, 24.0)?;
+    ensure_within("field.hidden", f.hidden as f64, 4.0, 256.0)
 }
 
 /// Why a field cannot be trained.

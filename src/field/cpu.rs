@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::block::{Scratch, StepContext, train_block};
 use super::learner::{FeatureGradient, Learner};
-use super::matrix::{BackwardNetwork, Network, NetworkGradient, padded};
+use super::matrix::{BackwardNetwork, Network, NetworkGradient, padded_rows};
 use super::plan::{Block, Plan};
 use super::simd::{AdamStep, Columns, InstructionSet};
 use super::{EngineState, FEATURES, FieldEngine, FieldLosses, FieldParams, SampleBatch, VIEW_COEFFICIENTS};
@@ -41,7 +41,7 @@ impl CpuEngine {
     /// Fresh moments on the fastest instruction set of this processor.
     #[must_use]
     pub fn new(params: FieldParams) -> Self {
-        let n = params.parameters();
+        let n = params.parameter_count();
         Self::resume(EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 })
     }
 
@@ -65,7 +65,7 @@ impl CpuEngine {
 
     /// The parameters as they stand.
     #[must_use]
-    pub fn params(&self) -> &FieldParams {
+    pub fn current_params(&self) -> &FieldParams {
         &self.learner.params
     }
 
@@ -78,12 +78,12 @@ impl CpuEngine {
     ) -> FieldLosses {
         let plan = Plan::new(batch);
         after(StepPhase::Plan);
-        self.learner.encode(plan.points(), &mut self.features);
+        self.learner.encode_features(plan.point_columns(), &mut self.features);
         after(StepPhase::Encode);
-        let (losses, gradient) = self.networks(batch, &plan);
+        let (losses, gradient) = self.train_networks(batch, &plan);
         after(StepPhase::Networks);
         let step = self.learner.begin_step(|number| AdamStep::new(learning_rate, number));
-        self.scatter(&plan, Some(step));
+        self.apply_table_gradient(&plan, Some(step));
         after(StepPhase::Table);
         self.learner.update_layers(step, &gradient);
         after(StepPhase::Layers);
@@ -92,12 +92,12 @@ impl CpuEngine {
 
     /// Forward and backward pass from the features to their gradient; returns the losses and the layers'
     /// gradient.
-    fn networks(&mut self, batch: &SampleBatch, plan: &Plan) -> (FieldLosses, NetworkGradient) {
-        let network = Network::pack(&self.learner.params);
-        let backward = BackwardNetwork::pack(&network, VIEW_COEFFICIENTS);
-        let columns = plan.columns();
+    fn train_networks(&mut self, batch: &SampleBatch, plan: &Plan) -> (FieldLosses, NetworkGradient) {
+        let network = Network::packed_network(&self.learner.params);
+        let backward = BackwardNetwork::packed_transposes(&network, VIEW_COEFFICIENTS);
+        let columns = plan.column_count();
         let rows = FEATURES * self.learner.params.levels.len();
-        let d_rows = padded(rows);
+        let d_rows = padded_rows(rows);
         self.d_features.resize(d_rows * columns, 0.0);
         let mut rest = self.d_features.as_mut_slice();
         // Each group writes a piece of the gradient of its own.
@@ -116,7 +116,7 @@ impl CpuEngine {
             .into_par_iter()
             .map(|(group, d_features)| {
                 let scratch = pool.lock().ok().and_then(|mut p| p.pop());
-                let mut scratch = scratch.unwrap_or_else(|| Scratch::new(&network, plan.widest()));
+                let mut scratch = scratch.unwrap_or_else(|| Scratch::new(&network, plan.widest_block()));
                 let part = train_group(&context, &plan.blocks[group], features, &mut scratch, d_features);
                 if let Ok(mut p) = pool.lock() {
                     p.push(scratch);
@@ -129,16 +129,17 @@ impl CpuEngine {
         let mut gradient = NetworkGradient::zeros(&network);
         for (l, g) in &parts {
             losses = FieldLosses { sdf: losses.sdf + l.sdf, color: losses.color + l.color };
-            gradient.add(g);
+            gradient.add_gradient(g);
         }
         (losses, gradient)
     }
 
     /// Adds the table's gradient and lets Adam move the table.
-    fn scatter(&mut self, plan: &Plan, learning: Option<AdamStep>) {
+    fn apply_table_gradient(&mut self, plan: &Plan, learning: Option<AdamStep>) {
         let blocks: Vec<_> = plan.blocks.iter().map(|b| b.start..b.start + b.cols).collect();
-        let features = FeatureGradient { points: plan.points(), blocks: &blocks, data: &self.d_features };
-        self.learner.scatter(features, learning);
+        let features =
+            FeatureGradient { points: plan.point_columns(), blocks: &blocks, data: &self.d_features };
+        self.learner.scatter_gradient(features, learning);
     }
 }
 
@@ -151,7 +152,7 @@ fn train_group(
     scratch: &mut Scratch,
     d_features: &mut [f32],
 ) -> (FieldLosses, NetworkGradient) {
-    let d_rows = padded(features.rows);
+    let d_rows = padded_rows(features.rows);
     let mut rest = d_features;
     let mut gradient = NetworkGradient::zeros(context.network);
     let mut losses = FieldLosses::default();
@@ -166,19 +167,19 @@ fn train_group(
 }
 
 impl FieldEngine for CpuEngine {
-    fn step(&mut self, batch: &SampleBatch, learning_rate: f32) -> FieldLosses {
+    fn train_step(&mut self, batch: &SampleBatch, learning_rate: f32) -> FieldLosses {
         self.step_by_phases(batch, learning_rate, |_| {})
     }
 
-    fn gradient(&mut self, batch: &SampleBatch) -> (FieldLosses, Vec<f32>) {
+    fn loss_gradient(&mut self, batch: &SampleBatch) -> (FieldLosses, Vec<f32>) {
         let plan = Plan::new(batch);
-        self.learner.encode(plan.points(), &mut self.features);
-        let (losses, gradient) = self.networks(batch, &plan);
-        self.scatter(&plan, None);
+        self.learner.encode_features(plan.point_columns(), &mut self.features);
+        let (losses, gradient) = self.train_networks(batch, &plan);
+        self.apply_table_gradient(&plan, None);
         (losses, self.learner.take_gradient(&gradient))
     }
 
-    fn state(&self) -> EngineState {
-        self.learner.state()
+    fn training_state(&self) -> EngineState {
+        self.learner.training_state()
     }
 }

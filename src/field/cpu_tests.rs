@@ -6,7 +6,7 @@ use super::{
 };
 
 fn engine(params: &FieldParams, isa: InstructionSet) -> CpuEngine {
-    let n = params.parameters();
+    let n = params.parameter_count();
     CpuEngine::with_instructions(
         EngineState { params: params.clone(), first: vec![0.0; n], second: vec![0.0; n], steps: 0 },
         isa,
@@ -34,7 +34,7 @@ fn numeric(params: &FieldParams, batch: &SampleBatch, index: usize) -> Option<f6
 
 /// Compares gradients at indices of every tensor; returns how many were compared.
 fn check_gradient(params: &FieldParams, batch: &SampleBatch, isa: InstructionSet) -> usize {
-    let (loss, gradient) = engine(params, isa).gradient(batch);
+    let (loss, gradient) = engine(params, isa).loss_gradient(batch);
     let (sdf, color) = losses(&Reference::new(params), batch);
     assert!(
         (loss.sdf - sdf).abs() < 1e-5 * (1.0 + sdf) && (loss.color - color).abs() < 1e-5 * (1.0 + color),
@@ -74,7 +74,7 @@ fn check_gradient(params: &FieldParams, batch: &SampleBatch, isa: InstructionSet
 #[test]
 fn gradients_of_all_losses_agree_with_differences() {
     let params = field(&small_config(), 1);
-    for isa in InstructionSet::available() {
+    for isa in InstructionSet::available_sets() {
         assert!(check_gradient(&params, &batch(24, 10, 2), isa) > 80);
     }
 }
@@ -101,7 +101,7 @@ fn gradients_of_each_loss_alone_agree_with_differences() {
     ];
     for (keep, color) in cases {
         let b = only(keep, color);
-        let (loss, gradient) = engine(&params, isa).gradient(&b);
+        let (loss, gradient) = engine(&params, isa).loss_gradient(&b);
         let (sdf, rgb) = losses(&Reference::new(&params), &b);
         assert!((loss.sdf - sdf).abs() < 1e-5 * (1.0 + sdf) && (loss.color - rgb).abs() < 1e-5 * (1.0 + rgb));
         let table = params.table.len();
@@ -140,8 +140,8 @@ fn instruction_sets_agree() {
     };
     let params = field(&config, 7);
     let b = batch(200, 20, 8);
-    let sets = InstructionSet::available();
-    let results: Vec<_> = sets.iter().map(|&isa| engine(&params, isa).gradient(&b)).collect();
+    let sets = InstructionSet::available_sets();
+    let results: Vec<_> = sets.iter().map(|&isa| engine(&params, isa).loss_gradient(&b)).collect();
     let norm = results[0].1.iter().fold(0.0f32, |a, g| a.max(g.abs()));
     for ((losses, gradient), isa) in results.iter().zip(&sets) {
         assert!((losses.sdf - results[0].0.sdf).abs() < 1e-5 * losses.sdf, "{}", isa.name());
@@ -159,8 +159,8 @@ fn the_number_of_threads_changes_no_bit() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let mut e = engine(&field(&config, 9), InstructionSet::detect());
-            let losses: Vec<_> = (0..5).map(|k| e.step(&batch(150, 24, 100 + k), 0.01)).collect();
-            (losses, e.state())
+            let losses: Vec<_> = (0..5).map(|k| e.train_step(&batch(150, 24, 100 + k), 0.01)).collect();
+            (losses, e.training_state())
         })
     };
     let one = train(1);
@@ -174,14 +174,14 @@ fn the_number_of_threads_changes_no_bit() {
 fn a_resumed_engine_continues_bit_by_bit() {
     let mut whole = engine(&field(&small_config(), 11), InstructionSet::detect());
     for k in 0..4 {
-        whole.step(&batch(60, 16, k), 0.01);
+        whole.train_step(&batch(60, 16, k), 0.01);
     }
-    let mut resumed = CpuEngine::resume(whole.state());
+    let mut resumed = CpuEngine::resume(whole.training_state());
     for k in 4..8 {
-        whole.step(&batch(60, 16, k), 0.005);
-        resumed.step(&batch(60, 16, k), 0.005);
+        whole.train_step(&batch(60, 16, k), 0.005);
+        resumed.train_step(&batch(60, 16, k), 0.005);
     }
-    assert!(whole.state() == resumed.state());
+    assert!(whole.training_state() == resumed.training_state());
 }
 
 /// Adam as its paper writes it, dense, in double precision.
@@ -195,9 +195,9 @@ fn updates_are_dense_adam() {
     for t in 1..=6i32 {
         // Few points, so that many entries that moved before have no gradient now.
         let b = batch(3, 5, t as u64);
-        let g = e.gradient(&b).1;
+        let g = e.loss_gradient(&b).1;
         let rate = 0.01 / f64::from(t);
-        e.step(&b, rate as f32);
+        e.train_step(&b, rate as f32);
         for i in 0..expected.len() {
             let g = f64::from(g[i]);
             m[i] = 0.9 * m[i] + 0.1 * g;
@@ -207,7 +207,7 @@ fn updates_are_dense_adam() {
             expected[i] -= rate * mh / (vh.sqrt() + 1e-15);
         }
     }
-    let flat = e.state().params.flatten();
+    let flat = e.training_state().params.flatten();
     let moved = params.flatten().iter().zip(&flat).filter(|(a, b)| a != b).count();
     assert!(moved > 100 && moved < flat.len(), "{moved} of {} moved", flat.len());
     let worst = flat.iter().zip(&expected).fold(0.0f64, |a, (&x, y)| a.max((f64::from(x) - y).abs()));
@@ -221,9 +221,9 @@ fn a_batch_without_losses_changes_nothing_at_first() {
     b.targets.fill(SdfTarget::Ignore);
     b.color_weights.fill(0.0);
     let mut e = engine(&params, InstructionSet::detect());
-    let losses = e.step(&b, 0.01);
+    let losses = e.train_step(&b, 0.01);
     assert_eq!((losses.sdf, losses.color), (0.0, 0.0));
-    assert!(e.params() == &params);
+    assert!(e.current_params() == &params);
 }
 
 #[test]

@@ -98,13 +98,13 @@ pub const ADAM_EPSILON: f32 = 1e-15;
 /// Trains the parameters of one field.
 pub trait FieldEngine: Send {
     /// One optimiser step: forward, backward, Adam.
-    fn step(&mut self, batch: &SampleBatch, learning_rate: f32) -> FieldLosses;
+    fn train_step(&mut self, batch: &SampleBatch, learning_rate: f32) -> FieldLosses;
 
     /// Losses and their gradient in the order of [`FieldParams::flatten`]; changes nothing.
-    fn gradient(&mut self, batch: &SampleBatch) -> (FieldLosses, Vec<f32>);
+    fn loss_gradient(&mut self, batch: &SampleBatch) -> (FieldLosses, Vec<f32>);
 
     /// Everything a checkpoint needs.
-    fn state(&self) -> EngineState;
+    fn training_state(&self) -> EngineState;
 
     /// Why the engine stopped working, if it did: its losses are NaN from then on and [`Self::state`] is of
     /// no use.
@@ -129,7 +129,7 @@ impl FieldParams {
     ///
     /// # Panics
     /// If `values` has another length than [`Self::flatten`] gives.
-    pub fn assign(&mut self, values: &[f32]) {
+    pub fn assign_values(&mut self, values: &[f32]) {
         let mut rest = values;
         take_values(&mut rest, &mut self.table);
         for layer in self.geometry.iter_mut().chain(&mut self.color) {

@@ -30,7 +30,7 @@ pub(super) fn sees_side(
 /// The distances in truncations, every unobserved node with the value of an observed one nearby, passed on
 /// from neighbor to neighbor; -1 without any observed node.
 #[must_use]
-pub(super) fn extended(distance_m: &Grid3<f32>, truncation_m: f64) -> Grid3<f32> {
+pub(super) fn extended_distances(distance_m: &Grid3<f32>, truncation_m: f64) -> Grid3<f32> {
     let values = distance_m.values.iter().map(|d| d / truncation_m as f32).collect();
     let mut grid =
         Grid3 { origin: distance_m.origin, spacing_m: distance_m.spacing_m, dims: distance_m.dims, values };
@@ -69,10 +69,10 @@ mod tests {
 
     /// A plate between z = -0.02 and z = 0.02, known down to its middle from both sides, and for x < 0 alone.
     fn plate() -> Grid3<f32> {
-        let scene = SceneBox::around(&Point3::new(-0.5, -0.5, -0.5), &Point3::new(0.5, 0.5, 0.5));
-        let mut grid = Grid3::over(&scene, 101, f32::NAN);
+        let scene = SceneBox::around_box(&Point3::new(-0.5, -0.5, -0.5), &Point3::new(0.5, 0.5, 0.5));
+        let mut grid = Grid3::over_scene(&scene, 101, f32::NAN);
         for i in 0..grid.values.len() {
-            let p = grid.position(i);
+            let p = grid.position_of_index(i);
             if p.x < 0.0 {
                 grid.values[i] = ((p.z.abs() - 0.02).min(0.1)) as f32;
             }
@@ -93,13 +93,13 @@ mod tests {
     #[test]
     fn unknown_nodes_take_the_value_of_a_known_one_nearby() {
         let grid = plate();
-        let all = extended(&grid, 0.1);
+        let all = extended_distances(&grid, 0.1);
         for i in 0..all.values.len() {
-            let p = grid.position(i);
+            let p = grid.position_of_index(i);
             let expected = ((p.z.abs() - 0.02).min(0.1) / 0.1) as f32;
             assert!((all.values[i] - expected).abs() < 1e-6, "{p}: {} for {expected}", all.values[i]);
         }
         let none = Grid3 { values: vec![f32::NAN; grid.values.len()], ..grid };
-        assert!(extended(&none, 0.1).values.iter().all(|v| *v == -1.0));
+        assert!(extended_distances(&none, 0.1).values.iter().all(|v| *v == -1.0));
     }
 }

@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::matrix::{NetworkGradient, padded};
+use super::matrix::{NetworkGradient, padded_rows};
 use super::simd::{AdamStep, InstructionSet, LevelGeometry, PointColumns};
 use super::{EngineState, FEATURES, FieldParams};
 
@@ -47,7 +47,7 @@ impl Learner {
     /// If the moments do not have the parameters' number.
     pub(crate) fn resume(state: EngineState, isa: InstructionSet) -> Self {
         let EngineState { params, first, second, steps } = state;
-        let n = params.parameters();
+        let n = params.parameter_count();
         assert!(
             first.len() == n && second.len() == n,
             "{n} parameters with {} and {} moments",
@@ -66,7 +66,7 @@ impl Learner {
     }
 
     /// The state for [`Self::resume`].
-    pub(crate) fn state(&self) -> EngineState {
+    pub(crate) fn training_state(&self) -> EngineState {
         EngineState {
             params: self.params.clone(),
             first: self.first.clone(),
@@ -82,7 +82,7 @@ impl Learner {
     }
 
     /// Features of all levels at all points, level-major: `[2 levels][points]`.
-    pub(crate) fn encode(&self, points: PointColumns<'_>, features: &mut Vec<f32>) {
+    pub(crate) fn encode_features(&self, points: PointColumns<'_>, features: &mut Vec<f32>) {
         let columns = points.x.len();
         features.resize(FEATURES * self.params.levels.len() * columns, 0.0);
         if columns == 0 {
@@ -102,23 +102,23 @@ impl Learner {
             .collect();
         tasks.into_par_iter().for_each(|(layout, i, a, b)| {
             let table = &self.params.table[layout.offset..layout.offset + layout.entries * FEATURES];
-            let points = points.range(i * ENCODE_POINTS..i * ENCODE_POINTS + a.len());
+            let points = points.columns_in(i * ENCODE_POINTS..i * ENCODE_POINTS + a.len());
             self.isa.encode(LevelGeometry::new(layout), table, points, a, b);
         });
     }
 
     /// Adds the table's gradient, every level by one task, and lets Adam move the table.
-    pub(crate) fn scatter(&mut self, features: FeatureGradient<'_>, learning: Option<AdamStep>) {
-        let d_rows = padded(FEATURES * self.params.levels.len());
+    pub(crate) fn scatter_gradient(&mut self, features: FeatureGradient<'_>, learning: Option<AdamStep>) {
+        let d_rows = padded_rows(FEATURES * self.params.levels.len());
         let isa = self.isa;
         let sizes: Vec<usize> = self.params.levels.iter().map(|l| l.entries * FEATURES).collect();
         let chunks: Vec<usize> = sizes.iter().map(|s| s.div_ceil(CHUNK)).collect();
         // One task a level adds to its table: additions need no atomics and keep their order.
-        let gradients = split(&mut self.table_gradient, &sizes);
-        let table = split(&mut self.params.table, &sizes);
-        let first = split(&mut self.first, &sizes);
-        let second = split(&mut self.second, &sizes);
-        let awake = split(&mut self.awake, &chunks);
+        let gradients = split_by_sizes(&mut self.table_gradient, &sizes);
+        let table = split_by_sizes(&mut self.params.table, &sizes);
+        let first = split_by_sizes(&mut self.first, &sizes);
+        let second = split_by_sizes(&mut self.second, &sizes);
+        let awake = split_by_sizes(&mut self.awake, &chunks);
         let tables = table.into_iter().zip(first).zip(second).zip(awake);
         let mut levels: Vec<_> = self.params.levels.iter().enumerate().zip(gradients).zip(tables).collect();
         levels.reverse(); // fine levels take longest
@@ -131,7 +131,7 @@ impl Learner {
                     let d = &features.data[d_rows * block.start..][..d_rows * cols];
                     let a = &d[FEATURES * l * cols..][..cols];
                     let b = &d[(FEATURES * l + 1) * cols..][..cols];
-                    isa.scatter(level, gradient, features.points.range(block.clone()), a, b);
+                    isa.scatter(level, gradient, features.points.columns_in(block.clone()), a, b);
                 }
                 if let Some(step) = learning {
                     update_table(isa, step, table, first, second, gradient, awake);
@@ -142,7 +142,7 @@ impl Learner {
 
     /// Adam on the layers.
     pub(crate) fn update_layers(&mut self, step: AdamStep, gradient: &NetworkGradient) {
-        let mut gradient = gradient.unpack(&self.params);
+        let mut gradient = gradient.unpadded_values(&self.params);
         let floats = self.params.table.len();
         let mut first = &mut self.first[floats..];
         let mut second = &mut self.second[floats..];
@@ -164,13 +164,13 @@ impl Learner {
     pub(crate) fn take_gradient(&mut self, layers: &NetworkGradient) -> Vec<f32> {
         let mut all = self.table_gradient.clone();
         self.table_gradient.fill(0.0);
-        all.extend(layers.unpack(&self.params));
+        all.extend(layers.unpadded_values(&self.params));
         all
     }
 }
 
 /// Cuts the front of a slice into pieces of the given sizes.
-fn split<'a, T>(mut rest: &'a mut [T], sizes: &[usize]) -> Vec<&'a mut [T]> {
+fn split_by_sizes<'a, T>(mut rest: &'a mut [T], sizes: &[usize]) -> Vec<&'a mut [T]> {
     let mut pieces = Vec::with_capacity(sizes.len());
     for &size in sizes {
         let (piece, others) = rest.split_at_mut(size);

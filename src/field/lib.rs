@@ -1,7 +1,7 @@
 //! Neural object fields: a hash grid and two small networks give TSDF and color at every point
 //! (docs/method.md 12).
 //!
-//! ```ignore
+//! ```
 //! use field::{FieldConfig, FieldParams};
 //! use numeric::random::stage_rng;
 //!

@@ -7,7 +7,7 @@ use super::{FieldParams, GEOMETRY_OUTPUTS, Layer, VIEW_COEFFICIENTS};
 pub(super) const COLOR_INPUTS: usize = VIEW_COEFFICIENTS + GEOMETRY_OUTPUTS;
 
 /// Rounds up to whole register tiles.
-pub(super) fn padded(rows: usize) -> usize {
+pub(super) fn padded_rows(rows: usize) -> usize {
     rows.next_multiple_of(4)
 }
 
@@ -22,8 +22,8 @@ pub(super) struct Matrix {
 
 impl Matrix {
     /// A layer, its outputs padded to tiles, its inputs to `inputs`.
-    pub(crate) fn pack(layer: &Layer, inputs: usize) -> Self {
-        let outputs = padded(layer.outputs);
+    pub(crate) fn packed_layer(layer: &Layer, inputs: usize) -> Self {
+        let outputs = padded_rows(layer.outputs);
         let mut weights = vec![0.0; outputs * inputs];
         for (row, source) in weights.chunks_exact_mut(inputs).zip(layer.weights.chunks_exact(layer.inputs)) {
             row[..layer.inputs].copy_from_slice(source);
@@ -35,7 +35,7 @@ impl Matrix {
 
     /// The transposed weights from input row `from` on, without biases, to carry gradients back.
     pub(crate) fn transposed(&self, from: usize) -> Self {
-        let outputs = padded(self.inputs - from);
+        let outputs = padded_rows(self.inputs - from);
         let mut weights = vec![0.0; outputs * self.outputs];
         for (o, row) in self.weights.chunks_exact(self.inputs).enumerate() {
             for (k, &w) in row[from..].iter().enumerate() {
@@ -46,14 +46,14 @@ impl Matrix {
     }
 
     /// The weights of a range of inputs, without biases.
-    pub(crate) fn columns(&self, range: std::ops::Range<usize>) -> Self {
+    pub(crate) fn input_columns(&self, range: std::ops::Range<usize>) -> Self {
         let weights =
             self.weights.chunks_exact(self.inputs).flat_map(|row| &row[range.clone()]).copied().collect();
         Self { outputs: self.outputs, inputs: range.len(), weights, biases: None }
     }
 
     /// `y = epilogue(W x + b)`; `y` has `outputs` rows of `cols` floats.
-    pub(crate) fn apply(
+    pub(crate) fn apply_affine(
         &self,
         isa: InstructionSet,
         x: Columns<'_>,
@@ -86,21 +86,21 @@ pub(super) struct Network {
 }
 
 impl Network {
-    pub(crate) fn pack(params: &FieldParams) -> Self {
-        let hidden = padded(params.geometry[0].outputs);
+    pub(crate) fn packed_network(params: &FieldParams) -> Self {
+        let hidden = padded_rows(params.geometry[0].outputs);
         let [g, c] = [&params.geometry, &params.color];
         Self {
-            geometry: [Matrix::pack(&g[0], g[0].inputs), Matrix::pack(&g[1], hidden)],
+            geometry: [Matrix::packed_layer(&g[0], g[0].inputs), Matrix::packed_layer(&g[1], hidden)],
             color: [
-                Matrix::pack(&c[0], COLOR_INPUTS),
-                Matrix::pack(&c[1], hidden),
-                Matrix::pack(&c[2], hidden),
+                Matrix::packed_layer(&c[0], COLOR_INPUTS),
+                Matrix::packed_layer(&c[1], hidden),
+                Matrix::packed_layer(&c[2], hidden),
             ],
         }
     }
 
     /// Rows of hidden activations.
-    pub(crate) fn hidden(&self) -> usize {
+    pub(crate) fn hidden_rows(&self) -> usize {
         self.geometry[0].outputs
     }
 }
@@ -115,7 +115,7 @@ pub(super) struct BackwardNetwork {
 impl BackwardNetwork {
     /// `from` is the first input of the color network with a gradient: [`VIEW_COEFFICIENTS`] where view
     /// directions are given and nothing is carried back to them, else 0.
-    pub(crate) fn pack(network: &Network, from: usize) -> Self {
+    pub(crate) fn packed_transposes(network: &Network, from: usize) -> Self {
         let g = &network.geometry;
         let c = &network.color;
         Self {
@@ -153,7 +153,7 @@ impl NetworkGradient {
 
     /// Adds the gradient of layer `layer` (0, 1 geometry; 2, 3, 4 color) from its output's gradient and its
     /// input.
-    pub(crate) fn accumulate(
+    pub(crate) fn accumulate_layer(
         &mut self,
         isa: InstructionSet,
         layer: usize,
@@ -165,7 +165,7 @@ impl NetworkGradient {
         isa.weight_gradient(dy, x, cols, &mut g.weights, &mut g.biases);
     }
 
-    pub(crate) fn add(&mut self, other: &Self) {
+    pub(crate) fn add_gradient(&mut self, other: &Self) {
         for (a, b) in self.layers.iter_mut().zip(&other.layers) {
             for (x, y) in a.weights.iter_mut().chain(&mut a.biases).zip(b.weights.iter().chain(&b.biases)) {
                 *x += y;
@@ -174,7 +174,7 @@ impl NetworkGradient {
     }
 
     /// The gradient of the unpadded layers in the order of [`FieldParams::flatten`], without the table.
-    pub(crate) fn unpack(&self, params: &FieldParams) -> Vec<f32> {
+    pub(crate) fn unpadded_values(&self, params: &FieldParams) -> Vec<f32> {
         let mut flat = Vec::new();
         for (layer, g) in params.geometry.iter().chain(&params.color).zip(&self.layers) {
             for row in g.weights.chunks_exact(g.inputs).take(layer.outputs) {

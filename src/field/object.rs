@@ -36,9 +36,9 @@ impl ObjectField {
     /// Projective signed distance in meters, negative inside, at world points. Beyond the truncation the
     /// value only gives the sign; it is not cut.
     #[must_use]
-    pub fn tsdf(&self, points: &[Point3<f64>]) -> Vec<f32> {
+    pub fn signed_distances_m(&self, points: &[Point3<f64>]) -> Vec<f32> {
         let query = Query::new(self);
-        points.par_chunks(CHUNK).map(|points| query.tsdf(points)).collect::<Vec<_>>().concat()
+        points.par_chunks(CHUNK).map(|points| query.chunk_distances_m(points)).collect::<Vec<_>>().concat()
     }
 
     /// Colors in `[0, 1]` at world points seen along unit world directions.
@@ -46,15 +46,15 @@ impl ObjectField {
     /// # Panics
     /// If there is not one direction a point.
     #[must_use]
-    pub fn rgb(&self, points: &[Point3<f64>], directions: &[Vector3<f64>]) -> Vec<[f32; 3]> {
+    pub fn view_colors(&self, points: &[Point3<f64>], directions: &[Vector3<f64>]) -> Vec<[f32; 3]> {
         assert_eq!(points.len(), directions.len(), "one direction a point");
         let query = Query::new(self);
         let chunks = points.par_chunks(CHUNK).zip(directions.par_chunks(CHUNK));
-        chunks.map(|(points, directions)| query.rgb(points, directions)).collect::<Vec<_>>().concat()
+        chunks.map(|(points, directions)| query.chunk_colors(points, directions)).collect::<Vec<_>>().concat()
     }
 
     /// Colors a mesh in the world as seen along the inward normals.
-    pub fn paint(&self, mesh: &mut TriangleMesh) {
+    pub fn paint_mesh(&self, mesh: &mut TriangleMesh) {
         let mut normals = vec![Vector3::<f64>::zeros(); mesh.vertices.len()];
         for t in 0..mesh.triangles.len() {
             let n = mesh.area_normal(t).cast();
@@ -64,7 +64,7 @@ impl ObjectField {
             normals.iter().map(|n| -n.try_normalize(1e-15).unwrap_or_else(Vector3::z)).collect();
         let points: Vec<_> = mesh.vertices.iter().map(|p| p.cast::<f64>()).collect();
         mesh.colors = self
-            .rgb(&points, &directions)
+            .view_colors(&points, &directions)
             .iter()
             .map(|c| c.map(|x| (255.0 * x).round().clamp(0.0, 255.0) as u8))
             .collect();
@@ -88,10 +88,10 @@ impl ObjectField {
         for (z, out) in values.chunks_mut(nx * ny).enumerate() {
             let (nodes, points): (Vec<usize>, Vec<Point3<f64>>) = (0..nx * ny)
                 .into_par_iter()
-                .map(|i| (i, template.node(i % nx, i / nx, z)))
+                .map(|i| (i, template.node_position(i % nx, i / nx, z)))
                 .filter(|(_, p)| inside(p))
                 .unzip();
-            for (node, d) in nodes.into_iter().zip(self.tsdf(&points)) {
+            for (node, d) in nodes.into_iter().zip(self.signed_distances_m(&points)) {
                 out[node] = d.clamp(-limit, limit);
             }
         }
@@ -135,7 +135,7 @@ struct Buffers {
 impl Buffers {
     fn new(query: &Query<'_>, points: &[Point3<f64>]) -> Self {
         let cols = points.len().next_multiple_of(COLUMN_ALIGN);
-        let hidden = query.network.hidden();
+        let hidden = query.network.hidden_rows();
         // Padding columns need some place in the cube.
         let mut axes = [(); 3].map(|()| vec![0.5; cols]);
         for (i, p) in points.iter().enumerate() {
@@ -160,7 +160,7 @@ impl Buffers {
         }
     }
 
-    fn points(&self) -> PointColumns<'_> {
+    fn point_columns(&self) -> PointColumns<'_> {
         PointColumns { x: &self.axes[0], y: &self.axes[1], z: &self.axes[2] }
     }
 
@@ -175,35 +175,35 @@ impl Buffers {
 }
 
 /// All rows of a dense matrix.
-fn dense(data: &[f32], cols: usize) -> Columns<'_> {
+fn dense_columns(data: &[f32], cols: usize) -> Columns<'_> {
     Columns { data, stride: cols, rows: data.len() / cols }
 }
 
 impl<'a> Query<'a> {
     fn new(field: &'a ObjectField) -> Self {
-        let network = Network::pack(&field.params);
-        let features = network.color[0].columns(VIEW_COEFFICIENTS..VIEW_COEFFICIENTS + COLOR_FEATURES);
+        let network = Network::packed_network(&field.params);
+        let features = network.color[0].input_columns(VIEW_COEFFICIENTS..VIEW_COEFFICIENTS + COLOR_FEATURES);
         Self { isa: InstructionSet::detect(), field, network, features }
     }
 
     /// Signed distances at points, meters.
-    fn tsdf(&self, points: &[Point3<f64>]) -> Vec<f32> {
+    fn chunk_distances_m(&self, points: &[Point3<f64>]) -> Vec<f32> {
         let truncation_m = self.field.truncation_m as f32;
         let mut b = Buffers::new(self, points);
-        self.geometry(&mut b);
+        self.run_encoding(&mut b);
         let mut distances_m = Vec::with_capacity(points.len());
         for (s, p) in b.outputs.iter().zip(points) {
-            let base = self.field.base.as_ref().map_or(0.0, |base| base.sample(p));
+            let base = self.field.base.as_ref().map_or(0.0, |base| base.value_at(p));
             distances_m.push((s + base) * truncation_m);
         }
         distances_m
     }
 
     /// Colors in `[0, 1]` at points seen along directions.
-    fn rgb(&self, points: &[Point3<f64>], directions: &[Vector3<f64>]) -> Vec<[f32; 3]> {
+    fn chunk_colors(&self, points: &[Point3<f64>], directions: &[Vector3<f64>]) -> Vec<[f32; 3]> {
         let mut b = Buffers::new(self, points);
-        self.geometry(&mut b);
-        self.color(&mut b, directions);
+        self.run_encoding(&mut b);
+        self.run_color_network(&mut b, directions);
         (0..points.len()).map(|i| std::array::from_fn(|c| b.rgb[c * b.cols + i])).collect()
     }
 
@@ -213,13 +213,13 @@ impl<'a> Query<'a> {
         let scale = (0.5 * self.field.scene.scale) as f32;
         let mut b = Buffers::new(self, points);
         let mut tangents = self.geometry_with_tangents(&mut b);
-        self.color(&mut b, directions);
+        self.run_color_network(&mut b, directions);
         let slopes = tangents.each_mut().map(|t| self.color_tangent(&b, t));
         (0..points.len()).map(|i| b.color_sample(i, &slopes, scale)).collect()
     }
 
     /// Table of a level.
-    fn table(&self, level: usize) -> (LevelGeometry, &[f32]) {
+    fn level_table(&self, level: usize) -> (LevelGeometry, &[f32]) {
         let layout = &self.field.params.levels[level];
         (
             LevelGeometry::new(layout),
@@ -228,15 +228,15 @@ impl<'a> Query<'a> {
     }
 
     /// Fills `encoded`, `hidden` and `outputs`.
-    fn geometry(&self, b: &mut Buffers) {
+    fn run_encoding(&self, b: &mut Buffers) {
         let mut encoded = std::mem::take(&mut b.encoded);
         for (l, rows) in encoded.chunks_exact_mut(FEATURES * b.cols).enumerate() {
             let (first, second) = rows.split_at_mut(b.cols);
-            let (level, table) = self.table(l);
-            self.isa.encode(level, table, b.points(), first, second);
+            let (level, table) = self.level_table(l);
+            self.isa.encode(level, table, b.point_columns(), first, second);
         }
         b.encoded = encoded;
-        self.networks(b);
+        self.run_geometry_network(b);
     }
 
     /// As [`Self::geometry`]; also the outputs' derivatives by the three unit coordinates.
@@ -250,20 +250,20 @@ impl<'a> Query<'a> {
             let rows =
                 encoded.chunks_exact_mut(pair).zip(dx.chunks_exact_mut(pair)).zip(dy.chunks_exact_mut(pair));
             for (l, (((v, x), y), z)) in rows.zip(dz.chunks_exact_mut(pair)).enumerate() {
-                let (level, table) = self.table(l);
+                let (level, table) = self.level_table(l);
                 let [(v0, v1), (x0, x1), (y0, y1), (z0, z1)] = [v, x, y, z].map(|r| r.split_at_mut(cols));
                 let out = LevelJacobian { first: [v0, x0, y0, z0], second: [v1, x1, y1, z1] };
-                self.isa.encode_jacobian(level, table, b.points(), out);
+                self.isa.encode_jacobian(level, table, b.point_columns(), out);
             }
         }
         b.encoded = encoded;
-        self.networks(b);
+        self.run_geometry_network(b);
         // Forward mode: three tangents, one a coordinate, go with the value through both layers.
         slopes.map(|slope| {
             let mut hidden = vec![0.0; b.hidden.len()];
             self.network.geometry[0].apply_linear(
                 self.isa,
-                dense(&slope, cols),
+                dense_columns(&slope, cols),
                 &mut hidden,
                 cols,
                 Epilogue::Mask(&b.hidden),
@@ -271,7 +271,7 @@ impl<'a> Query<'a> {
             let mut out = vec![0.0; b.outputs.len()];
             self.network.geometry[1].apply_linear(
                 self.isa,
-                dense(&hidden, cols),
+                dense_columns(&hidden, cols),
                 &mut out,
                 cols,
                 Epilogue::Linear,
@@ -281,18 +281,18 @@ impl<'a> Query<'a> {
     }
 
     /// The geometry network.
-    fn networks(&self, b: &mut Buffers) {
+    fn run_geometry_network(&self, b: &mut Buffers) {
         let cols = b.cols;
-        self.network.geometry[0].apply(
+        self.network.geometry[0].apply_affine(
             self.isa,
-            dense(&b.encoded, cols),
+            dense_columns(&b.encoded, cols),
             &mut b.hidden,
             cols,
             Epilogue::Relu,
         );
-        self.network.geometry[1].apply(
+        self.network.geometry[1].apply_affine(
             self.isa,
-            dense(&b.hidden, cols),
+            dense_columns(&b.hidden, cols),
             &mut b.outputs,
             cols,
             Epilogue::Linear,
@@ -300,7 +300,7 @@ impl<'a> Query<'a> {
     }
 
     /// Fills `first`, `second` and `rgb`.
-    fn color(&self, b: &mut Buffers, directions: &[Vector3<f64>]) {
+    fn run_color_network(&self, b: &mut Buffers, directions: &[Vector3<f64>]) {
         let cols = b.cols;
         let mut inputs = vec![0.0; COLOR_INPUTS * cols];
         for (i, d) in directions.iter().enumerate() {
@@ -311,13 +311,31 @@ impl<'a> Query<'a> {
         }
         // Row 0 of the outputs is the distance, the others are the features.
         inputs[VIEW_COEFFICIENTS * cols..][..COLOR_FEATURES * cols].copy_from_slice(&b.outputs[cols..]);
-        let hidden = self.network.hidden();
+        let hidden = self.network.hidden_rows();
         b.first.resize(hidden * cols, 0.0);
         b.second.resize(hidden * cols, 0.0);
         b.rgb.resize(self.network.color[2].outputs * cols, 0.0);
-        self.network.color[0].apply(self.isa, dense(&inputs, cols), &mut b.first, cols, Epilogue::Relu);
-        self.network.color[1].apply(self.isa, dense(&b.first, cols), &mut b.second, cols, Epilogue::Relu);
-        self.network.color[2].apply(self.isa, dense(&b.second, cols), &mut b.rgb, cols, Epilogue::Linear);
+        self.network.color[0].apply_affine(
+            self.isa,
+            dense_columns(&inputs, cols),
+            &mut b.first,
+            cols,
+            Epilogue::Relu,
+        );
+        self.network.color[1].apply_affine(
+            self.isa,
+            dense_columns(&b.first, cols),
+            &mut b.second,
+            cols,
+            Epilogue::Relu,
+        );
+        self.network.color[2].apply_affine(
+            self.isa,
+            dense_columns(&b.second, cols),
+            &mut b.rgb,
+            cols,
+            Epilogue::Linear,
+        );
         self.isa.sigmoid(&mut b.rgb);
     }
 
@@ -330,19 +348,25 @@ impl<'a> Query<'a> {
         let mut rgb = vec![0.0; b.rgb.len()];
         self.features.apply_linear(
             self.isa,
-            dense(&outputs[cols..], cols),
+            dense_columns(&outputs[cols..], cols),
             &mut first,
             cols,
             Epilogue::Mask(&b.first),
         );
         self.network.color[1].apply_linear(
             self.isa,
-            dense(&first, cols),
+            dense_columns(&first, cols),
             &mut second,
             cols,
             Epilogue::Mask(&b.second),
         );
-        self.network.color[2].apply_linear(self.isa, dense(&second, cols), &mut rgb, cols, Epilogue::Linear);
+        self.network.color[2].apply_linear(
+            self.isa,
+            dense_columns(&second, cols),
+            &mut rgb,
+            cols,
+            Epilogue::Linear,
+        );
         rgb
     }
 }
@@ -362,7 +386,7 @@ mod tests {
             log2_table_size: 12,
             hidden: 64,
         };
-        let scene = SceneBox::around(&Point3::new(-0.3, 0.1, 0.0), &Point3::new(0.4, 0.5, 1.1));
+        let scene = SceneBox::around_box(&Point3::new(-0.3, 0.1, 0.0), &Point3::new(0.4, 0.5, 1.1));
         ObjectField { params: field(&config, 21), scene, truncation_m: 0.025, base: None }
     }
 
@@ -381,8 +405,8 @@ mod tests {
         let object = object();
         let (points, directions) = queries(700);
         let reference = Reference::new(&object.params);
-        let tsdf = object.tsdf(&points);
-        let rgb = object.rgb(&points, &directions);
+        let tsdf = object.signed_distances_m(&points);
+        let rgb = object.view_colors(&points, &directions);
         let samples = object.colors(&points, &directions);
         for (i, p) in points.iter().enumerate() {
             let unit: [f64; 3] = object.scene.normalise(p).coords.map(|x| 0.5 * (x + 1.0)).into();
@@ -430,12 +454,13 @@ mod tests {
     #[test]
     fn a_grid_holds_the_distances_where_asked() {
         let object = object();
-        let template = Grid3::over(&object.scene, 21, false);
+        let template = Grid3::over_scene(&object.scene, 21, false);
         let inside = |p: &Point3<f64>| p.z > 0.4;
         let grid = object.tsdf_grid(&template, &inside);
         for i in (0..grid.values.len()).step_by(37) {
-            let p = grid.position(i);
-            let expected = if inside(&p) { object.tsdf(&[p])[0].clamp(-0.025, 0.025) } else { 0.025 };
+            let p = grid.position_of_index(i);
+            let expected =
+                if inside(&p) { object.signed_distances_m(&[p])[0].clamp(-0.025, 0.025) } else { 0.025 };
             assert!((grid.values[i] - expected).abs() < 1e-7);
         }
     }

@@ -29,19 +29,19 @@ impl Occupancy {
         let cells = (scene.side_m() / cell_m).ceil().clamp(1.0, MAX_CELLS as f64) as usize;
         let mut seeds = Self { scene: *scene, cells, bits: vec![0; cells.pow(3).div_ceil(64)] };
         for p in points {
-            if let Some(c) = seeds.cell(p) {
-                seeds.set(c);
+            if let Some(c) = seeds.cell_of_point(p) {
+                seeds.occupy_cell(c);
             }
         }
         // A cube of cells is separable: spread along one axis after the other.
         for axis in 0..3 {
-            seeds = seeds.dilated(axis, reach);
+            seeds = seeds.dilated_along(axis, reach);
         }
         seeds
     }
 
     /// Every cell spread along one axis.
-    fn dilated(&self, axis: usize, reach: usize) -> Self {
+    fn dilated_along(&self, axis: usize, reach: usize) -> Self {
         let mut out = self.clone();
         for (word, &bits) in self.bits.iter().enumerate() {
             let mut rest = bits;
@@ -52,7 +52,7 @@ impl Occupancy {
                 for k in c[axis].saturating_sub(reach)..=(c[axis] + reach).min(self.cells - 1) {
                     let mut near = c;
                     near[axis] = k;
-                    out.set(near);
+                    out.occupy_cell(near);
                 }
             }
         }
@@ -60,7 +60,7 @@ impl Occupancy {
     }
 
     /// Cell of a world point; `None` outside the cube.
-    fn cell(&self, point: &Point3<f64>) -> Option<[usize; 3]> {
+    fn cell_of_point(&self, point: &Point3<f64>) -> Option<[usize; 3]> {
         let n = self.in_cells(point);
         let inside = n.iter().all(|&x| x >= 0.0 && x < self.cells as f64);
         inside.then(|| [n.x as usize, n.y as usize, n.z as usize])
@@ -71,35 +71,35 @@ impl Occupancy {
         Point3::from((self.scene.normalise(point).coords.add_scalar(1.0)) * (0.5 * self.cells as f64))
     }
 
-    fn index(&self, [x, y, z]: [usize; 3]) -> usize {
+    fn cell_index(&self, [x, y, z]: [usize; 3]) -> usize {
         x + self.cells * (y + self.cells * z)
     }
 
-    fn set(&mut self, cell: [usize; 3]) {
-        let i = self.index(cell);
+    fn occupy_cell(&mut self, cell: [usize; 3]) {
+        let i = self.cell_index(cell);
         self.bits[i / 64] |= 1 << (i % 64);
     }
 
-    fn get(&self, cell: [usize; 3]) -> bool {
-        let i = self.index(cell);
+    fn is_occupied(&self, cell: [usize; 3]) -> bool {
+        let i = self.cell_index(cell);
         self.bits[i / 64] >> (i % 64) & 1 == 1
     }
 
     /// Whether a world point lies in an occupied cell.
     #[must_use]
     pub fn contains(&self, point: &Point3<f64>) -> bool {
-        self.cell(point).is_some_and(|c| self.get(c))
+        self.cell_of_point(point).is_some_and(|c| self.is_occupied(c))
     }
 
     /// Share of occupied cells.
     #[must_use]
-    pub fn share(&self) -> f64 {
+    pub fn occupied_share(&self) -> f64 {
         self.bits.iter().map(|b| f64::from(b.count_ones())).sum::<f64>() / self.cells.pow(3) as f64
     }
 
     /// The intervals of `t` in `[from, to]` with `origin + t direction` (world) in occupied cells, ascending,
     /// adjacent ones joined, into `out`.
-    pub fn intervals(
+    pub fn occupied_intervals(
         &self,
         origin: &Point3<f64>,
         direction: &Vector3<f64>,
@@ -148,7 +148,7 @@ impl Occupancy {
             let axis =
                 if next[0] <= next[1] && next[0] <= next[2] { 0 } else { usize::from(next[1] > next[2]) + 1 };
             let end = next[axis].min(leave);
-            if self.get(cell) && end > t {
+            if self.is_occupied(cell) && end > t {
                 match out.last_mut() {
                     // Equal bit for bit: this interval begins at the end of the last one.
                     Some(last) if last.1 == t => last.1 = end,
@@ -183,7 +183,7 @@ mod tests {
     fn cells_near_points_are_occupied() {
         let o = Occupancy::new(&unit_cube(), &[Point3::new(0.05, 0.05, 0.05)], 0.1, 2);
         assert!(o.contains(&Point3::new(0.25, -0.15, 0.05)) && !o.contains(&Point3::new(0.35, 0.05, 0.05)));
-        assert!((o.share() - 125.0 / 8000.0).abs() < 1e-12);
+        assert!((o.occupied_share() - 125.0 / 8000.0).abs() < 1e-12);
         assert!(!o.contains(&Point3::new(1.5, 0.0, 0.0)));
     }
 
@@ -203,7 +203,7 @@ mod tests {
             let from = Point3::new(2.0 * (a * 0.37).sin(), 2.0 * (a * 0.61).cos(), 1.5 * (a * 0.23).sin());
             let to = points[k as usize % 7] + Vector3::new(0.1, -0.05, 0.1) * (a * 0.11).sin();
             let d = if k % 10 == 0 { Vector3::z() } else { to - from };
-            o.intervals(&from, &d, 0.1, 2.5, &mut intervals);
+            o.occupied_intervals(&from, &d, 0.1, 2.5, &mut intervals);
             assert!(intervals.windows(2).all(|w| w[0].1 < w[1].0) && intervals.iter().all(|i| i.0 < i.1));
             hits += intervals.len();
             for s in 0..2000 {
@@ -214,7 +214,7 @@ mod tests {
             }
         }
         assert!(hits > 100);
-        o.intervals(&Point3::new(f64::NAN, 0.0, 0.0), &Vector3::x(), 0.0, 1.0, &mut intervals);
+        o.occupied_intervals(&Point3::new(f64::NAN, 0.0, 0.0), &Vector3::x(), 0.0, 1.0, &mut intervals);
         assert!(intervals.is_empty());
     }
 }

@@ -64,8 +64,8 @@ impl Layer {
     /// A fresh layer, uniform in `+-1/sqrt(inputs)`.
     fn random(inputs: usize, outputs: usize, rng: &mut impl Rng) -> Self {
         let bound = 1.0 / (inputs as f32).sqrt();
-        let weights = (0..inputs * outputs).map(|_| uniform(rng, bound)).collect();
-        let biases = (0..outputs).map(|_| uniform(rng, bound)).collect();
+        let weights = (0..inputs * outputs).map(|_| uniform_float(rng, bound)).collect();
+        let biases = (0..outputs).map(|_| uniform_float(rng, bound)).collect();
         Self { inputs, outputs, weights, biases }
     }
 }
@@ -86,10 +86,10 @@ pub struct FieldParams {
 impl FieldParams {
     /// Fresh parameters: table uniform in `+-1e-4`, layers uniform in `+-1/sqrt(inputs)`.
     #[must_use]
-    pub fn init(config: &FieldConfig, rng: &mut impl Rng) -> Self {
+    pub fn random_params(config: &FieldConfig, rng: &mut impl Rng) -> Self {
         let levels = level_layouts(config);
         let floats = levels.last().map_or(0, |l| l.offset + l.entries * FEATURES);
-        let table = (0..floats).map(|_| uniform(rng, 1e-4)).collect();
+        let table = (0..floats).map(|_| uniform_float(rng, 1e-4)).collect();
         let h = config.hidden;
         let geometry =
             vec![Layer::random(FEATURES * levels.len(), h, rng), Layer::random(h, GEOMETRY_OUTPUTS, rng)];
@@ -105,14 +105,14 @@ impl FieldParams {
 impl FieldParams {
     /// Number of parameters: the length of [`Self::flatten`].
     #[must_use]
-    pub fn parameters(&self) -> usize {
+    pub fn parameter_count(&self) -> usize {
         self.table.len()
             + self.geometry.iter().chain(&self.color).map(|l| l.weights.len() + l.biases.len()).sum::<usize>()
     }
 }
 
 /// Uniform in `[-bound, bound)`.
-fn uniform(rng: &mut impl Rng, bound: f32) -> f32 {
+fn uniform_float(rng: &mut impl Rng, bound: f32) -> f32 {
     // 24 bits: exact in a single float.
     ((rng.next_u32() >> 8) as f32 / (1u32 << 23) as f32 - 1.0) * bound
 }

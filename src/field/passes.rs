@@ -6,7 +6,7 @@ use super::simd::{COLUMN_ALIGN, Columns, Epilogue, InstructionSet};
 use super::{GEOMETRY_OUTPUTS, VIEW_COEFFICIENTS};
 
 /// The first `rows` rows of a dense matrix with `cols` columns.
-fn dense(data: &[f32], rows: usize, cols: usize) -> Columns<'_> {
+fn dense_rows(data: &[f32], rows: usize, cols: usize) -> Columns<'_> {
     Columns { data: &data[..rows * cols], stride: cols, rows }
 }
 
@@ -24,7 +24,7 @@ impl GeometryPass {
     /// For blocks of at most `widest` columns.
     pub(crate) fn new(network: &Network, widest: usize) -> Self {
         let rows = |n: usize| vec![0.0; n * widest];
-        let hidden = network.hidden();
+        let hidden = network.hidden_rows();
         Self {
             hidden: rows(hidden),
             d_hidden: rows(hidden),
@@ -40,10 +40,10 @@ impl GeometryPass {
         features: Columns<'_>,
         cols: usize,
     ) {
-        let hidden = network.hidden();
-        network.geometry[0].apply(isa, features, &mut self.hidden, cols, Epilogue::Relu);
-        let inner = dense(&self.hidden, hidden, cols);
-        network.geometry[1].apply(isa, inner, &mut self.outputs, cols, Epilogue::Linear);
+        let hidden = network.hidden_rows();
+        network.geometry[0].apply_affine(isa, features, &mut self.hidden, cols, Epilogue::Relu);
+        let inner = dense_rows(&self.hidden, hidden, cols);
+        network.geometry[1].apply_affine(isa, inner, &mut self.outputs, cols, Epilogue::Linear);
     }
 
     /// Adds to the layers' gradient and writes the features' gradient, `padded(2 levels)` rows: layer by
@@ -58,13 +58,13 @@ impl GeometryPass {
         d_features: &mut [f32],
     ) {
         let hidden = backward.geometry[0].inputs;
-        let d_outputs = dense(&self.d_outputs, GEOMETRY_OUTPUTS, cols);
-        gradient.accumulate(isa, 1, d_outputs, dense(&self.hidden, hidden, cols), cols);
+        let d_outputs = dense_rows(&self.d_outputs, GEOMETRY_OUTPUTS, cols);
+        gradient.accumulate_layer(isa, 1, d_outputs, dense_rows(&self.hidden, hidden, cols), cols);
         let mask = Epilogue::Mask(&self.hidden);
-        backward.geometry[1].apply(isa, d_outputs, &mut self.d_hidden, cols, mask);
-        let d_hidden = dense(&self.d_hidden, hidden, cols);
-        gradient.accumulate(isa, 0, d_hidden, features, cols);
-        backward.geometry[0].apply(isa, d_hidden, d_features, cols, Epilogue::Linear);
+        backward.geometry[1].apply_affine(isa, d_outputs, &mut self.d_hidden, cols, mask);
+        let d_hidden = dense_rows(&self.d_hidden, hidden, cols);
+        gradient.accumulate_layer(isa, 0, d_hidden, features, cols);
+        backward.geometry[0].apply_affine(isa, d_hidden, d_features, cols, Epilogue::Linear);
     }
 }
 
@@ -89,7 +89,7 @@ impl ColorPass {
     /// For blocks of at most `widest` columns.
     pub(crate) fn new(network: &Network, widest: usize) -> Self {
         let rows = |n: usize| vec![0.0; n * widest];
-        let hidden = network.hidden();
+        let hidden = network.hidden_rows();
         let outputs = network.color[2].outputs;
         Self {
             first: rows(hidden),
@@ -105,7 +105,7 @@ impl ColorPass {
 
     /// Fills the inputs at some columns of a block, given its geometry outputs with `block_cols` columns, the
     /// ray of a column and the unit direction of a ray; returns the number of columns rounded up.
-    pub(crate) fn gather(
+    pub(crate) fn gather_inputs(
         &mut self,
         outputs: &[f32],
         block_cols: usize,
@@ -155,13 +155,13 @@ impl ColorPass {
     }
 
     pub(crate) fn forward(&mut self, isa: InstructionSet, network: &Network, cols: usize) {
-        let hidden = network.hidden();
-        let inputs = dense(&self.inputs, COLOR_INPUTS, cols);
-        network.color[0].apply(isa, inputs, &mut self.first, cols, Epilogue::Relu);
-        let first = dense(&self.first, hidden, cols);
-        network.color[1].apply(isa, first, &mut self.second, cols, Epilogue::Relu);
-        let second = dense(&self.second, hidden, cols);
-        network.color[2].apply(isa, second, &mut self.rgb, cols, Epilogue::Linear);
+        let hidden = network.hidden_rows();
+        let inputs = dense_rows(&self.inputs, COLOR_INPUTS, cols);
+        network.color[0].apply_affine(isa, inputs, &mut self.first, cols, Epilogue::Relu);
+        let first = dense_rows(&self.first, hidden, cols);
+        network.color[1].apply_affine(isa, first, &mut self.second, cols, Epilogue::Relu);
+        let second = dense_rows(&self.second, hidden, cols);
+        network.color[2].apply_affine(isa, second, &mut self.rgb, cols, Epilogue::Linear);
         isa.sigmoid(&mut self.rgb[..3 * cols]);
     }
 
@@ -174,14 +174,14 @@ impl ColorPass {
         gradient: &mut NetworkGradient,
     ) {
         let [hidden, rows] = [backward.color[1].inputs, backward.color[2].inputs];
-        let d_rgb = dense(&self.d_rgb, rows, cols);
-        gradient.accumulate(isa, 4, d_rgb, dense(&self.second, hidden, cols), cols);
-        backward.color[2].apply(isa, d_rgb, &mut self.d_second, cols, Epilogue::Mask(&self.second));
-        let d_second = dense(&self.d_second, hidden, cols);
-        gradient.accumulate(isa, 3, d_second, dense(&self.first, hidden, cols), cols);
-        backward.color[1].apply(isa, d_second, &mut self.d_first, cols, Epilogue::Mask(&self.first));
-        let d_first = dense(&self.d_first, hidden, cols);
-        gradient.accumulate(isa, 2, d_first, dense(&self.inputs, COLOR_INPUTS, cols), cols);
-        backward.color[0].apply(isa, d_first, &mut self.d_inputs, cols, Epilogue::Linear);
+        let d_rgb = dense_rows(&self.d_rgb, rows, cols);
+        gradient.accumulate_layer(isa, 4, d_rgb, dense_rows(&self.second, hidden, cols), cols);
+        backward.color[2].apply_affine(isa, d_rgb, &mut self.d_second, cols, Epilogue::Mask(&self.second));
+        let d_second = dense_rows(&self.d_second, hidden, cols);
+        gradient.accumulate_layer(isa, 3, d_second, dense_rows(&self.first, hidden, cols), cols);
+        backward.color[1].apply_affine(isa, d_second, &mut self.d_first, cols, Epilogue::Mask(&self.first));
+        let d_first = dense_rows(&self.d_first, hidden, cols);
+        gradient.accumulate_layer(isa, 2, d_first, dense_rows(&self.inputs, COLOR_INPUTS, cols), cols);
+        backward.color[0].apply_affine(isa, d_first, &mut self.d_inputs, cols, Epilogue::Linear);
     }
 }

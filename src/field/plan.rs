@@ -89,16 +89,16 @@ impl Plan {
     }
 
     /// Number of columns, padding included.
-    pub(crate) fn columns(&self) -> usize {
+    pub(crate) fn column_count(&self) -> usize {
         self.sample.len()
     }
 
-    pub(crate) fn points(&self) -> PointColumns<'_> {
+    pub(crate) fn point_columns(&self) -> PointColumns<'_> {
         PointColumns { x: &self.x, y: &self.y, z: &self.z }
     }
 
     /// Columns of the largest block.
-    pub(crate) fn widest(&self) -> usize {
+    pub(crate) fn widest_block(&self) -> usize {
         self.blocks.iter().map(|b| b.cols).max().unwrap_or(0)
     }
 
@@ -142,7 +142,7 @@ mod tests {
             seen.extend_from_slice(samples);
             next += b.cols;
         }
-        assert_eq!(plan.columns(), next);
+        assert_eq!(plan.column_count(), next);
         let expected: Vec<u32> = (0..rays * per_ray).filter(|&i| active(i)).map(|i| i as u32).collect();
         assert_eq!(seen, expected);
         assert_eq!(

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{FieldError, Occupancy, TrainConfig};
-use capture::{RgbdFrame, dilated, pixel_weights};
+use capture::{RgbdFrame, dilated_mask, pixel_weights};
 use geometry::{Intrinsics, Pose};
 use numeric::statistics::median;
 
@@ -46,10 +46,10 @@ pub(super) struct View {
 
 impl View {
     /// World origin and direction of a pixel's ray; the parameter is z-depth.
-    pub(crate) fn ray(&self, pixel: u32) -> (Point3<f64>, Vector3<f64>) {
+    pub(crate) fn pixel_ray(&self, pixel: u32) -> (Point3<f64>, Vector3<f64>) {
         let u = pixel as usize % self.intrinsics.width;
         let v = pixel as usize / self.intrinsics.width;
-        let direction = self.world_from_camera * self.intrinsics.ray(u as f64, v as f64);
+        let direction = self.world_from_camera * self.intrinsics.ray_at(u as f64, v as f64);
         (Point3::from(self.world_from_camera.translation.vector), direction)
     }
 }
@@ -105,7 +105,7 @@ impl RayPool {
 
     /// The observed world point of a ray.
     pub(crate) fn observed_point(&self, ray: &SurfaceRay) -> Point3<f64> {
-        let (origin, direction) = self.views[usize::from(ray.frame)].ray(ray.pixel);
+        let (origin, direction) = self.views[usize::from(ray.frame)].pixel_ray(ray.pixel);
         origin + direction * f64::from(ray.depth_m)
     }
 }
@@ -127,7 +127,7 @@ fn frame_rays(
             && f64::from(depth_m) <= FAR_M
             && frame.is_object(pixel)
         {
-            let (origin, direction) = view.ray(pixel as u32);
+            let (origin, direction) = view.pixel_ray(pixel as u32);
             // A stray reading lies in no occupied cell.
             if occupancy.contains(&(origin + direction * f64::from(depth_m))) {
                 let sigma_m = frame.sigma_m(pixel, &config.noise) as f32;
@@ -146,15 +146,15 @@ fn frame_rays(
     if let Some(mask) = &frame.mask {
         let w = frame.intrinsics.width;
         let h = frame.intrinsics.height;
-        let near = dilated(mask, w, h, GUARD_PX);
-        let ring = dilated(mask, w, h, config.background_ring_px + GUARD_PX);
+        let near = dilated_mask(mask, w, h, GUARD_PX);
+        let ring = dilated_mask(mask, w, h, config.background_ring_px + GUARD_PX);
         let mut intervals = Vec::new();
         for pixel in (0..mask.len()).filter(|&p| ring[p] && !near[p]) {
-            let (origin, direction) = view.ray(pixel as u32);
+            let (origin, direction) = view.pixel_ray(pixel as u32);
             let depth_m = frame.depth_m[pixel];
             // Up to the depth of the pixel; without a depth the ray counts as empty.
             let to = if depth_m > 0.0 { f64::from(depth_m) } else { FAR_M };
-            occupancy.intervals(&origin, &direction, NEAR_M, to, &mut intervals);
+            occupancy.occupied_intervals(&origin, &direction, NEAR_M, to, &mut intervals);
             if !intervals.is_empty() {
                 background.push(BackgroundRay { frame: index, pixel: pixel as u32, depth_m });
             }

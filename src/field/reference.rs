@@ -9,7 +9,7 @@ use rand_core::Rng;
 
 /// A field whose table is large enough to matter.
 pub(super) fn field(config: &FieldConfig, seed: u64) -> FieldParams {
-    let mut params = FieldParams::init(config, &mut stage_rng(seed, "test/field", 0));
+    let mut params = FieldParams::random_params(config, &mut stage_rng(seed, "test/field", 0));
     let mut rng = stage_rng(seed, "test/table", 0);
     for t in &mut params.table {
         *t = uniform(&mut rng) - 0.5;

@@ -9,7 +9,7 @@ use super::fused::sees_side;
 use super::pool::{FAR_M, NEAR_M, RayPool, SurfaceRay};
 use super::{BackgroundLoss, Occupancy, SampleBatch, SdfTarget, SurfaceDistance, TrainConfig};
 use geometry::{Grid3, SceneBox};
-use numeric::random::{STREAM_STEP, mix, unit_of};
+use numeric::random::{STREAM_STEP, split_mix, unit_of};
 
 /// Rays drawn by one task.
 const RAYS_PER_TASK: usize = 256;
@@ -34,7 +34,7 @@ pub(super) struct Stream(pub u64);
 
 impl Stream {
     pub(crate) fn next(&mut self) -> f64 {
-        let bits = mix(self.0);
+        let bits = split_mix(self.0);
         self.0 = self.0.wrapping_add(STREAM_STEP);
         unit_of(bits)
     }
@@ -53,7 +53,7 @@ struct RaySlot<'a> {
 impl Sampler<'_> {
     /// The batch of a step with the random key `key`. Rays are stratified over the pool, the k-th of n from
     /// the k-th n-th of the pool: every batch sees all views and all parts of the images.
-    pub(crate) fn batch(&self, key: u64) -> SampleBatch {
+    pub(crate) fn step_batch(&self, key: u64) -> SampleBatch {
         let c = self.config;
         let rays = c.rays;
         let per_ray = c.free_samples + c.band_samples;
@@ -103,7 +103,7 @@ impl Sampler<'_> {
     ) {
         let c = self.config;
         let ray = self.pool.surface[index];
-        let (origin, direction) = self.pool.views[usize::from(ray.frame)].ray(ray.pixel);
+        let (origin, direction) = self.pool.views[usize::from(ray.frame)].pixel_ray(ray.pixel);
         let tau = self.truncation_m;
         let depth = f64::from(ray.depth_m);
         let length = direction.norm();
@@ -117,14 +117,14 @@ impl Sampler<'_> {
         } / tau;
         // z-depth over which the signed distance passes the truncation.
         let band = 1.0 / per_depth;
-        self.occupancy.intervals(&origin, &direction, NEAR_M, depth - band, intervals);
+        self.occupancy.occupied_intervals(&origin, &direction, NEAR_M, depth - band, intervals);
         // Drawn for every share: the share does not shift the samples.
         let colored = stream.next() < c.color_share;
         let mut bell = 0.0;
         for i in 0..c.free_samples + c.band_samples {
             let free = i < c.free_samples;
             let z = if free {
-                match stratified(intervals, (i as f64 + stream.next()) / c.free_samples as f64) {
+                match stratified_place(intervals, (i as f64 + stream.next()) / c.free_samples as f64) {
                     Some(z) => z,
                     None => continue,
                 }
@@ -134,9 +134,9 @@ impl Sampler<'_> {
                         * (2.0 * ((i - c.free_samples) as f64 + stream.next()) / c.band_samples as f64 - 1.0)
             };
             let place = origin + direction * z;
-            slot.points[i] = self.unit(&place);
+            slot.points[i] = self.unit_coordinates(&place);
             let value = (depth - z) * per_depth;
-            let base = self.base(&place);
+            let base = self.base_at(&place);
             if free {
                 slot.targets[i] = SdfTarget::Empty { value: 1.0 - base, weight: c.empty_weight as f32 };
                 continue;
@@ -170,15 +170,15 @@ impl Sampler<'_> {
         slot: RaySlot<'_>,
     ) {
         let ray = self.pool.background[index];
-        let (origin, direction) = self.pool.views[usize::from(ray.frame)].ray(ray.pixel);
+        let (origin, direction) = self.pool.views[usize::from(ray.frame)].pixel_ray(ray.pixel);
         let to = if ray.depth_m > 0.0 { f64::from(ray.depth_m) - self.truncation_m } else { FAR_M };
-        self.occupancy.intervals(&origin, &direction, NEAR_M, to, intervals);
+        self.occupancy.occupied_intervals(&origin, &direction, NEAR_M, to, intervals);
         let n = slot.points.len();
         for i in 0..n {
-            if let Some(z) = stratified(intervals, (i as f64 + stream.next()) / n as f64) {
+            if let Some(z) = stratified_place(intervals, (i as f64 + stream.next()) / n as f64) {
                 let place = origin + direction * z;
-                slot.points[i] = self.unit(&place);
-                slot.targets[i] = self.background_target(self.base(&place));
+                slot.points[i] = self.unit_coordinates(&place);
+                slot.targets[i] = self.background_target(self.base_at(&place));
             }
         }
         *slot.direction = direction.normalize().map(|x| x as f32).into();
@@ -210,12 +210,12 @@ impl Sampler<'_> {
     }
 
     /// Base of the network's output at a place, truncations.
-    fn base(&self, place: &Point3<f64>) -> f32 {
-        self.base.map_or(0.0, |base| base.sample(place))
+    fn base_at(&self, place: &Point3<f64>) -> f32 {
+        self.base.map_or(0.0, |base| base.value_at(place))
     }
 
     /// Unit-cube coordinates of a place.
-    fn unit(&self, place: &Point3<f64>) -> [f32; 3] {
+    fn unit_coordinates(&self, place: &Point3<f64>) -> [f32; 3] {
         let n = self.scene.normalise(place);
         [n.x, n.y, n.z].map(|x| (0.5 * (x + 1.0)) as f32)
     }
@@ -227,7 +227,7 @@ fn stratified_index(k: usize, of: usize, pool: usize, u: f64) -> usize {
 }
 
 /// The point a share `u` of the way through the joined intervals; `None` without any.
-fn stratified(intervals: &[(f64, f64)], u: f64) -> Option<f64> {
+fn stratified_place(intervals: &[(f64, f64)], u: f64) -> Option<f64> {
     let total: f64 = intervals.iter().map(|i| i.1 - i.0).sum();
     let mut rest = u * total;
     for &(from, to) in intervals {

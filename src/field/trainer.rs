@@ -7,7 +7,7 @@ use rand_core::Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::fused::extended;
+use super::fused::extended_distances;
 use super::pool::RayPool;
 use super::sample::Sampler;
 use super::{
@@ -93,9 +93,11 @@ impl FieldTrainer {
     ) -> Result<Self, FieldError> {
         config.validate()?;
         let pool = RayPool::new(input.frames, input.occupancy, config)?;
-        let mut params = FieldParams::init(&config.field, &mut stage_rng(seed, &format!("{stage}/init"), 0));
+        let mut params =
+            FieldParams::random_params(&config.field, &mut stage_rng(seed, &format!("{stage}/init"), 0));
         let truncation_m = config.derived_truncation_m(&input.scene, pool.median_sigma_m);
-        let base = input.fused.filter(|_| config.residual).map(|fused| extended(fused, truncation_m));
+        let base =
+            input.fused.filter(|_| config.residual).map(|fused| extended_distances(fused, truncation_m));
         // Output 0 is the distance: where nothing is observed, the field stays near its bias.
         let last = &mut params.geometry[1];
         if base.is_some() {
@@ -105,7 +107,7 @@ impl FieldTrainer {
         } else {
             last.biases[0] = config.initial_tsdf as f32;
         }
-        let n = params.parameters();
+        let n = params.parameter_count();
         let engine = factory(EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 });
         Ok(Self {
             truncation_m,
@@ -133,9 +135,9 @@ impl FieldTrainer {
         factory: EngineFactory<'_>,
     ) -> Result<(), FieldError> {
         let TrainerCheckpoint { engine, done, trust } = checkpoint;
-        let parameters = self.engine.state().params.parameters();
+        let parameters = self.engine.training_state().params.parameter_count();
         let checks = [
-            ("parameters", engine.params.parameters(), parameters),
+            ("parameters", engine.params.parameter_count(), parameters),
             ("first moments", engine.first.len(), parameters),
             ("second moments", engine.second.len(), parameters),
             ("rays", trust.len(), self.trust.len()),
@@ -146,7 +148,7 @@ impl FieldTrainer {
                 return Err(FieldError::Checkpoint { what, found, expected });
             }
         }
-        if engine.params.levels != self.engine.state().params.levels {
+        if engine.params.levels != self.engine.training_state().params.levels {
             return Err(FieldError::Checkpoint {
                 what: "levels of another layout:",
                 found: engine.params.levels.len(),
@@ -160,7 +162,7 @@ impl FieldTrainer {
     }
 
     /// One optimiser step.
-    pub fn step(&mut self) -> FieldLosses {
+    pub fn train_step(&mut self) -> FieldLosses {
         let config = &self.config;
         let outliers_at = (config.outlier_from * config.steps as f64).round() as usize;
         // Once, by the field as it then is: before, its residuals say little of the readings.
@@ -180,25 +182,25 @@ impl FieldTrainer {
             sides: self.sides.as_ref(),
             base: self.base.as_deref(),
         };
-        let batch = sampler.batch(key);
+        let batch = sampler.step_batch(key);
         // docs/method.md (12.9).
         let rate =
             config.learning_rate * config.learning_rate_decay.powf(self.done as f64 / config.steps as f64);
         self.done += 1;
-        self.engine.step(&batch, rate as f32)
+        self.engine.train_step(&batch, rate as f32)
     }
 
     /// Lowers the trust in rays with an observed point off the field's surface by much more than the expected
     /// noise: Geman and McClure's weight `1 / (1 + (r / (k sigma))^2)^2`.
     fn judge_rays(&mut self) {
-        let field = self.field();
+        let field = self.trained_field();
         let pool = &self.pool;
         let noise = self.config.noise;
         let sigmas = self.config.outlier_sigmas;
         // In pieces, to bound memory.
         for (rays, trust) in pool.surface.chunks(1 << 18).zip(self.trust.chunks_mut(1 << 18)) {
             let points: Vec<Point3<f64>> = rays.par_iter().map(|ray| pool.observed_point(ray)).collect();
-            for ((ray, trust), residual_m) in rays.iter().zip(trust).zip(field.tsdf(&points)) {
+            for ((ray, trust), residual_m) in rays.iter().zip(trust).zip(field.signed_distances_m(&points)) {
                 let scale = sigmas * noise.sigma_m(f64::from(ray.depth_m));
                 // docs/method.md (12.7).
                 let ratio = f64::from(residual_m) / scale;
@@ -209,13 +211,13 @@ impl FieldTrainer {
 
     /// Steps done.
     #[must_use]
-    pub fn done(&self) -> usize {
+    pub fn steps_done(&self) -> usize {
         self.done
     }
 
     /// Steps in all.
     #[must_use]
-    pub fn total(&self) -> usize {
+    pub fn total_steps(&self) -> usize {
         self.config.steps
     }
 
@@ -233,9 +235,9 @@ impl FieldTrainer {
 
     /// The field as it stands.
     #[must_use]
-    pub fn field(&self) -> ObjectField {
+    pub fn trained_field(&self) -> ObjectField {
         ObjectField {
-            params: self.engine.state().params,
+            params: self.engine.training_state().params,
             scene: self.scene,
             truncation_m: self.truncation_m,
             base: self.base.clone(),
@@ -245,6 +247,6 @@ impl FieldTrainer {
     /// The state for [`Self::restore`].
     #[must_use]
     pub fn checkpoint(&self) -> TrainerCheckpoint {
-        TrainerCheckpoint { engine: self.engine.state(), done: self.done, trust: self.trust.clone() }
+        TrainerCheckpoint { engine: self.engine.training_state(), done: self.done, trust: self.trust.clone() }
     }
 }

@@ -3,7 +3,7 @@
 //! Data flows `record` -> `model` -> `fit` -> `judge`: recordings become logs of one joint, a model predicts
 //! them, a fit chooses its parameters, and a verdict names effects. `camera` does the same by RGB-D frames.
 //!
-//! ```ignore
+//! ```
 //! use gap::model::effects::catalogue;
 //!
 //! // Effects at a joint beside which no other joint was recorded.

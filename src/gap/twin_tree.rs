@@ -56,7 +56,7 @@ pub struct TwinJoint {
 impl TwinJoint {
     /// The child's frame at a position, in its frame at position 0.
     #[must_use]
-    pub fn moved(&self, position: f64) -> Pose {
+    pub fn motion_to(&self, position: f64) -> Pose {
         let way = self.axis.into_inner() * position;
         match self.motion {
             Motion::Fixed => Pose::identity(),
@@ -163,7 +163,7 @@ impl TwinTree {
     pub fn link_poses(&self, position: &[f64]) -> Vec<Pose> {
         let mut poses = vec![Pose::identity(); self.links.len()];
         for (joint, q) in self.joints.iter().zip(position) {
-            poses[joint.child] = poses[joint.parent] * joint.parent_from_joint * joint.moved(*q);
+            poses[joint.child] = poses[joint.parent] * joint.parent_from_joint * joint.motion_to(*q);
         }
         poses
     }
@@ -189,9 +189,9 @@ impl TwinTree {
 
     /// The link below all fixed joints of a link, with a moving joint of its own, or the root.
     #[must_use]
-    pub fn carrier(&self, link: usize) -> usize {
+    pub fn carrying_link(&self, link: usize) -> usize {
         let fixed = self.joints.iter().find(|j| j.child == link && j.motion == Motion::Fixed);
-        fixed.map_or(link, |j| self.carrier(j.parent))
+        fixed.map_or(link, |j| self.carrying_link(j.parent))
     }
 
     /// Whether a moving joint lies between the root and a link.
@@ -206,7 +206,7 @@ impl TwinTree {
 
     /// The other moving joints between a joint and the root, or beyond it.
     #[must_use]
-    pub fn chain(&self, joint: usize) -> Vec<usize> {
+    pub fn chain_joints(&self, joint: usize) -> Vec<usize> {
         let moving = (0..self.joints.len()).filter(|&k| self.joints[k].motion != Motion::Fixed);
         moving.filter(|&k| k != joint && (self.is_above(k, joint) || self.is_above(joint, k))).collect()
     }
@@ -227,7 +227,7 @@ impl TwinTree {
 fn step_out(parent: &LinkMotion, joint: &TwinJoint, q: f64, v: f64, a: f64) -> LinkMotion {
     let frame = parent.pose * joint.parent_from_joint;
     let axis = frame.rotation * joint.axis.into_inner();
-    let pose = frame * joint.moved(q);
+    let pose = frame * joint.motion_to(q);
     let arm = pose.translation.vector - parent.pose.translation.vector;
     let w = parent.w;
     let dw = parent.dw;

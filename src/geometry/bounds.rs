@@ -22,7 +22,7 @@ pub struct SceneBox {
 impl SceneBox {
     /// The cube with the box `[lower, upper]` (meters, world) at `[-0.9, 0.9]` along its longest side.
     #[must_use]
-    pub fn around(lower: &Point3<f64>, upper: &Point3<f64>) -> Self {
+    pub fn around_box(lower: &Point3<f64>, upper: &Point3<f64>) -> Self {
         // A single point has a scale as well.
         let extent = (upper - lower).max().max(1e-6);
         Self { center: nalgebra::center(lower, upper), scale: 2.0 * FILL / extent }
@@ -36,7 +36,7 @@ impl SceneBox {
 
     /// `[-1, 1]^3` to world meters.
     #[must_use]
-    pub fn world(&self, normalised: &Point3<f64>) -> Point3<f64> {
+    pub fn to_world(&self, normalised: &Point3<f64>) -> Point3<f64> {
         self.center + normalised.coords / self.scale
     }
 
@@ -102,14 +102,14 @@ mod tests {
 
     #[test]
     fn the_longest_side_spans_the_fill() {
-        let b = SceneBox::around(&Point3::new(1.0, 2.0, 3.0), &Point3::new(1.5, 4.0, 3.1));
+        let b = SceneBox::around_box(&Point3::new(1.0, 2.0, 3.0), &Point3::new(1.5, 4.0, 3.1));
         assert!((b.normalise(&Point3::new(1.2, 4.0, 3.0)).y - 0.9).abs() < 1e-12);
         assert!((b.extent_m() - 2.0).abs() < 1e-12);
         let p = Point3::new(0.3, 0.2, -0.7);
-        assert!((b.normalise(&b.world(&p)) - p).norm() < 1e-12);
+        assert!((b.normalise(&b.to_world(&p)) - p).norm() < 1e-12);
         let motion = Pose::new(Vector3::new(0.3, -0.1, 0.2), Vector3::new(0.5, 0.7, -0.4));
         let normalised = b.normalised_motion(&motion);
-        assert!((b.world(&(normalised * p)) - motion * b.world(&p)).norm() < 1e-12);
+        assert!((b.to_world(&(normalised * p)) - motion * b.to_world(&p)).norm() < 1e-12);
         assert!((b.world_motion(&normalised) * p - motion * p).norm() < 1e-12);
     }
 }

@@ -32,7 +32,7 @@ impl Intrinsics {
 
     /// Index of the pixel at the projection of a point, row-major; `None` outside the image.
     #[must_use]
-    pub fn pixel(&self, point_in_camera: &Point3<f64>) -> Option<usize> {
+    pub fn pixel_of(&self, point_in_camera: &Point3<f64>) -> Option<usize> {
         let (u, v) = self.project(point_in_camera)?;
         self.pixel_at(u, v)
     }
@@ -49,14 +49,14 @@ impl Intrinsics {
 
     /// Direction of a pixel's ray in the optical frame with z = 1: the ray parameter is z-depth.
     #[must_use]
-    pub fn ray(&self, u: f64, v: f64) -> Vector3<f64> {
+    pub fn ray_at(&self, u: f64, v: f64) -> Vector3<f64> {
         Vector3::new((u - self.cx) / self.fx, (v - self.cy) / self.fy, 1.0)
     }
 
     /// The point seen at a pixel at the given z-depth in meters, in the optical frame.
     #[must_use]
     pub fn unproject(&self, u: f64, v: f64, depth_m: f64) -> Point3<f64> {
-        Point3::from(self.ray(u, v) * depth_m)
+        Point3::from(self.ray_at(u, v) * depth_m)
     }
 }
 
@@ -70,7 +70,7 @@ mod tests {
         let p = k.unproject(17.25, 401.5, 1.7);
         let (u, v) = k.project(&p).unwrap();
         assert!((u - 17.25).abs() < 1e-9 && (v - 401.5).abs() < 1e-9);
-        assert_eq!(k.pixel(&k.unproject(12.2, 3.4, 0.5)), Some(3 * 640 + 12));
+        assert_eq!(k.pixel_of(&k.unproject(12.2, 3.4, 0.5)), Some(3 * 640 + 12));
         assert_eq!(k.project(&Point3::new(0.0, 0.0, -1.0)), None);
     }
 }

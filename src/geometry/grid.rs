@@ -23,8 +23,8 @@ pub struct Grid3<T> {
 impl<T: Clone> Grid3<T> {
     /// A grid over the whole scene cube, `nodes` along each axis, filled with `value`.
     #[must_use]
-    pub fn over(scene: &SceneBox, nodes: usize, value: T) -> Self {
-        let origin = scene.world(&Point3::new(-1.0, -1.0, -1.0));
+    pub fn over_scene(scene: &SceneBox, nodes: usize, value: T) -> Self {
+        let origin = scene.to_world(&Point3::new(-1.0, -1.0, -1.0));
         Self {
             origin,
             spacing_m: scene.side_m() / (nodes - 1) as f64,
@@ -37,7 +37,7 @@ impl<T: Clone> Grid3<T> {
 impl<T> Grid3<T> {
     /// World position of a node, meters.
     #[must_use]
-    pub fn node(&self, x: usize, y: usize, z: usize) -> Point3<f64> {
+    pub fn node_position(&self, x: usize, y: usize, z: usize) -> Point3<f64> {
         self.origin + Vector3::new(x as f64, y as f64, z as f64) * self.spacing_m
     }
 
@@ -56,14 +56,14 @@ impl<T> Grid3<T> {
 
     /// World position of the node with the given index, meters.
     #[must_use]
-    pub fn position(&self, index: usize) -> Point3<f64> {
+    pub fn position_of_index(&self, index: usize) -> Point3<f64> {
         let [x, y, z] = self.coordinates(index);
-        self.node(x, y, z)
+        self.node_position(x, y, z)
     }
 
     /// The node nearest to a point; `None` outside the grid by more than half a spacing.
     #[must_use]
-    pub fn nearest(&self, point: &Point3<f64>) -> Option<usize> {
+    pub fn nearest_node(&self, point: &Point3<f64>) -> Option<usize> {
         let g = (point - self.origin) / self.spacing_m;
         let mut c = [0; 3];
         for k in 0..3 {
@@ -88,7 +88,7 @@ struct GridCell {
     inside: [bool; 3],
 }
 
-fn cell<T>(grid: &Grid3<T>, point: &Point3<f64>) -> GridCell {
+fn cell_of<T>(grid: &Grid3<T>, point: &Point3<f64>) -> GridCell {
     let g = (point - grid.origin) / grid.spacing_m;
     let mut base = [0; 3];
     let mut fractions = [0.0; 3];
@@ -109,7 +109,7 @@ impl<T> Grid3<T> {
     /// Whether all eight nodes of the cell around a point do; not so outside the grid.
     #[must_use]
     pub fn all_around(&self, point: &Point3<f64>, does: impl Fn(&T) -> bool) -> bool {
-        let GridCell { base: [x, y, z], inside, .. } = cell(self, point);
+        let GridCell { base: [x, y, z], inside, .. } = cell_of(self, point);
         let inside = inside == [true; 3] && self.dims.iter().all(|&n| n > 1);
         let mut corners = (0..8).map(|k| self.index(x + (k & 1), y + (k >> 1 & 1), z + (k >> 2)));
         inside && corners.all(|i| does(&self.values[i]))
@@ -131,8 +131,8 @@ fn lerp(p: f32, q: f32, t: f32) -> f32 {
 impl Grid3<f32> {
     /// Trilinear value; a point outside takes the value at the nearest border.
     #[must_use]
-    pub fn sample(&self, point: &Point3<f64>) -> f32 {
-        let GridCell { base: [x, y, z], fractions: [a, b, c], .. } = cell(self, point);
+    pub fn value_at(&self, point: &Point3<f64>) -> f32 {
+        let GridCell { base: [x, y, z], fractions: [a, b, c], .. } = cell_of(self, point);
         let i = self.index(x, y, z);
         let along_x = |i: usize| lerp(self.values[i], self.values[i + 1], a);
         let dy = self.dims[0];
@@ -145,7 +145,7 @@ impl Grid3<f32> {
     /// with the point outside, where the value is clamped).
     #[must_use]
     pub fn sample_with_gradient(&self, point: &Point3<f64>) -> (f32, Vector3<f32>) {
-        let GridCell { base: [x, y, z], fractions: [a, b, c], inside } = cell(self, point);
+        let GridCell { base: [x, y, z], fractions: [a, b, c], inside } = cell_of(self, point);
         let i = self.index(x, y, z);
         let dy = self.dims[0];
         let dz = self.dims[0] * self.dims[1];
@@ -180,8 +180,8 @@ mod tests {
 
     #[test]
     fn a_cell_holds_where_all_its_nodes_do() {
-        let scene = SceneBox::around(&Point3::new(0.0, 0.0, 0.0), &Point3::new(1.0, 1.0, 1.0));
-        let mut g = Grid3::over(&scene, 5, true);
+        let scene = SceneBox::around_box(&Point3::new(0.0, 0.0, 0.0), &Point3::new(1.0, 1.0, 1.0));
+        let mut g = Grid3::over_scene(&scene, 5, true);
         let node = g.index(2, 2, 2);
         g.values[node] = false;
         let at = |x: f64, y: f64, z: f64| g.origin + Vector3::new(x, y, z) * g.spacing_m;
@@ -192,19 +192,19 @@ mod tests {
 
     #[test]
     fn a_linear_field_is_exact_at_every_point() {
-        let scene = SceneBox::around(&Point3::new(-0.2, 0.1, 0.0), &Point3::new(0.4, 0.3, 0.5));
-        let mut g = Grid3::over(&scene, 21, 0.0f32);
+        let scene = SceneBox::around_box(&Point3::new(-0.2, 0.1, 0.0), &Point3::new(0.4, 0.3, 0.5));
+        let mut g = Grid3::over_scene(&scene, 21, 0.0f32);
         let f = |p: &Point3<f64>| 2.0 * p.x - 3.0 * p.y + 0.5 * p.z + 0.25;
         for i in 0..g.values.len() {
-            g.values[i] = f(&g.position(i)) as f32;
+            g.values[i] = f(&g.position_of_index(i)) as f32;
         }
-        for p in [Point3::new(0.1, 0.2, 0.3), Point3::new(0.39, 0.12, 0.01), g.node(3, 4, 5)] {
+        for p in [Point3::new(0.1, 0.2, 0.3), Point3::new(0.39, 0.12, 0.01), g.node_position(3, 4, 5)] {
             let (v, d) = g.sample_with_gradient(&p);
             assert!((f64::from(v) - f(&p)).abs() < 1e-5);
-            assert_eq!(v, g.sample(&p));
+            assert_eq!(v, g.value_at(&p));
             assert!((d - Vector3::new(2.0, -3.0, 0.5)).norm() < 1e-3);
         }
-        assert_eq!(g.nearest(&g.node(3, 4, 5)), Some(g.index(3, 4, 5)));
-        assert_eq!(g.nearest(&(g.origin - Vector3::x())), None);
+        assert_eq!(g.nearest_node(&g.node_position(3, 4, 5)), Some(g.index(3, 4, 5)));
+        assert_eq!(g.nearest_node(&(g.origin - Vector3::x())), None);
     }
 }

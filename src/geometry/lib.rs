@@ -1,6 +1,6 @@
 //! Pure geometry: cameras, rigid motions, screw axes, node-aligned grids.
 //!
-//! ```ignore
+//! ```
 //! use geometry::{Pose, Screw};
 //! use nalgebra::{UnitQuaternion, Vector3};
 //!
@@ -26,7 +26,7 @@ pub use camera::Intrinsics;
 pub use grid::Grid3;
 pub use nearest::NearestPoints;
 pub use rigid_fit::rigid_fit;
-pub use screw::{Screw, exp_so3, line_distance_m, log_so3, rotation_angle_rad, shift_and_turn, skew};
+pub use screw::{Screw, exp_so3, line_distance_m, log_so3, rotation_angle_rad, shift_and_turn, skew_matrix};
 
 /// A rigid motion or a frame transform; name it `target_from_source`.
 pub type Pose = nalgebra::Isometry3<f64>;

@@ -26,7 +26,7 @@ impl NearestPoints {
 
     /// Index of the nearest point and its distance in meters; `None` without points.
     #[must_use]
-    pub fn nearest(&self, point: &Point3<f64>) -> Option<(usize, f64)> {
+    pub fn nearest_one(&self, point: &Point3<f64>) -> Option<(usize, f64)> {
         let found = self
             .tree
             .as_ref()?
@@ -59,7 +59,7 @@ mod tests {
         for i in 0..50 {
             let q = Point3::new(i as f64 * 1.9, i as f64 * 1.3, 90.0 - i as f64);
             let best = points.iter().map(|p| (p - q).norm()).fold(f64::INFINITY, f64::min);
-            let (found, distance) = tree.nearest(&q).unwrap();
+            let (found, distance) = tree.nearest_one(&q).unwrap();
             assert!((distance - best).abs() < 1e-9 && ((points[found] - q).norm() - best).abs() < 1e-9);
             let mut all: Vec<f64> = points.iter().map(|p| (p - q).norm()).collect();
             all.sort_by(f64::total_cmp);
@@ -68,6 +68,6 @@ mod tests {
             assert!(several.iter().zip(all).all(|(&i, d)| ((points[i] - q).norm() - d).abs() < 1e-9));
         }
         assert_eq!(tree.nearest_of(&Point3::origin(), 501).len(), 500);
-        assert!(NearestPoints::new(&[]).nearest(&Point3::origin()).is_none());
+        assert!(NearestPoints::new(&[]).nearest_one(&Point3::origin()).is_none());
     }
 }

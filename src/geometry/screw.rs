@@ -31,7 +31,7 @@ impl Screw {
     /// Screw of a rigid motion by docs/method.md (1.3): closed-form pivot `p = (t + cot(angle/2) u x t) / 2`
     /// on the part of `t` normal to `u`. `None` for the identity.
     #[must_use]
-    pub fn of(motion: &Pose) -> Option<Self> {
+    pub fn of_motion(motion: &Pose) -> Option<Self> {
         let w = log_so3(&motion.rotation);
         let angle_rad = w.norm();
         let t = motion.translation.vector;
@@ -51,7 +51,7 @@ impl Screw {
 
     /// The rigid motion of this screw.
     #[must_use]
-    pub fn motion(&self) -> Pose {
+    pub fn to_motion(&self) -> Pose {
         self.motion_by(self.angle_rad, self.advance_m)
     }
 
@@ -98,7 +98,7 @@ pub fn rotation_angle_rad(rotation: &UnitQuaternion<f64>) -> f64 {
 
 /// The matrix of `v x .`.
 #[must_use]
-pub fn skew(v: &Vector3<f64>) -> Matrix3<f64> {
+pub fn skew_matrix(v: &Vector3<f64>) -> Matrix3<f64> {
     v.cross_matrix()
 }
 
@@ -126,9 +126,9 @@ mod tests {
     fn check(direction: [f64; 3], point: [f64; 3], angle_rad: f64, advance_m: f64) {
         let direction = Unit::new_normalize(Vector3::from(direction));
         let screw = Screw { direction, point: Point3::from(point), angle_rad, advance_m };
-        let motion = screw.motion();
-        let back = Screw::of(&motion).unwrap();
-        let again = back.motion();
+        let motion = screw.to_motion();
+        let back = Screw::of_motion(&motion).unwrap();
+        let again = back.to_motion();
         assert!((motion.translation.vector - again.translation.vector).norm() < 1e-7);
         assert!(motion.rotation.angle_to(&again.rotation) < 1e-7);
         assert!((back.angle_rad - angle_rad).abs() < 1e-7);
@@ -156,10 +156,10 @@ mod tests {
 
     #[test]
     fn a_translation_has_a_direction_and_no_angle() {
-        let s = Screw::of(&Pose::translation(0.0, 0.0, -0.2)).unwrap();
+        let s = Screw::of_motion(&Pose::translation(0.0, 0.0, -0.2)).unwrap();
         assert_eq!(s.angle_rad, 0.0);
         assert!((s.advance_m - 0.2).abs() < 1e-12 && s.direction.z < -0.99);
-        assert!(Screw::of(&Pose::identity()).is_none());
+        assert!(Screw::of_motion(&Pose::identity()).is_none());
     }
 
     #[test]

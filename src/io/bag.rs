@@ -264,7 +264,7 @@ fn read_file(
     visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>,
 ) -> Result<FileReport, CaptureError> {
     let failed = |source| CaptureError::Read { path: path.to_owned(), source };
-    let mut file = BufReader::with_capacity(1 << 20, files::open(path).map_err(failed)?);
+    let mut file = BufReader::with_capacity(1 << 20, files::open_regular(path).map_err(failed)?);
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("zstd")) {
         // A stream cannot be read from its end: no summary is at hand. Chunks inside have a budget of their
         // own, as the stream around them is counted against the bag's.
@@ -326,6 +326,6 @@ fn named_db3(path: &Path) -> bool {
 
 fn starts_with(path: &Path, magic: &[u8]) -> bool {
     let mut start = Vec::new();
-    files::open(path).and_then(|f| f.take(magic.len() as u64).read_to_end(&mut start)).is_ok()
+    files::open_regular(path).and_then(|f| f.take(magic.len() as u64).read_to_end(&mut start)).is_ok()
         && start == magic
 }

@@ -18,7 +18,7 @@ impl FileRanges {
     /// # Errors
     /// As [`common::files::open`].
     pub fn open(path: &Path) -> io::Result<Self> {
-        let file = common::files::open(path)?;
+        let file = common::files::open_regular(path)?;
         Ok(Self { size: file.metadata()?.len(), file })
     }
 

@@ -11,7 +11,7 @@ use serde::de::DeserializeOwned;
 use super::manifest::{MANIFEST, Manifest, ResultKind};
 use common::files;
 use common::limits::{FileLimit, REPORT};
-use export::{GalleryCard, ReadJoint, ReadReport, count};
+use export::{GalleryCard, ReadJoint, ReadReport, counted_noun};
 use gap::judge::report_json::ReadDiagnosis;
 
 /// Folders within folders that are looked through: objects in dates in labs.
@@ -101,7 +101,7 @@ fn card(folder: &Path, at: &Path) -> Result<Option<GalleryCard>, String> {
     Ok(Some(GalleryCard {
         name,
         folder: at.display().to_string(),
-        picture: files::read(&folder.join("preview/thumbnail.png"), PICTURE).ok(),
+        picture: files::read_limited(&folder.join("preview/thumbnail.png"), PICTURE).ok(),
         verdict,
         found,
         links: links.map(|(name, file)| ((*name).to_owned(), encoded(&at.join(file)))).collect(),
@@ -115,13 +115,13 @@ fn report_of<T: DeserializeOwned>(folder: &Path) -> Result<T, String> {
 }
 
 fn twin_verdict(report: &ReadReport, folder: &str) -> (String, bool) {
-    let parts = count(report.links.len(), "part");
+    let parts = counted_noun(report.links.len(), "part");
     if folder.ends_with("_rejected") {
         return (format!("{parts}, rejected"), false);
     }
     match report.warnings.len() {
         0 => (format!("{parts}, no warnings"), true),
-        n => (format!("{parts}, {}", count(n, "warning")), false),
+        n => (format!("{parts}, {}", counted_noun(n, "warning")), false),
     }
 }
 

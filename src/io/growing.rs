@@ -162,7 +162,7 @@ impl GrowingState {
 
 /// Whether a file ends as a closed MCAP file does.
 fn ends_as_mcap(path: &Path) -> std::io::Result<bool> {
-    let mut file = files::open(path)?;
+    let mut file = files::open_regular(path)?;
     let magic = mcap::MAGIC.len() as u64;
     if file.metadata()?.len() < 2 * magic {
         return Ok(false);

@@ -132,7 +132,7 @@ fn split_problem(bag: &Path, index: &BagIndex, config: &CaptureConfig) -> Option
             .map(|e| e.to_string());
     }
     if !config.split_secs.is_empty() {
-        return Split::at(&config.split_secs, first, last).err().map(|e| e.to_string());
+        return Split::at_times(&config.split_secs, first, last).err().map(|e| e.to_string());
     }
     let markers: Vec<_> = index.markers.keys().map(String::as_str).collect();
     let hint = if markers.is_empty() {

@@ -1,6 +1,6 @@
 //! Everything that touches a disk: bags, datasets, run folders.
 //!
-//! ```ignore
+//! ```
 //! use capture::CaptureConfig;
 //! use common::stop::Stop;
 //!

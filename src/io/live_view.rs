@@ -51,9 +51,9 @@ impl LiveEye {
         }
         let maps = self.lens.as_ref().map(|(_, maps)| maps);
         let [of_color, of_depth] = [0, 1].map(|k| maps.and_then(|m| m[k].as_ref()));
-        let rgb = of_color.map_or_else(|| color.pixels.clone(), |map| map.color(&color.pixels));
+        let rgb = of_color.map_or_else(|| color.pixels.clone(), |map| map.undistorted_color(&color.pixels));
         let mut depth_m =
-            of_depth.map_or_else(|| depth.pixels.clone(), |map| map.nearest(&depth.pixels, 0.0));
+            of_depth.map_or_else(|| depth.pixels.clone(), |map| map.undistorted_nearest(&depth.pixels, 0.0));
         limit_depth(&mut depth_m, &self.config);
         Ok(RgbdFrame {
             id: String::new(),

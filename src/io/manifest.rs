@@ -180,7 +180,7 @@ fn listed(folder: &Path) -> io::Result<BTreeMap<String, Held>> {
 /// # Errors
 /// If it cannot be read.
 pub fn sha256(path: &Path) -> io::Result<String> {
-    let mut file = files::open(path)?;
+    let mut file = files::open_regular(path)?;
     // Piece by piece: results hold files of hundreds of megabytes.
     let mut digest = Sha256::new();
     let mut piece = vec![0; PIECE];

@@ -78,7 +78,7 @@ pub(super) fn read_mesh_within(path: &Path, left: &mut u64) -> Result<TriangleMe
         bytes: *left,
         what: if *left == MESH.bytes { MESH.what } else { "all meshes together, 1 GiB" },
     };
-    let bytes = files::read(path, limit).map_err(disk)?;
+    let bytes = files::read_limited(path, limit).map_err(disk)?;
     *left -= bytes.len() as u64;
     let mesh = match extension.as_str() {
         "ply" => parse_ply(&bytes).map_err(MeshFault::from),

@@ -41,7 +41,7 @@ pub fn read_model(path: &Path) -> Result<Folder, ModelFolderError> {
         return read_model_folder(path);
     }
     let disk = |source| ModelFolderError::Disk { path: path.to_owned(), source };
-    let urdf = files::read(path, URDF).map_err(disk)?;
+    let urdf = files::read_limited(path, URDF).map_err(disk)?;
     let Some(name) = path.file_name().and_then(|n| n.to_str()).filter(|n| n.ends_with(".urdf")) else {
         return Err(ModelFolderError::NotUrdf(path.to_owned()));
     };
@@ -55,7 +55,7 @@ pub fn read_model(path: &Path) -> Result<Folder, ModelFolderError> {
         }
         let full = folder.join(&inner);
         let disk = |source| ModelFolderError::Disk { path: full.clone(), source };
-        let bytes = files::read(&full, MODEL_FOLDER).map_err(disk)?;
+        let bytes = files::read_limited(&full, MODEL_FOLDER).map_err(disk)?;
         let rest = left.checked_sub(bytes.len() as u64).filter(|_| found.len() < MAX_FILES);
         left = rest.ok_or_else(|| ModelFolderError::TooLarge(path.to_owned()))?;
         open.extend(named_files(&inner, &bytes));
@@ -104,7 +104,8 @@ pub fn read_model_folder(folder: &Path) -> Result<Folder, ModelFolderError> {
                 if bytes > MODEL_FOLDER.bytes || found.len() >= MAX_FILES {
                     return Err(ModelFolderError::TooLarge(folder.to_owned()));
                 }
-                let content = files::read(&entry.path(), MODEL_FOLDER).map_err(disk(&entry.path()))?;
+                let content =
+                    files::read_limited(&entry.path(), MODEL_FOLDER).map_err(disk(&entry.path()))?;
                 found.insert(format!("{prefix}{name}"), content);
             }
         }

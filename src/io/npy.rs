@@ -92,7 +92,7 @@ pub enum NpyFault {
 pub fn read_npy(path: &Path) -> Result<NpyArray, NpyError> {
     let disk = |source| NpyError::Disk { path: path.to_owned(), source };
     let format = |problem| NpyError::Format { path: path.to_owned(), problem };
-    parse_npy(&files::read(path, NPY).map_err(disk)?).map_err(format)
+    parse_npy(&files::read_limited(path, NPY).map_err(disk)?).map_err(format)
 }
 
 /// Type, header and values of a `.npy` file. The header is a Python dictionary in text.

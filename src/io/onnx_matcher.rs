@@ -88,7 +88,7 @@ impl OnnxMatcher {
     /// # Errors
     /// [`OnnxError::Run`] if the model fails, or returns something else than matches.
     pub fn correspondences(&self, frames: [&RgbdFrame; 2]) -> Result<Vec<Correspondence>, OnnxError> {
-        let images = [0, 1].map(|k| ModelImage::of(frames[k], self.formats[k], self.max_side_px));
+        let images = [0, 1].map(|k| ModelImage::from_frame(frames[k], self.formats[k], self.max_side_px));
         let sizes = [0, 1].map(|k| [images[k].width, images[k].height]);
         let failed = |reason: String| OnnxError::Run { path: self.path.clone(), sizes, reason };
         let inputs = [0, 1].map(|k| {
@@ -161,7 +161,7 @@ impl OnnxMatcher {
 /// The file, if it is not too large.
 fn read(path: &Path) -> Result<Vec<u8>, OnnxError> {
     let fails = |source| OnnxError::Read { path: path.to_owned(), source };
-    let file = common::files::open(path).map_err(fails)?;
+    let file = common::files::open_regular(path).map_err(fails)?;
     let stated_bytes = file.metadata().map_err(fails)?.len();
     let mut bytes = Vec::new();
     // A file that is too large is not read at all; one that grows meanwhile is cut a byte beyond the limit.

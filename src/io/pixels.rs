@@ -182,11 +182,11 @@ impl Decoder<'_> {
         // Lens (2.3). Depth and masks take the nearest pixel: a mean
         // across an edge is a surface that nobody saw.
         if let Some(map) = &self.maps[0] {
-            rgb = map.color(&rgb);
-            mask = mask.map(|m| map.nearest(&m, false));
+            rgb = map.undistorted_color(&rgb);
+            mask = mask.map(|m| map.undistorted_nearest(&m, false));
         }
         if let Some(map) = &self.maps[1] {
-            depth_m = map.nearest(&depth_m, 0.0);
+            depth_m = map.undistorted_nearest(&depth_m, 0.0);
         }
         let factor = self.views.depth_factor as f32;
         if factor != 1.0 {

@@ -50,7 +50,7 @@ impl PoseSource {
     ) -> Result<Self, CaptureError> {
         let optical = index.images.get(&topics.color).map(|i| i.frame.clone()).unwrap_or_default();
         // Only a chain in which something moves can say where a moving camera is.
-        let moves = index.tf.chain(&optical).moves;
+        let moves = index.tf.chain_of_frame(&optical).moves;
         let only = || {
             let mut usable = index.poses.iter().filter(|(_, p)| !p.samples.is_empty() || p.invalid > 0);
             usable.next().filter(|_| usable.next().is_none()).map(|(name, _)| name.clone())
@@ -79,12 +79,12 @@ impl PoseSource {
             source.origin = name;
             source.from_topic = true;
         }
-        let chain = source.tf.chain(&source.optical);
+        let chain = source.tf.chain_of_frame(&source.optical);
         // The root of the chain: the frame that nothing else is known to carry.
         source.world = config.world_frame.clone().unwrap_or_else(|| chain.root.clone());
         // First, as a missing parent or a camera at rest are only the symptoms of this.
         if source.invalid(index) > 0
-            && (!chain.moves || source.tf.chain(&source.optical).root == source.optical)
+            && (!chain.moves || source.tf.chain_of_frame(&source.optical).root == source.optical)
         {
             return Err(CaptureError::InvalidPoses {
                 topic: source.origin.clone(),

@@ -78,7 +78,7 @@ impl Recording {
                 Split::at_markers(topic, index.markers.get(topic).map_or(&[][..], Vec::as_slice))
             }
             (None, []) => Err(CaptureError::OneState { path: path.to_owned() }),
-            (None, times) => Split::at(times, first, last),
+            (None, times) => Split::at_times(times, first, last),
         };
         if let Ok(split) = &split {
             index.leave_out_between(split, &topics.color);
@@ -90,7 +90,7 @@ impl Recording {
         for state in 0..2 {
             let of_state: Vec<usize> = (0..views.views.len())
                 // By recording time: markers of std_msgs have no stamp.
-                .filter(|v| split.state(views.views[*v].log_nanos) == Some(state))
+                .filter(|v| split.state_at(views.views[*v].log_nanos) == Some(state))
                 .collect();
             if of_state.is_empty() {
                 return Err(CaptureError::Split {

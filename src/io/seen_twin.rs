@@ -24,7 +24,7 @@ pub fn read_seen_twin(path: &Path) -> Result<(SeenTwin, String), UrdfError> {
     // A `Tree` knows neither threads nor limits.
     let facts: BTreeMap<String, JointFacts> =
         description.joints.iter().map(|j| (j.name.clone(), facts(j))).collect();
-    let twin = SeenTwin::of(&tree, &facts);
+    let twin = SeenTwin::of_tree(&tree, &facts);
     Ok((twin.map_err(|e| UrdfError::of(path, UrdfFault::Seen(e.to_string())))?, text))
 }
 

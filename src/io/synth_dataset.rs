@@ -16,7 +16,7 @@ use super::{
     synth_matrix::rows,
 };
 use geometry::{Intrinsics, Pose};
-use surface::{TriangleMesh, merge};
+use surface::{TriangleMesh, merged_mesh};
 use synth::{Object, PartJointKind, SynthConfig, SynthFrame, SynthState, generate, record};
 
 /// A published layout.
@@ -106,12 +106,12 @@ fn transform(object: &Object, part: usize) -> Result<JointTransform, SynthError>
 
 /// Surfaces of the whole, the static part and the moving ones, as they stand in a state.
 fn put_meshes(folder: &RunDir, truth: &str, object: &Object, state: usize) -> Result<(), SynthError> {
-    let meshes = object.meshes(state);
+    let meshes = object.meshes_in_world(state);
     let name = STATES[state];
     let put = |what: &str, mesh: &TriangleMesh| {
         folder.put(&format!("{truth}/{name}/{name}{what}_rotate.ply"), &ply(mesh))
     };
-    put("", &merge(&meshes.iter().collect::<Vec<_>>()))?;
+    put("", &merged_mesh(&meshes.iter().collect::<Vec<_>>()))?;
     put("_static", &meshes[0])?;
     for (k, mesh) in meshes[1..].iter().enumerate() {
         // One moving part has no number.

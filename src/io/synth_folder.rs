@@ -10,9 +10,9 @@ use super::{
     synth_matrix::rows, synth_sensor::SensorEntry, synth_twin::put_twin,
 };
 use geometry::Pose;
-use surface::{TriangleMesh, merge};
+use surface::{TriangleMesh, merged_mesh};
 use synth::{
-    Board, HandleKind, Object, PartJointKind, SeenSample, SynthConfig, SynthState, film, further_states,
+    Board, HandleKind, Object, PartJointKind, SeenSample, SynthConfig, SynthState, film_take, further_states,
     generate, imu_bias, record, workspace,
 };
 
@@ -135,7 +135,7 @@ pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Ob
     let further = further_states(&object, config.further, config)?;
     for (k, state) in further.iter().enumerate() {
         // Each further state is an object of its own: its state 1 is the one that is filmed.
-        let recording = film(state, 1, k + 2, config);
+        let recording = film_take(state, 1, k + 2, config);
         sensor.iter_mut().for_each(|s| s.add(&recording));
         synth_bag(&folder.working().join(format!("state{}", k + 2)), k + 2, &recording)?;
     }
@@ -156,7 +156,7 @@ pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Ob
             .map(|o| o.parts.iter().map(|p| p.joint.map(|j| j.positions[1])).collect())
             .collect(),
         imu_bias: config.imu.then(|| imu_bias(config).into()),
-        board: Board::of(&object, config).map(|board| BoardEntry {
+        board: Board::of_config(&object, config).map(|board| BoardEntry {
             paper: board.layout.paper.name(),
             world_from_board: rows(&board.world_from_board),
         }),
@@ -248,11 +248,14 @@ fn put_truth(
     state: usize,
     recording: &SynthState,
 ) -> Result<(), RunDirError> {
-    let meshes = object.meshes(state);
+    let meshes = object.meshes_in_world(state);
     for (k, mesh) in meshes.iter().enumerate() {
         folder.put(&format!("truth/state{state}/part_{k}.ply"), &ply(mesh))?;
     }
-    folder.put(&format!("truth/state{state}/whole.ply"), &ply(&merge(&meshes.iter().collect::<Vec<_>>())))?;
+    folder.put(
+        &format!("truth/state{state}/whole.ply"),
+        &ply(&merged_mesh(&meshes.iter().collect::<Vec<_>>())),
+    )?;
     folder.put(&format!("truth/state{state}/seen.npy"), &npy(&recording.seen))
 }
 

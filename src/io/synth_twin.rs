@@ -23,7 +23,7 @@ pub(super) fn put_twin(folder: &RunDir, object: &Object) -> Result<(), RunDirErr
         let part_from_rest = part.joint.map_or(object.world_from_rest, |j| {
             Pose::from_parts((-j.origin.coords).into(), Default::default())
         });
-        let mesh = object.mesh(k).transformed(&part_from_rest);
+        let mesh = object.mesh_of_part(k).transformed(&part_from_rest);
         let mut obj = String::new();
         mesh.vertices.iter().for_each(|v| writeln!(obj, "v {} {} {}", v.x, v.y, v.z).unwrap_or_default());
         mesh.triangles

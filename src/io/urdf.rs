@@ -13,7 +13,7 @@ use common::files;
 use common::limits::{MESH, URDF, with_declaration};
 use export::{Description, Geometry, JointText, LinkText};
 use model::{JointType, Tree, TreeError, TreeJoint, TreeLink};
-use surface::{TriangleMesh, merge};
+use surface::{TriangleMesh, merged_mesh};
 
 /// Why a URDF could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -129,7 +129,7 @@ fn visuals(link: &LinkText, folder: &Path, left: &mut u64) -> Result<TriangleMes
         }
         all.push(mesh.transformed(&shape.link_from_shape));
     }
-    Ok(merge(&all.iter().collect::<Vec<_>>()))
+    Ok(merged_mesh(&all.iter().collect::<Vec<_>>()))
 }
 
 /// The path of a mesh below the URDF's folder.

@@ -9,7 +9,7 @@ use super::{
     poses::PoseSource,
     topics::{TopicChoice, choose},
 };
-use capture::{Accelerometer, CaptureConfig, CaptureError, Distortion, nearest, pair, stamp_secs};
+use capture::{Accelerometer, CaptureConfig, CaptureError, Distortion, nearest_stamp, pair, stamp_secs};
 use common::note::{Note, NoteCode};
 use geometry::{Intrinsics, Pose};
 
@@ -465,7 +465,7 @@ fn by_stamp(infos: &InfoTopic) -> ByStamp {
 impl ByStamp {
     /// The camera of an image; one holds for all, also where its camera_info was sent once.
     fn camera(&self, stamp: i64) -> usize {
-        if self.several { nearest(&self.stamps, stamp).map_or(0, |i| self.cameras[i]) } else { 0 }
+        if self.several { nearest_stamp(&self.stamps, stamp).map_or(0, |i| self.cameras[i]) } else { 0 }
     }
 }
 

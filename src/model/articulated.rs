@@ -79,7 +79,7 @@ impl JointKind {
 
     /// The nearest type known to every format: a turning joint is revolute.
     #[must_use]
-    pub fn nearest(self) -> Self {
+    pub fn nearest_simple(self) -> Self {
         if self.turns() { Self::Revolute } else { Self::Prismatic }
     }
 }
@@ -313,7 +313,7 @@ impl ArticulatedModel {
     /// Position of a joint farthest from its position in state 0, less the latter, radians or meters; 0
     /// without states.
     #[must_use]
-    pub fn motion(&self, joint: usize) -> f64 {
+    pub fn motion_of_joint(&self, joint: usize) -> f64 {
         let Some((first, others)) = self.states.split_first() else { return 0.0 };
         let motions = others.iter().map(|s| s[joint] - first[joint]);
         // Of equally far states the first.
@@ -364,6 +364,6 @@ mod tests {
             (moved - Point3::new(0.0, 1.0, -0.02 * std::f64::consts::FRAC_PI_2)).norm() < 1e-12,
             "{moved}"
         );
-        assert_eq!((joint.kind.nearest(), joint.kind.name()), (JointKind::Revolute, "screw"));
+        assert_eq!((joint.kind.nearest_simple(), joint.kind.name()), (JointKind::Revolute, "screw"));
     }
 }

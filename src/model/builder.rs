@@ -6,10 +6,10 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link,
-    Material, assumed_dynamics, clear_paths, grasps, seat, swept_interval,
+    Material, assumed_dynamics, clear_paths, grasps_of_joint, seat_of_joint, swept_interval,
 };
 use geometry::{Grid3, Pose};
-use surface::{ConvexConfig, Hidden, ShellInertia, TriangleMesh, Walls, few_triangles, merge};
+use surface::{ConvexConfig, Hidden, ShellInertia, TriangleMesh, Walls, few_triangles, merged_mesh};
 
 /// Assumptions no camera measures, and settings of the model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -74,7 +74,7 @@ impl Default for ModelConfig {
 
 impl ModelConfig {
     /// Density of a part in kg/m^3 (usual, lowest, highest) and a few words about it.
-    fn density(&self, part: usize) -> ([f64; 3], String) {
+    fn density_of_part(&self, part: usize) -> ([f64; 3], String) {
         let material = self.part_materials.get(part).copied().unwrap_or(self.material);
         match self.density_kg_m3 {
             Some(d) => ([d; 3], format!("{d} kg/m^3 (given)")),
@@ -118,7 +118,7 @@ pub struct MovingPart {
 /// follow the surfaces and leave the paths within the limits free; masses come from the surfaces; the limits
 /// are those of the policy. Grasps are found last, from solids and limits.
 #[must_use]
-pub fn build(
+pub fn build_model(
     name: &str,
     base: TriangleMesh,
     mut parts: Vec<MovingPart>,
@@ -128,24 +128,25 @@ pub fn build(
     let fields: Vec<_> = std::iter::once(None)
         .chain(parts.iter_mut().map(|p| p.field.take().map(|f| (f, p.point.coords))))
         .collect();
-    let mut model = tree(name, base, parts, config);
+    let mut model = tree_of_parts(name, base, parts, config);
     let hidden: Vec<_> =
         fields.iter().map(|f| f.as_ref().map(|(f, origin)| unseen_places(f, origin))).collect();
     let hidden: Vec<_> = hidden.iter().map(|h| h.as_ref().map(|h| h as Hidden<'_>)).collect();
-    let walls = walls(&model, &hidden, config);
+    let walls = walls_of_links(&model, &hidden, config);
     for (i, walls) in walls.into_iter().enumerate() {
-        model.links[i].collision = walls.solids();
+        model.links[i].collision = walls.convex_solids();
         if config.draw_assumed {
-            model.links[i].assumed = walls.assumed().clone();
+            model.links[i].assumed = walls.assumed_faces().clone();
         }
-        model.links[i].inertial = inertial(&model.links[i], &walls, i, config);
+        model.links[i].inertial = wall_inertial(&model.links[i], &walls, i, config);
     }
     let gap_m = config.collision.gap_m;
-    let seats: Vec<_> = (0..model.joints.len()).into_par_iter().map(|j| seat(&model, j, gap_m)).collect();
+    let seats: Vec<_> =
+        (0..model.joints.len()).into_par_iter().map(|j| seat_of_joint(&model, j, gap_m)).collect();
     for (j, seat) in seats.into_iter().enumerate() {
         model.joints[j].limit.closed = seat;
         if config.limits == LimitPolicy::Seated {
-            seated(&mut model, j);
+            set_seated_limit(&mut model, j);
         }
     }
     // Before the sweep: any contact at rest would end it at once.
@@ -160,7 +161,7 @@ pub fn build(
         }
         model.joints[j].dynamics = assumed_dynamics(&model, j);
     }
-    let found: Vec<_> = (0..model.joints.len()).into_par_iter().map(|j| grasps(&model, j)).collect();
+    let found: Vec<_> = (0..model.joints.len()).into_par_iter().map(|j| grasps_of_joint(&model, j)).collect();
     for (j, found) in found.into_iter().enumerate() {
         model.links[model.joints[j].child].grasps = found;
     }
@@ -172,11 +173,11 @@ fn unseen_places(
     field: &Grid3<f32>,
     origin: &nalgebra::Vector3<f64>,
 ) -> impl Fn(&nalgebra::Point3<f64>) -> bool + Sync {
-    move |p| field.nearest(&(p + origin)).is_some_and(|i| field.values[i].is_nan())
+    move |p| field.nearest_node(&(p + origin)).is_some_and(|i| field.values[i].is_nan())
 }
 
 /// Sets limits with a margin around the observed interval, but for the closed end: there is the seat.
-fn seated(model: &mut ArticulatedModel, j: usize) {
+fn set_seated_limit(model: &mut ArticulatedModel, j: usize) {
     let [lower, upper] = model.observed_interval(j);
     let joint = &mut model.joints[j];
     let std = joint.evidence.position_std.iter().copied().filter(|s| s.is_finite()).fold(0.0, f64::max);
@@ -192,12 +193,16 @@ fn seated(model: &mut ArticulatedModel, j: usize) {
 }
 
 /// The walls of every link, with their unseen parts.
-fn walls(model: &ArticulatedModel, hidden: &[Option<Hidden<'_>>], config: &ModelConfig) -> Vec<Walls> {
+fn walls_of_links(
+    model: &ArticulatedModel,
+    hidden: &[Option<Hidden<'_>>],
+    config: &ModelConfig,
+) -> Vec<Walls> {
     let few: Vec<TriangleMesh> =
         model.links.par_iter().map(|l| few_triangles(&l.visual, &config.collision)).collect();
     let walls = (0..few.len()).into_par_iter().map(|i| {
         let others = others_in_all_states(model, &few, i);
-        Walls::of(&few[i], &others, config.wall_thickness_m, hidden[i], &config.collision)
+        Walls::behind_surface(&few[i], &others, config.wall_thickness_m, hidden[i], &config.collision)
     });
     walls.collect()
 }
@@ -211,7 +216,7 @@ fn others_in_all_states(model: &ArticulatedModel, surfaces: &[TriangleMesh], lin
             others.push(surfaces[k].transformed(&(link_from_world * model.world_from_link(k, state))));
         }
     }
-    merge(&others.iter().collect::<Vec<_>>())
+    merged_mesh(&others.iter().collect::<Vec<_>>())
 }
 
 fn translation(v: nalgebra::Vector3<f64>) -> Pose {
@@ -219,8 +224,13 @@ fn translation(v: nalgebra::Vector3<f64>) -> Pose {
 }
 
 /// Links and joints, without solids and masses.
-fn tree(name: &str, base: TriangleMesh, parts: Vec<MovingPart>, config: &ModelConfig) -> ArticulatedModel {
-    let mut links = vec![link(link_name(0), base)];
+fn tree_of_parts(
+    name: &str,
+    base: TriangleMesh,
+    parts: Vec<MovingPart>,
+    config: &ModelConfig,
+) -> ArticulatedModel {
+    let mut links = vec![bare_link(link_name(0), base)];
     // In state 0 all frames stand as the world's, each in the point of its joint.
     let origins: Vec<_> =
         std::iter::once(nalgebra::Vector3::zeros()).chain(parts.iter().map(|p| p.point.coords)).collect();
@@ -233,7 +243,7 @@ fn tree(name: &str, base: TriangleMesh, parts: Vec<MovingPart>, config: &ModelCo
     }
     for (i, part) in parts.into_iter().enumerate() {
         let parent_from_joint = translation(part.point.coords - origins[part.parent]);
-        links.push(link(link_name(i + 1), part.surface.transformed(&translation(-part.point.coords))));
+        links.push(bare_link(link_name(i + 1), part.surface.transformed(&translation(-part.point.coords))));
         joints.push(Joint {
             name: format!("joint_{}", i + 1),
             kind: part.kind,
@@ -258,7 +268,7 @@ fn tree(name: &str, base: TriangleMesh, parts: Vec<MovingPart>, config: &ModelCo
     ArticulatedModel { name: name.to_owned(), links, joints, states }
 }
 
-fn link(name: String, visual: TriangleMesh) -> Link {
+fn bare_link(name: String, visual: TriangleMesh) -> Link {
     let inertial = Inertial {
         mass_kg: 0.0,
         center_of_mass: nalgebra::Point3::origin(),
@@ -271,9 +281,9 @@ fn link(name: String, visual: TriangleMesh) -> Link {
 }
 
 /// Mass properties of a link's walls. Without area the mass stays 0; validation refuses it.
-fn inertial(link: &Link, walls: &Walls, part: usize, config: &ModelConfig) -> Inertial {
-    let ([usual, lowest, highest], density) = config.density(part);
-    let Some(ShellInertia { mass_kg, center_of_mass, inertia }) = walls.inertia(usual) else {
+fn wall_inertial(link: &Link, walls: &Walls, part: usize, config: &ModelConfig) -> Inertial {
+    let ([usual, lowest, highest], density) = config.density_of_part(part);
+    let Some(ShellInertia { mass_kg, center_of_mass, inertia }) = walls.shell_inertia(usual) else {
         return link.inertial.clone();
     };
     let wall_mm = 1e3 * config.wall_thickness_m;

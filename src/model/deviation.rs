@@ -36,7 +36,7 @@ impl Deviations {
     /// with the longest side `extent_m`. Of direction and point only components across the axis count: along
     /// it a direction has no freedom and a line no place.
     #[must_use]
-    pub fn of(
+    pub fn of_covariance(
         covariance: &SMatrix<f64, 7, 7>,
         axis: &Unit<Vector3<f64>>,
         turns: bool,
@@ -50,9 +50,9 @@ impl Deviations {
         });
         let motion = if turns { GUESSED_TURN_RAD } else { GUESSED_SLIDE_SHARE * extent_m };
         Self {
-            axis_rad: determined(direction, GUESSED_DIRECTION_RAD),
-            origin_m: determined(point, GUESSED_LINE_SHARE * extent_m),
-            motion: determined(covariance[(6, 6)], motion),
+            axis_rad: determined_deviation(direction, GUESSED_DIRECTION_RAD),
+            origin_m: determined_deviation(point, GUESSED_LINE_SHARE * extent_m),
+            motion: determined_deviation(covariance[(6, 6)], motion),
         }
     }
 }
@@ -61,12 +61,12 @@ impl AxisAlone {
     /// Its standard deviation, radians; `None` where it is not determined.
     #[must_use]
     pub fn deviation_rad(&self) -> Option<f64> {
-        determined(self.std_rad.powi(2), GUESSED_DIRECTION_RAD)
+        determined_deviation(self.std_rad.powi(2), GUESSED_DIRECTION_RAD)
     }
 }
 
 /// The root of a variance below a guess's; rounding may leave a small negative one.
-fn determined(variance: f64, guessed: f64) -> Option<f64> {
+fn determined_deviation(variance: f64, guessed: f64) -> Option<f64> {
     let known = variance.is_finite() && variance < guessed * guessed;
     known.then(|| variance.max(0.0).sqrt())
 }
@@ -101,7 +101,9 @@ mod tests {
     #[test]
     fn what_no_guess_beats_is_not_determined() {
         let axis = Vector3::z_axis();
-        let of = |scale: f64, turns: bool| Deviations::of(&(SMatrix::identity() * scale), &axis, turns, 0.5);
+        let of = |scale: f64, turns: bool| {
+            Deviations::of_covariance(&(SMatrix::identity() * scale), &axis, turns, 0.5)
+        };
         let known = of(1e-4, true);
         assert_relative_eq!(known.axis_rad.unwrap(), 2f64.sqrt() * 1e-2, epsilon = 1e-12);
         assert_relative_eq!(known.motion.unwrap(), 1e-2);

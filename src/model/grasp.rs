@@ -80,13 +80,13 @@ struct Weights {
 /// the twin is closed (in state 0 where no closed end is known), on its way there, and with the joint
 /// anywhere between its limits; and it stays above the lowest solid, where the object stands.
 #[must_use]
-pub fn grasps(model: &ArticulatedModel, j: usize) -> Vec<Grasp> {
-    let Some(scene) = Scene::of(model, j) else { return Vec::new() };
+pub fn grasps_of_joint(model: &ArticulatedModel, j: usize) -> Vec<Grasp> {
+    let Some(scene) = Scene::of_joint(model, j) else { return Vec::new() };
     let mut found: Vec<(f64, Grasp)> = model.links[model.joints[j].child]
         .collision
         .iter()
-        .flat_map(seeds)
-        .flat_map(|s| scene.at(&s))
+        .flat_map(seeds_of_solid)
+        .flat_map(|s| scene.grasps_at(&s))
         .collect();
     // Equal ones stay in order: rounding does not choose among them.
     let rank = |value: f64| (1e6 * value).round();
@@ -114,8 +114,8 @@ struct Seed {
 }
 
 /// Places on the faces of a solid, evenly about the middle of each face.
-fn seeds(solid: &ConvexSolid) -> Vec<Seed> {
-    let planes = solid.planes();
+fn seeds_of_solid(solid: &ConvexSolid) -> Vec<Seed> {
+    let planes = solid.face_planes();
     let mut seeds: Vec<Seed> =
         solid.faces.iter().filter_map(|face| seeds_on_face(solid, face)).flatten().collect();
     seeds.retain(|s| planes.iter().all(|q| q.distance_m(&s.at) < 1e-6));
@@ -124,7 +124,7 @@ fn seeds(solid: &ConvexSolid) -> Vec<Seed> {
 
 /// Places about the middle of a face; they may lie beside it. `None` without area.
 fn seeds_on_face(solid: &ConvexSolid, face: &[u32]) -> Option<Vec<Seed>> {
-    let normal = solid.plane(face)?.normal;
+    let normal = solid.face_plane(face)?.normal;
     let corners: Vec<Point3<f64>> = face.iter().map(|v| solid.vertices[*v as usize]).collect();
     let sides = (0..face.len()).map(|k| corners[(k + 1) % face.len()] - corners[k]);
     let longest = sides.reduce(|a, b| if b.norm() > a.norm() + 1e-9 { b } else { a })?;
@@ -135,8 +135,8 @@ fn seeds_on_face(solid: &ConvexSolid, face: &[u32]) -> Option<Vec<Seed>> {
     let height = normal.dot(&corners[0].coords);
     let middle = Point3::from(along * (0.5 * (a + b)) + across * (0.5 * (c + d)) + normal * height);
     let mut seeds = Vec::new();
-    for u in stations(b - a) {
-        for v in stations(d - c) {
+    for u in stations_along(b - a) {
+        for v in stations_along(d - c) {
             seeds.push(Seed { at: middle + along * u + across * v, normal, off_middle_m: u.hypot(v) });
         }
     }
@@ -150,7 +150,7 @@ fn range_along(points: &[Point3<f64>], axis: &Vector3<f64>) -> [f64; 2] {
 }
 
 /// Places along a length, meters from its middle; the middle is one.
-fn stations(length_m: f64) -> Vec<f64> {
+fn stations_along(length_m: f64) -> Vec<f64> {
     let free_m = length_m - 2.0 * STEP_M;
     if free_m <= 0.0 {
         return vec![0.0];
@@ -169,7 +169,7 @@ struct Surroundings {
 
 impl Surroundings {
     /// About a link with these solids of every link and joint positions.
-    fn at(model: &ArticulatedModel, link: usize, shapes: &[Shape], positions: &[f64]) -> Self {
+    fn of_link(model: &ArticulatedModel, link: usize, shapes: &[Shape], positions: &[f64]) -> Self {
         let world_from: Vec<Pose> =
             (0..model.links.len()).map(|l| model.world_from_link(l, positions)).collect();
         let part_from_world = world_from[link].inverse();
@@ -211,30 +211,30 @@ struct Scene<'a> {
 }
 
 impl<'a> Scene<'a> {
-    fn of(model: &'a ArticulatedModel, j: usize) -> Option<Self> {
+    fn of_joint(model: &'a ArticulatedModel, j: usize) -> Option<Self> {
         let joint = &model.joints[j];
-        let part = Shape::of(&model.links[joint.child].collision);
-        let shapes: Vec<Shape> = model.links.iter().map(|l| Shape::of(&l.collision)).collect();
+        let part = Shape::of_solids(&model.links[joint.child].collision);
+        let shapes: Vec<Shape> = model.links.iter().map(|l| Shape::of_solids(&l.collision)).collect();
         let closed = model.closed_state().or_else(|| model.states.first().cloned())?;
         let Limit { lower, upper, .. } = joint.limit;
         let mut moved = Vec::with_capacity(POSITIONS + 1);
         for k in 0..=POSITIONS {
             let mut positions = closed.clone();
             positions[j] = lower + (upper - lower) * k as f64 / POSITIONS as f64;
-            moved.push(Surroundings::at(model, joint.child, &shapes, &positions));
+            moved.push(Surroundings::of_link(model, joint.child, &shapes, &positions));
         }
         let opens = joint.limit.closed.map_or(vec![1.0, -1.0], |s| vec![if s.above { -1.0 } else { 1.0 }]);
-        let axes = axes(&model.links[joint.child].collision)?;
-        let closed = Surroundings::at(model, joint.child, &shapes, &closed);
-        let seen = SeenCells::of(&model.links[joint.child].visual);
+        let axes = square_axes(&model.links[joint.child].collision)?;
+        let closed = Surroundings::of_link(model, joint.child, &shapes, &closed);
+        let seen = SeenCells::of_surface(&model.links[joint.child].visual);
         let mut scene = Self { joint, part, seen, shapes, axes, closed, moved, reach_m: 0.0, opens };
         scene.reach_m = scene.part.vertices().map(|v| scene.lever_m(v)).fold(1e-9, f64::max);
         Some(scene)
     }
 
     /// Grasps at a place, after the worth of each.
-    fn at(&self, seed: &Seed) -> Vec<(f64, Grasp)> {
-        let Some(NarrowPart { closing, span, middle }) = self.narrow(seed) else { return Vec::new() };
+    fn grasps_at(&self, seed: &Seed) -> Vec<(f64, Grasp)> {
+        let Some(NarrowPart { closing, span, middle }) = self.narrow_part(seed) else { return Vec::new() };
         let off_rad =
             closing.dot(&-span.normals[0]).min(closing.dot(&span.normals[1])).clamp(-1.0, 1.0).acos();
         if off_rad > FRICTION.atan() {
@@ -251,18 +251,18 @@ impl<'a> Scene<'a> {
             0 => return Vec::new(),
             ends => ends == 2,
         };
-        let way = self.way(&middle);
+        let way = self.direction_of_motion(&middle);
         let mut found = Vec::new();
-        for approach in self.approaches(&closing) {
-            let Some(above) = self.part.through(&middle, &-approach, STANDS_OFF_M) else { continue };
+        for approach in self.approach_directions(&closing) {
+            let Some(above) = self.part.span_through(&middle, &-approach, STANDS_OFF_M) else { continue };
             // Depth of the middle of the pads in the part.
             let rise_m = above.ends_m[1];
-            let pose = pose(&closing, &approach, &(middle + approach * PAD_M));
+            let pose = hand_pose(&closing, &approach, &(middle + approach * PAD_M));
             let grasp = Grasp { link_from_grasp: pose, width_m, off_rad, is_seen };
             let from_behind =
                 way.is_some_and(|w| self.opens.iter().all(|s| s * w.dot(&approach) > FROM_BEHIND));
             if rise_m <= FINGER_M[2] - PAD_M && !from_behind && self.is_free(&grasp) {
-                found.push((self.worth(seed, &grasp, &(middle - approach * rise_m)), grasp));
+                found.push((self.worth_of_grasp(seed, &grasp, &(middle - approach * rise_m)), grasp));
             }
         }
         found
@@ -270,9 +270,9 @@ impl<'a> Scene<'a> {
 
     /// The part under a place where it is narrower than the opening of the hand; `None` where it is not. See
     /// docs/method.md (10.6).
-    fn narrow(&self, seed: &Seed) -> Option<NarrowPart> {
+    fn narrow_part(&self, seed: &Seed) -> Option<NarrowPart> {
         let fits = |s: &Span| (STANDS_OFF_M..=GAP_M - 2.0 * STANDS_OFF_M).contains(&s.length_m());
-        let first = self.part.through(&seed.at, &-seed.normal, STANDS_OFF_M).filter(fits)?;
+        let first = self.part.span_through(&seed.at, &-seed.normal, STANDS_OFF_M).filter(fits)?;
         // A place within the part is none.
         if first.ends_m[0] < -1e-6 {
             return None;
@@ -280,7 +280,7 @@ impl<'a> Scene<'a> {
         // Between both faces: they are then equally far from square.
         let closing = (first.normals[1] - first.normals[0]).try_normalize(1e-6)?;
         let inside = seed.at - seed.normal * (0.5 * first.length_m());
-        let span = self.part.through(&inside, &closing, STANDS_OFF_M).filter(fits)?;
+        let span = self.part.span_through(&inside, &closing, STANDS_OFF_M).filter(fits)?;
         let half_m = 0.5 * span.length_m();
         let middle = inside + closing * (span.ends_m[1] - half_m);
         Some(NarrowPart { closing, span: Span { ends_m: [-half_m, half_m], ..span }, middle })
@@ -292,7 +292,7 @@ impl<'a> Scene<'a> {
     }
 
     /// Eight directions about a closing direction, those along the part's axes first.
-    fn approaches(&self, closing: &Vector3<f64>) -> impl Iterator<Item = Vector3<f64>> + use<> {
+    fn approach_directions(&self, closing: &Vector3<f64>) -> impl Iterator<Item = Vector3<f64>> + use<> {
         let off = |a: &Vector3<f64>| a.dot(closing).abs();
         let nearest = self.axes.iter().copied().reduce(|a, b| if off(&b) < off(&a) - 1e-6 { b } else { a });
         let first = nearest.and_then(|a| (a - closing * a.dot(closing)).try_normalize(1e-6));
@@ -303,39 +303,39 @@ impl<'a> Scene<'a> {
 
     /// Whether the hand and its way to the grasp are free where the twin is closed.
     fn is_free(&self, grasp: &Grasp) -> bool {
-        let palm = palm(grasp, APPROACH_M);
-        fingers(grasp).iter().chain([&palm]).all(|b| !self.part.meets(b))
-            && [hold(grasp), palm].iter().all(|b| self.is_clear(b, &self.closed))
+        let palm = palm_block(grasp, APPROACH_M);
+        finger_blocks(grasp).iter().chain([&palm]).all(|b| !self.part.meets_block(b))
+            && [holding_block(grasp), palm].iter().all(|b| self.is_clear(b, &self.closed))
     }
 
     /// Whether the holding hand is free over the joint's limits.
     fn is_free_on_the_way(&self, grasp: &Grasp) -> bool {
-        let blocks = [hold(grasp), palm(grasp, 0.0)];
+        let blocks = [holding_block(grasp), palm_block(grasp, 0.0)];
         self.moved.iter().all(|s| blocks.iter().all(|b| self.is_clear(b, s)))
     }
 
     /// Whether a box, in the part's frame, is above ground and meets no other link.
     fn is_clear(&self, block: &Block, about: &Surroundings) -> bool {
         block.is_inside(&about.above_ground)
-            && !about.others.iter().any(|(l, pose)| self.shapes[*l].meets(&block.moved(pose)))
+            && !about.others.iter().any(|(l, pose)| self.shapes[*l].meets_block(&block.in_frame(pose)))
     }
 
     /// Number of pads, at a place of their width, on seen surface of a part about as wide as the grasp.
     fn touching_pads(&self, at: &Point3<f64>, closing: &Vector3<f64>, width_m: f64) -> usize {
-        let Some(span) = self.part.through(at, closing, STANDS_OFF_M) else { return 0 };
+        let Some(span) = self.part.span_through(at, closing, STANDS_OFF_M) else { return 0 };
         let is_as_wide = span.ends_m.iter().all(|e| (e.abs() - 0.5 * width_m).abs() <= STANDS_OFF_M);
         if is_as_wide { self.seen_ends(at, closing, &span) } else { 0 }
     }
 
     /// Worth of a grasp; its approach enters the part at `front`.
-    fn worth(&self, seed: &Seed, grasp: &Grasp, front: &Point3<f64>) -> f64 {
+    fn worth_of_grasp(&self, seed: &Seed, grasp: &Grasp, front: &Point3<f64>) -> f64 {
         let axes = grasp.link_from_grasp.rotation.to_rotation_matrix();
         let [closing, across, approach] = [0, 1, 2].map(|k| axes.matrix().column(k).into_owned());
         let middle = grasp.link_from_grasp * Point3::new(0.0, 0.0, -PAD_M);
         let places = (-4..=4).map(|k| middle + across * (f64::from(k) * 0.25 * FINGER_M[1]));
         let touching: usize = places.map(|at| self.touching_pads(&at, &closing, grasp.width_m)).sum();
         let touch = touching as f64 / 18.0;
-        let way = self.way(&middle);
+        let way = self.direction_of_motion(&middle);
         let lever = self.lever_m(&middle) / self.reach_m;
         let ways = way.into_iter().flat_map(|w| self.opens.iter().map(move |s| w * *s));
         let ahead_m = ways.map(|w| self.ahead_m(front, &w)).fold(f64::INFINITY, f64::min);
@@ -357,7 +357,7 @@ impl<'a> Scene<'a> {
     }
 
     /// Unit direction of motion of a point of the part; `None` on the axis of a turn.
-    fn way(&self, p: &Point3<f64>) -> Option<Vector3<f64>> {
+    fn direction_of_motion(&self, p: &Point3<f64>) -> Option<Vector3<f64>> {
         let axis = self.joint.axis.into_inner();
         let way = match self.joint.kind.pitch_m_per_rad() {
             _ if !self.joint.kind.turns() => axis,
@@ -376,8 +376,8 @@ impl<'a> Scene<'a> {
 }
 
 /// Three square axes of a part: the normal of most area, and of most area across it.
-fn axes(solids: &[ConvexSolid]) -> Option<[Vector3<f64>; 3]> {
-    let mut faces: Vec<(Vector3<f64>, f64)> = solids.iter().flat_map(ConvexSolid::areas).collect();
+fn square_axes(solids: &[ConvexSolid]) -> Option<[Vector3<f64>; 3]> {
+    let mut faces: Vec<(Vector3<f64>, f64)> = solids.iter().flat_map(ConvexSolid::face_areas).collect();
     let first = main_direction(&faces)?;
     for (normal, _) in &mut faces {
         *normal -= first * first.dot(normal);
@@ -399,33 +399,33 @@ fn main_direction(faces: &[(Vector3<f64>, f64)]) -> Option<Vector3<f64>> {
 }
 
 /// A hand's pose: x is the closing direction, z the approach.
-fn pose(closing: &Vector3<f64>, approach: &Vector3<f64>, tip: &Point3<f64>) -> Pose {
+fn hand_pose(closing: &Vector3<f64>, approach: &Vector3<f64>, tip: &Point3<f64>) -> Pose {
     let axes = Matrix3::from_columns(&[*closing, approach.cross(closing), *approach]);
     let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
     Pose::from_parts(tip.coords.into(), rotation)
 }
 
 /// Both fingers with the room about them, open by the width of the part and its possible bulge.
-fn fingers(grasp: &Grasp) -> [Block; 2] {
+fn finger_blocks(grasp: &Grasp) -> [Block; 2] {
     let inner = 0.5 * grasp.width_m + STANDS_OFF_M;
     let outer = inner + FINGER_M[0] + STANDS_OFF_M;
     [[-outer, -inner], [inner, outer]].map(|[a, b]| of_fingers(grasp, a, b))
 }
 
 /// Both fingers and the space between them.
-fn hold(grasp: &Grasp) -> Block {
+fn holding_block(grasp: &Grasp) -> Block {
     let outer = 0.5 * grasp.width_m + FINGER_M[0] + 2.0 * STANDS_OFF_M;
     of_fingers(grasp, -outer, outer)
 }
 
 fn of_fingers(grasp: &Grasp, from_m: f64, to_m: f64) -> Block {
     let half = 0.5 * FINGER_M[1] + STANDS_OFF_M;
-    Block::between(&grasp.link_from_grasp, [from_m, -half, -FINGER_M[2]], [to_m, half, STANDS_OFF_M])
+    Block::between_corners(&grasp.link_from_grasp, [from_m, -half, -FINGER_M[2]], [to_m, half, STANDS_OFF_M])
 }
 
 /// The palm on its last way to the grasp.
-fn palm(grasp: &Grasp, way_m: f64) -> Block {
+fn palm_block(grasp: &Grasp, way_m: f64) -> Block {
     let [half, wide, deep] = PALM_M;
     let back = -FINGER_M[2] - deep - way_m;
-    Block::between(&grasp.link_from_grasp, [-half, -wide, back], [half, wide, -FINGER_M[2]])
+    Block::between_corners(&grasp.link_from_grasp, [-half, -wide, back], [half, wide, -FINGER_M[2]])
 }

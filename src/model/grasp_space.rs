@@ -44,7 +44,7 @@ pub(super) struct Block {
 
 impl Block {
     /// A box in a frame from its lower to its upper corner, meters.
-    pub(crate) fn between(frame: &Pose, lower: [f64; 3], upper: [f64; 3]) -> Self {
+    pub(crate) fn between_corners(frame: &Pose, lower: [f64; 3], upper: [f64; 3]) -> Self {
         let lower = Vector3::from(lower);
         let upper = Vector3::from(upper);
         let middle = 0.5 * (lower + upper);
@@ -52,7 +52,7 @@ impl Block {
     }
 
     /// The same box in another frame.
-    pub(crate) fn moved(&self, target_from_source: &Pose) -> Self {
+    pub(crate) fn in_frame(&self, target_from_source: &Pose) -> Self {
         Self { pose: target_from_source * self.pose, half_m: self.half_m }
     }
 
@@ -76,7 +76,7 @@ impl Block {
 pub(super) struct SeenCells(Vec<[i32; 3]>);
 
 impl SeenCells {
-    pub(crate) fn of(surface: &TriangleMesh) -> Self {
+    pub(crate) fn of_surface(surface: &TriangleMesh) -> Self {
         let mut cells = Vec::new();
         for t in 0..surface.triangles.len() {
             let [a, b, c] = surface.corners(t).map(|p| p.cast::<f64>());
@@ -84,7 +84,7 @@ impl SeenCells {
             let n = (longest_m / STANDS_OFF_M).ceil().max(1.0) as u32;
             for (i, k) in (0..=n).flat_map(|i| (0..=n - i).map(move |k| (i, k))) {
                 let share = |x: u32| f64::from(x) / f64::from(n);
-                cells.push(cell(&(a + (b - a) * share(i) + (c - a) * share(k))));
+                cells.push(cell_of(&(a + (b - a) * share(i) + (c - a) * share(k))));
             }
         }
         cells.sort_unstable();
@@ -94,26 +94,26 @@ impl SeenCells {
 
     /// Whether a cell about a place, or one beside it, holds surface.
     pub(crate) fn is_near(&self, p: &Point3<f64>) -> bool {
-        let [x, y, z] = cell(p);
+        let [x, y, z] = cell_of(p);
         let beside = |x: i32| x.saturating_sub(1)..=x.saturating_add(1);
         beside(x).any(|x| beside(y).any(|y| beside(z).any(|z| self.0.binary_search(&[x, y, z]).is_ok())))
     }
 }
 
-fn cell(p: &Point3<f64>) -> [i32; 3] {
+fn cell_of(p: &Point3<f64>) -> [i32; 3] {
     (p / STANDS_OFF_M).coords.map(|x| x.floor() as i32).into()
 }
 
 impl Solid {
-    fn of(solid: &ConvexSolid) -> Self {
+    fn of_convex(solid: &ConvexSolid) -> Self {
         let (lower, upper) = solid.bounds();
         let middle = nalgebra::center(&lower, &upper);
         let radius_m = solid.vertices.iter().map(|v| (v - middle).norm()).fold(0.0, f64::max);
-        Self { vertices: solid.vertices.clone(), planes: solid.planes(), middle, radius_m }
+        Self { vertices: solid.vertices.clone(), planes: solid.face_planes(), middle, radius_m }
     }
 
     /// The piece in it of a line through a place.
-    fn cut(&self, at: &Point3<f64>, way: &Vector3<f64>) -> Option<Span> {
+    fn span_on_line(&self, at: &Point3<f64>, way: &Vector3<f64>) -> Option<Span> {
         let to_middle = self.middle - at;
         if to_middle.cross(way).norm_squared() > self.radius_m * self.radius_m {
             return None;
@@ -144,7 +144,7 @@ impl Solid {
     }
 
     /// Whether no face of either separates it from a box. Boxes separated by two edges only count as meeting.
-    fn meets(&self, block: &Block) -> bool {
+    fn meets_block(&self, block: &Block) -> bool {
         let middle: Point3<f64> = block.pose.translation.vector.into();
         let reach_m = self.radius_m + block.half_m.norm();
         if (self.middle - middle).norm_squared() > reach_m * reach_m
@@ -164,8 +164,8 @@ impl Solid {
 }
 
 impl Shape {
-    pub(crate) fn of(solids: &[ConvexSolid]) -> Self {
-        Self(solids.iter().map(Solid::of).collect())
+    pub(crate) fn of_solids(solids: &[ConvexSolid]) -> Self {
+        Self(solids.iter().map(Solid::of_convex).collect())
     }
 
     /// Corners of all solids.
@@ -174,8 +174,8 @@ impl Shape {
     }
 
     /// The piece of a line about a place within the solids; gaps up to `joined_m` count as filled.
-    pub(crate) fn through(&self, at: &Point3<f64>, way: &Vector3<f64>, joined_m: f64) -> Option<Span> {
-        let mut pieces: Vec<Span> = self.0.iter().filter_map(|s| s.cut(at, way)).collect();
+    pub(crate) fn span_through(&self, at: &Point3<f64>, way: &Vector3<f64>, joined_m: f64) -> Option<Span> {
+        let mut pieces: Vec<Span> = self.0.iter().filter_map(|s| s.span_on_line(at, way)).collect();
         let near =
             |s: &Span, [low, high]: [f64; 2]| s.ends_m[0] <= high + joined_m && s.ends_m[1] >= low - joined_m;
         let first = pieces.iter().position(|s| near(s, [0.0; 2]))?;
@@ -193,7 +193,7 @@ impl Shape {
     }
 
     /// Whether a box meets a solid.
-    pub(crate) fn meets(&self, block: &Block) -> bool {
-        self.0.iter().any(|s| s.meets(block))
+    pub(crate) fn meets_block(&self, block: &Block) -> bool {
+        self.0.iter().any(|s| s.meets_block(block))
     }
 }

@@ -5,10 +5,10 @@ use nalgebra::{Point3, Translation3, Unit, UnitQuaternion, Vector3};
 use super::{
     ArticulatedModel, Grasp, JointKind, Seat,
     example::{box_mesh, cabinet},
-    grasp::grasps,
+    grasp::grasps_of_joint,
 };
 use geometry::Pose;
-use surface::{ConvexSolid, TriangleMesh, merge};
+use surface::{ConvexSolid, TriangleMesh, merged_mesh};
 
 /// A box: lower and upper corner in the world, meters.
 type Corners = [[f64; 3]; 2];
@@ -28,8 +28,8 @@ fn solids(boxes: &[Corners]) -> Vec<ConvexSolid> {
 }
 
 fn surface(solids: &[ConvexSolid]) -> TriangleMesh {
-    let meshes: Vec<TriangleMesh> = solids.iter().map(ConvexSolid::mesh).collect();
-    merge(&meshes.iter().collect::<Vec<_>>())
+    let meshes: Vec<TriangleMesh> = solids.iter().map(ConvexSolid::to_mesh).collect();
+    merged_mesh(&meshes.iter().collect::<Vec<_>>())
 }
 
 /// A body and a part on it, both given in the world where the joint is at 0.
@@ -75,7 +75,7 @@ fn with_bar() -> Vec<Corners> {
 #[test]
 fn a_bar_is_taken_in_its_middle_from_the_front() {
     let model = door(&with_bar());
-    let found = grasps(&model, 0);
+    let found = grasps_of_joint(&model, 0);
     assert_eq!(found.len(), 3, "{found:?}");
     let [at, closing, approach] = pads(&model, &found[0]);
     assert!((at - Vector3::from(BAR_MIDDLE)).norm() < 1e-6, "{at}");
@@ -99,7 +99,7 @@ fn a_knob_is_taken_from_the_front() {
     let knob = ConvexSolid::prism(&corners, &Vector3::x(), 0.22, 0.245);
     let part = [solids(&[PLATE]), vec![knob]].concat();
     let model = twin(&[BODY], part, JointKind::Prismatic);
-    let found = grasps(&model, 0);
+    let found = grasps_of_joint(&model, 0);
     assert_eq!(found.len(), 1, "{found:?}");
     let [at, _, approach] = pads(&model, &found[0]);
     assert!(at.y.hypot(at.z - 0.3) < 1e-6 && at.x > 0.22 && at.x < 0.245, "{at}");
@@ -108,17 +108,17 @@ fn a_knob_is_taken_from_the_front() {
 
 #[test]
 fn a_door_without_a_handle_is_taken_by_a_free_edge_alone() {
-    assert_eq!(grasps(&door(&[PLATE]), 0), []);
+    assert_eq!(grasps_of_joint(&door(&[PLATE]), 0), []);
     // It stands 70 mm over the body's side.
     let model = door(&[[PLATE[0], [0.22, 0.32, 0.58]]]);
-    let found = grasps(&model, 0);
+    let found = grasps_of_joint(&model, 0);
     let [at, closing, approach] = pads(&model, &found[0]);
     assert!((found[0].width_m - 0.02).abs() < 1e-9 && at.y > 0.25, "{at}");
     assert!(closing.x.abs() > 0.999 && approach.y < -0.999, "{closing} {approach}");
     // A wall 10 mm behind it leaves no room for a finger.
     let wall = [[0.1, 0.25, 0.0], [0.19, 0.4, 0.7]];
     let over = solids(&[[PLATE[0], [0.22, 0.32, 0.58]]]);
-    assert_eq!(grasps(&twin(&[BODY, wall], over, JointKind::Revolute), 0), []);
+    assert_eq!(grasps_of_joint(&twin(&[BODY, wall], over, JointKind::Revolute), 0), []);
 }
 
 #[test]
@@ -131,30 +131,30 @@ fn nothing_narrow_stands_in_a_recess() {
         [[0.205, -0.25, 0.28], [0.22, -0.05, 0.32]],
         [[0.205, 0.05, 0.28], [0.22, 0.25, 0.32]],
     ];
-    assert_eq!(grasps(&drawer(&[BODY], &front), 0), []);
+    assert_eq!(grasps_of_joint(&drawer(&[BODY], &front), 0), []);
 }
 
 #[test]
 fn what_is_too_wide_or_too_near_is_not_taken() {
     let wide = [PLATE, [[0.22, -0.04, 0.26], [0.25, 0.04, 0.34]]];
-    assert_eq!(grasps(&drawer(&[BODY], &wide), 0), []);
+    assert_eq!(grasps_of_joint(&drawer(&[BODY], &wide), 0), []);
     // No finger gets behind a bar 10 mm off the plate from the side, nor past it from the front.
     let low = [PLATE, [[0.22, -0.25, 0.3], [0.228, 0.25, 0.31]]];
-    assert_eq!(grasps(&drawer(&[BODY], &low), 0), []);
+    assert_eq!(grasps_of_joint(&drawer(&[BODY], &low), 0), []);
 }
 
 #[test]
 fn the_hand_must_be_free_over_all_of_the_motion() {
-    let free = grasps(&drawer(&[BODY], &with_bar()), 0);
+    let free = grasps_of_joint(&drawer(&[BODY], &with_bar()), 0);
     assert_eq!(free.len(), 3);
     // The open drawer's hand reaches this wall; on its way to the closed one it does not.
     let wall = [[0.6, -0.3, 0.0], [0.62, 0.3, 0.6]];
     let model = drawer(&[BODY, wall], &with_bar());
-    let found = grasps(&model, 0);
+    let found = grasps_of_joint(&model, 0);
     assert!(found.iter().all(|g| pads(&model, g)[2].x > -0.5), "{found:?}");
     let mut model = drawer(&[BODY, wall], &with_bar());
     model.joints[0].limit.upper = 0.1;
-    assert_eq!(grasps(&model, 0), free);
+    assert_eq!(grasps_of_joint(&model, 0), free);
 }
 
 #[test]
@@ -162,9 +162,9 @@ fn no_hand_comes_from_behind_what_closes() {
     // A fin on the back of a front, with nothing else there.
     let fin = [[0.15, -0.2, 0.3], [0.2, 0.2, 0.31]];
     let mut model = drawer(&[[[-0.2, 0.3, 0.0], [0.2, 0.32, 0.6]]], &[PLATE, fin]);
-    assert!(grasps(&model, 0).iter().any(|g| pads(&model, g)[2].x > 0.999));
+    assert!(grasps_of_joint(&model, 0).iter().any(|g| pads(&model, g)[2].x > 0.999));
     model.joints[0].limit.closed = Some(Seat { position: 0.0, std: 1e-3, contact_share: 0.3, above: false });
-    assert!(grasps(&model, 0).iter().all(|g| pads(&model, g)[2].x < 0.51));
+    assert!(grasps_of_joint(&model, 0).iter().all(|g| pads(&model, g)[2].x < 0.51));
 }
 
 #[test]
@@ -175,11 +175,11 @@ fn a_face_that_no_view_saw_is_marked_and_a_place_without_surface_refused() {
     let shift: Pose = model.joints[0].parent_from_joint.inverse();
     let side = box_mesh(side[0], side[1], [9; 3]).transformed(&shift);
     let plate = surface(&solids(&[PLATE])).transformed(&shift);
-    model.links[1].visual = merge(&[&plate, &side]);
-    let found = grasps(&model, 0);
+    model.links[1].visual = merged_mesh(&[&plate, &side]);
+    let found = grasps_of_joint(&model, 0);
     assert!(!found.is_empty() && found.iter().all(|g| !g.is_seen), "{found:?}");
     model.links[1].visual = plate;
-    assert_eq!(grasps(&model, 0), []);
+    assert_eq!(grasps_of_joint(&model, 0), []);
 }
 
 /// The same grasps, the second after a motion.
@@ -208,7 +208,7 @@ fn a_moved_object_has_the_same_grasps() {
         link.collision = link.collision.iter().map(|s| s.transformed(&by)).collect();
         link.visual = link.visual.transformed(&by);
     }
-    assert_alike(&grasps(&moved, 0), &grasps(&model, 0), &of_part);
+    assert_alike(&grasps_of_joint(&moved, 0), &grasps_of_joint(&model, 0), &of_part);
 }
 
 #[test]
@@ -218,6 +218,6 @@ fn an_axis_may_point_either_way() {
         let joint = &mut mirrored.joints[0];
         joint.axis = Unit::new_unchecked(-joint.axis.into_inner());
         (joint.limit.lower, joint.limit.upper) = (-joint.limit.upper, 0.0);
-        assert_alike(&grasps(&mirrored, 0), &grasps(&model, 0), &Pose::identity());
+        assert_alike(&grasps_of_joint(&mirrored, 0), &grasps_of_joint(&model, 0), &Pose::identity());
     }
 }

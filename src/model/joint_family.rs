@@ -41,7 +41,7 @@ pub struct TypeScores([Option<f64>; JointFamily::ALL.len()]);
 impl TypeScores {
     /// Score of a family; infinite where it was not fitted.
     #[must_use]
-    pub fn of(&self, joint: JointFamily) -> f64 {
+    pub fn score_of(&self, joint: JointFamily) -> f64 {
         self.0[joint as usize].unwrap_or(f64::INFINITY)
     }
 
@@ -68,8 +68,8 @@ mod tests {
     fn a_family_that_was_not_fitted_never_wins() {
         let scores: TypeScores =
             [(JointFamily::Revolute, 3.0), (JointFamily::Fixed, 9.0)].into_iter().collect();
-        assert_eq!(scores.of(JointFamily::Revolute), 3.0);
-        assert!(scores.of(JointFamily::Screw).is_infinite());
+        assert_eq!(scores.score_of(JointFamily::Revolute), 3.0);
+        assert!(scores.score_of(JointFamily::Screw).is_infinite());
         let named: Vec<_> = scores.iter().map(|(joint, score)| (joint.name(), score)).collect();
         assert_eq!(named, [("fixed", 9.0), ("revolute", 3.0)]);
         assert!(JointFamily::ALL.iter().enumerate().all(|(k, joint)| *joint as usize == k));

@@ -1,7 +1,7 @@
 //! The articulated model: the waist of the program. Reconstruction ends in it; every export is a function of
 //! it.
 //!
-//! ```ignore
+//! ```
 //! use model::validate;
 //!
 //! let cabinet = model::example::cabinet();
@@ -32,16 +32,16 @@ pub use articulated::{
     ArticulatedModel, AxisAlone, Grasp, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit,
     LimitSource, Link, ParentScore, Seat,
 };
-pub use builder::{LimitPolicy, ModelConfig, MovingPart, build, link_name};
+pub use builder::{LimitPolicy, ModelConfig, MovingPart, build_model, link_name};
 pub use deviation::Deviations;
 pub use dynamics::{JointLoad, assumed_dynamics, joint_load};
-pub use grasp::grasps;
+pub use grasp::grasps_of_joint;
 pub use joint_family::{JointFamily, TypeScores};
 pub use material::Material;
 pub use names::is_xml_text;
 pub use names::{escape_lines, escape_xml, identifier, is_plain_name, script_json};
-pub use part_names::{PartNames, named};
-pub use seat::seat;
+pub use part_names::{PartNames, renamed_model};
+pub use seat::seat_of_joint;
 pub use sweep::{clear_paths, swept_interval};
 pub use tree::{JointType, Mimic, Tree, TreeError, TreeJoint, TreeLink};
 pub use validate::{impossible_inertia, principal_moments, validate};

@@ -37,13 +37,13 @@ pub enum PartNames {
 
 /// The model with other names of links and joints, put behind a prefix; also in the joints' evidence.
 #[must_use]
-pub fn named(mut model: ArticulatedModel, names: PartNames, prefix: &str) -> ArticulatedModel {
+pub fn renamed_model(mut model: ArticulatedModel, names: PartNames, prefix: &str) -> ArticulatedModel {
     let (links, joints) = match names {
         PartNames::Numbered => (
             model.links.iter().map(|l| l.name.clone()).collect(),
             model.joints.iter().map(|j| j.name.clone()).collect(),
         ),
-        PartNames::Semantic => semantic(&model),
+        PartNames::Semantic => semantic_names(&model),
     };
     let [links, joints] = [links, joints]
         .map(|names: Vec<String>| names.into_iter().map(|n| format!("{prefix}{n}")).collect::<Vec<_>>());
@@ -59,14 +59,14 @@ pub fn named(mut model: ArticulatedModel, names: PartNames, prefix: &str) -> Art
             .map(|(link, score)| (new.get(&link).cloned().unwrap_or(link), score))
             .collect();
         for note in evidence.cautions.iter_mut().chain(&mut evidence.not_observable) {
-            note.text = replaced(&note.text, &new);
+            note.text = replaced_words(&note.text, &new);
         }
     }
     model
 }
 
 /// A text with whole words replaced.
-fn replaced(text: &str, words: &BTreeMap<String, String>) -> String {
+fn replaced_words(text: &str, words: &BTreeMap<String, String>) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text;
     while !rest.is_empty() {
@@ -83,8 +83,8 @@ fn replaced(text: &str, words: &BTreeMap<String, String>) -> String {
 }
 
 /// Names of links and joints: the root keeps its own; equal ones are numbered.
-fn semantic(model: &ArticulatedModel) -> (Vec<String>, Vec<String>) {
-    let kinds: Vec<Option<&str>> = (0..model.joints.len()).map(|j| kind(model, j)).collect();
+fn semantic_names(model: &ArticulatedModel) -> (Vec<String>, Vec<String>) {
+    let kinds: Vec<Option<&str>> = (0..model.joints.len()).map(|j| kind_of_part(model, j)).collect();
     let mut links: Vec<String> = model.links.iter().map(|l| l.name.clone()).collect();
     let mut joints: Vec<String> = model.joints.iter().map(|j| j.name.clone()).collect();
     let mut count: BTreeMap<&str, usize> = BTreeMap::new();
@@ -106,15 +106,15 @@ fn semantic(model: &ArticulatedModel) -> (Vec<String>, Vec<String>) {
 }
 
 /// Kind of a joint's child; `None` where shape and motion do not decide.
-fn kind(model: &ArticulatedModel, j: usize) -> Option<&'static str> {
+fn kind_of_part(model: &ArticulatedModel, j: usize) -> Option<&'static str> {
     let joint = &model.joints[j];
     let closed = vec![0.0; model.joints.len()];
     let world_from_joint = model.world_from_link(joint.parent, &closed) * joint.parent_from_joint;
     let axis = world_from_joint.rotation * joint.axis.into_inner();
     let level = axis.z.abs() < SQUARE;
     let upright = axis.xy().norm() < SQUARE;
-    let shape = PartShape::of(model, joint.child, &world_from_joint.translation.vector, &axis, &closed)?;
-    let size_m = size(model, &closed)?;
+    let shape = PartShape::of_link(model, joint.child, &world_from_joint.translation.vector, &axis, &closed)?;
+    let size_m = object_size_m(model, &closed)?;
     match joint.kind {
         JointKind::Free { .. } => None,
         JointKind::Prismatic if level && !shape.slides_in_its_plane(&axis) => Some("drawer"),
@@ -132,7 +132,7 @@ fn kind(model: &ArticulatedModel, j: usize) -> Option<&'static str> {
         JointKind::Revolute if upright => Some("door"),
         // On the static part only: the head of a lamp is none.
         JointKind::Revolute if level && joint.parent == 0 => {
-            let (lower, upper) = bounds(model, joint.parent, &closed)?;
+            let (lower, upper) = link_bounds(model, joint.parent, &closed)?;
             let top = upper.z - TOP_SHARE * (upper.z - lower.z);
             Some(if world_from_joint.translation.z >= top { "lid" } else { "flap" })
         }
@@ -153,14 +153,14 @@ struct PartShape {
 }
 
 impl PartShape {
-    fn of(
+    fn of_link(
         model: &ArticulatedModel,
         link: usize,
         point: &Vector3<f64>,
         axis: &Vector3<f64>,
         positions: &[f64],
     ) -> Option<Self> {
-        let (lower, upper) = bounds(model, link, positions)?;
+        let (lower, upper) = link_bounds(model, link, positions)?;
         let off = |p: &Point3<f64>| (p.coords - point).cross(axis).norm();
         let world_from_link = model.world_from_link(link, positions);
         let places = || model.links[link].visual.vertices.iter().map(|v| world_from_link * v.cast::<f64>());
@@ -184,15 +184,19 @@ impl PartShape {
 }
 
 /// The box of a link in the world.
-fn bounds(model: &ArticulatedModel, link: usize, positions: &[f64]) -> Option<(Point3<f64>, Point3<f64>)> {
+fn link_bounds(
+    model: &ArticulatedModel,
+    link: usize,
+    positions: &[f64],
+) -> Option<(Point3<f64>, Point3<f64>)> {
     let (lower, upper) =
         model.links[link].visual.transformed(&model.world_from_link(link, positions)).bounds()?;
     Some((lower.cast(), upper.cast()))
 }
 
 /// Diagonal of the box of the whole object, meters.
-fn size(model: &ArticulatedModel, positions: &[f64]) -> Option<f64> {
-    let boxes = (0..model.links.len()).filter_map(|l| bounds(model, l, positions));
+fn object_size_m(model: &ArticulatedModel, positions: &[f64]) -> Option<f64> {
+    let boxes = (0..model.links.len()).filter_map(|l| link_bounds(model, l, positions));
     let (lower, upper) = boxes.reduce(|(a, b), (c, d)| (a.inf(&c), b.sup(&d)))?;
     Some((upper - lower).norm())
 }
@@ -223,7 +227,7 @@ mod tests {
         model.joints[0].axis = nalgebra::Unit::new_normalize(axis);
         model.joints[0].parent_from_joint = Pose::translation(at[0], at[1], at[2]);
         model.links[1].visual = box_mesh(lower, upper, [9; 3]);
-        let named = named(model, PartNames::Semantic, "");
+        let named = renamed_model(model, PartNames::Semantic, "");
         assert_eq!(validate(&named), []);
         format!("{} {}", named.links[1].name, named.joints[0].name)
     }
@@ -253,7 +257,7 @@ mod tests {
         model.joints[1].axis = Vector3::y_axis();
         model.joints[1].parent = 1;
         model.joints[1].parent_from_joint = Pose::translation(0.0, 0.0, 0.2);
-        assert_eq!(named(model, PartNames::Semantic, "").links[2].name, "part_2");
+        assert_eq!(renamed_model(model, PartNames::Semantic, "").links[2].name, "part_2");
         // What slides in its own plane, and what rises, is no drawer.
         let sliding = ([0.0, -0.1, -0.2], [0.02, 0.1, 0.2]);
         assert_eq!(part(JointKind::Prismatic, y, [0.2, 0.0, 0.3], sliding.0, sliding.1), unclear);
@@ -269,7 +273,7 @@ mod tests {
         model.joints[0].evidence.parents.insert("part_2".to_owned(), score);
         let text = "the parent: part_2 would do as well as body, part_21 not";
         model.joints[0].evidence.not_observable.push(Note::new(NoteCode::ParentNotDecided, text));
-        let named = named(model, PartNames::Semantic, "left_");
+        let named = renamed_model(model, PartNames::Semantic, "left_");
         let links: Vec<&str> = named.links.iter().map(|l| l.name.as_str()).collect();
         assert_eq!(links, ["left_body", "left_drawer_1", "left_drawer_2"]);
         let joints: Vec<&str> = named.joints.iter().map(|j| j.name.as_str()).collect();

@@ -45,7 +45,7 @@ const FARTHEST: f64 = 2.0;
 /// or beyond the observed positions. `None` for screws, without contact, and with such a seat at both ends.
 /// Faces nearer than `tolerance_m` meet.
 #[must_use]
-pub fn seat(model: &ArticulatedModel, j: usize, tolerance_m: f64) -> Option<Seat> {
+pub fn seat_of_joint(model: &ArticulatedModel, j: usize, tolerance_m: f64) -> Option<Seat> {
     let joint = &model.joints[j];
     if joint.kind.family() == super::JointFamily::Screw {
         return None;
@@ -69,8 +69,8 @@ fn seat_at_end(
     tolerance_m: f64,
 ) -> Option<Seat> {
     let start = if above { upper } else { -lower };
-    let ways = Ways::of(model, joint, above, start, tolerance_m);
-    let contact = ways.seat(tolerance_m, BLUR_SHARE * model.extent_m())?;
+    let ways = Ways::of_joint(model, joint, above, start, tolerance_m);
+    let contact = ways.first_contact(tolerance_m, BLUR_SHARE * model.extent_m())?;
     if contact.way > FARTHEST * (upper - lower) {
         return None;
     }
@@ -109,23 +109,23 @@ struct Ways {
 }
 
 /// A position is known by a cell as well as its lever is long, and the part is held there as well.
-fn weight(lever_m: f64) -> f64 {
+fn weight_of_lever(lever_m: f64) -> f64 {
     lever_m * lever_m
 }
 
 impl Ways {
     /// From `start` (in the direction of motion) on; surfaces may overlap by the tolerance.
-    fn of(model: &ArticulatedModel, joint: &Joint, above: bool, start: f64, tolerance_m: f64) -> Self {
+    fn of_joint(model: &ArticulatedModel, joint: &Joint, above: bool, start: f64, tolerance_m: f64) -> Self {
         let child = &model.links[joint.child].visual;
-        let frame = Frame::of(joint, above, child);
+        let frame = Frame::of_joint(joint, above, child);
         let parent = model.links[joint.parent].visual.transformed(&joint.parent_from_joint.inverse());
         let mut seats: BTreeMap<Cell, Vec<f64>> = BTreeMap::new();
-        for spot in frame.spots(&parent, -1.0) {
+        for spot in frame.spots_of_mesh(&parent, -1.0) {
             seats.entry(spot.cell).or_default().push(spot.along);
         }
         // Lever and least way of every leading cell.
         let mut first: BTreeMap<Cell, (f64, Option<f64>)> = BTreeMap::new();
-        for spot in frame.spots(child, 1.0) {
+        for spot in frame.spots_of_mesh(child, 1.0) {
             let slack = tolerance_m / spot.lever_m;
             let ways = seats.get(&spot.cell).into_iter().flatten().map(|along| {
                 let way = along - spot.along - start;
@@ -136,7 +136,7 @@ impl Ways {
             let known = &mut first.entry(spot.cell).or_insert((spot.lever_m, None)).1;
             *known = own.into_iter().chain(*known).min_by(f64::total_cmp);
         }
-        let leading = first.values().map(|(lever_m, _)| weight(*lever_m)).sum();
+        let leading = first.values().map(|(lever_m, _)| weight_of_lever(*lever_m)).sum();
         let mut left: Vec<[f64; 2]> = first.into_values().filter_map(|(l, w)| Some([w?, l])).collect();
         if frame.turns {
             left.retain(|w| w[0] <= MAX_TURN_RAD);
@@ -147,11 +147,11 @@ impl Ways {
 
     /// Contact with the first face; `None` where the part is stopped before, or meets one face after the
     /// other.
-    fn seat(&self, tolerance_m: f64, blur_m: f64) -> Option<Contact> {
-        let steps = self.steps(tolerance_m);
+    fn first_contact(&self, tolerance_m: f64, blur_m: f64) -> Option<Contact> {
+        let steps = self.contact_steps(tolerance_m);
         let least = BROAD * self.leading;
         let peaks = (0..steps.len()).filter(|&k| steps[k].is_peak(&steps, tolerance_m));
-        let faces = peaks.map(|peak| self.face(&steps, peak));
+        let faces = peaks.map(|peak| self.face_about(&steps, peak));
         let faces = faces.filter(|f| {
             // Where the surfaces part in the state at this end, some of one may lie on the other.
             let starts = f.cells[f.cells.len() / 4];
@@ -163,18 +163,18 @@ impl Ways {
         })?;
         let first = seat.first.way;
         let before = self.left.iter().filter(|w| (first - w[0]) * w[1] > blur_m);
-        let before: f64 = before.map(|w| weight(w[1])).sum();
+        let before: f64 = before.map(|w| weight_of_lever(w[1])).sum();
         let width_m = seat.cells.iter().map(|w| (w[0] - first) * w[1]).fold(0.0, f64::max);
         // In order, as all ways are.
         let way = seat.cells[(STANDS_OUT * seat.cells.len() as f64) as usize][0];
-        let square: f64 = seat.cells.iter().map(|w| weight(w[1]) * (w[0] - way).powi(2)).sum();
+        let square: f64 = seat.cells.iter().map(|w| weight_of_lever(w[1]) * (w[0] - way).powi(2)).sum();
         let stands = before <= least && width_m <= blur_m;
         stands.then(|| Contact { way, std: (square / seat.weight).sqrt(), share: seat.weight / self.leading })
     }
 
     /// The face about a peak: as far as half as many cells meet at once (noise spreads them), and no more
     /// than at the peak.
-    fn face<'a>(&'a self, steps: &'a [Step], peak: usize) -> Face<'a> {
+    fn face_about<'a>(&'a self, steps: &'a [Step], peak: usize) -> Face<'a> {
         let most = steps[peak].met;
         let holds = |s: &&Step| (0.5 * most..=most).contains(&s.met);
         let before = steps[..peak].iter().rev().take_while(holds).count();
@@ -185,17 +185,17 @@ impl Ways {
         let next = steps.get(peak + after);
         let to = next.map_or(self.left.len(), |s| self.left.partition_point(|w| w[0] < s.way));
         let cells = &self.left[from..to];
-        Face { first, cells, weight: cells.iter().map(|w| weight(w[1])).sum() }
+        Face { first, cells, weight: cells.iter().map(|w| weight_of_lever(w[1])).sum() }
     }
 
     /// Ways a quarter of the tolerance apart, each with the weight of the cells in contact there within the
     /// tolerance.
-    fn steps(&self, tolerance_m: f64) -> Vec<Step> {
+    fn contact_steps(&self, tolerance_m: f64) -> Vec<Step> {
         let mut steps: Vec<Step> = Vec::new();
         for &[way, lever_m] in &self.left {
             if steps.last().is_none_or(|s| (way - s.way) * lever_m >= 0.25 * tolerance_m) {
                 let met = self.left.iter().filter(|w| (w[0] - way).abs() * w[1] <= tolerance_m);
-                steps.push(Step { way, lever_m, met: met.map(|w| weight(w[1])).sum() });
+                steps.push(Step { way, lever_m, met: met.map(|w| weight_of_lever(w[1])).sum() });
             }
         }
         steps
@@ -241,7 +241,7 @@ struct Frame {
 
 impl Frame {
     /// In the joint's frame at position 0; the axis is turned for the motion to go upwards.
-    fn of(joint: &Joint, above: bool, child: &TriangleMesh) -> Self {
+    fn of_joint(joint: &Joint, above: bool, child: &TriangleMesh) -> Self {
         let axis = if above { joint.axis.into_inner() } else { -joint.axis.into_inner() };
         let least = Vector3::ith(axis.iamin(), 1.0);
         let first = axis.cross(&least).normalize();
@@ -256,7 +256,7 @@ impl Frame {
 
     /// Spots of a surface facing along the motion (`sign` 1) or against it (-1), one or more in every cell of
     /// it.
-    fn spots(&self, mesh: &TriangleMesh, sign: f64) -> Vec<Spot> {
+    fn spots_of_mesh(&self, mesh: &TriangleMesh, sign: f64) -> Vec<Spot> {
         let mut spots = Vec::new();
         for t in 0..mesh.triangles.len() {
             let Some(normal) = mesh.area_normal(t).cast::<f64>().try_normalize(0.0) else { continue };
@@ -269,7 +269,7 @@ impl Frame {
                     for shift in [1.0 / 3.0, 2.0 / 3.0].into_iter().take(1 + usize::from(i + k + 1 < n)) {
                         let [u, v] = [i, k].map(|x| (x as f64 + shift) / n as f64);
                         let point = a + (b - a) * u + (c - a) * v;
-                        spots.extend(self.spot(&point, &normal, sign));
+                        spots.extend(self.spot_at(&point, &normal, sign));
                     }
                 }
             }
@@ -277,7 +277,7 @@ impl Frame {
         spots
     }
 
-    fn spot(&self, point: &Point3<f64>, normal: &Vector3<f64>, sign: f64) -> Option<Spot> {
+    fn spot_at(&self, point: &Point3<f64>, normal: &Vector3<f64>, sign: f64) -> Option<Spot> {
         let [x, y] = self.across.map(|d| d.dot(&point.coords));
         let height = self.axis.dot(&point.coords);
         let (velocity, across, along) = if self.turns {
@@ -304,7 +304,7 @@ mod tests {
     use super::*;
     use crate::example::{box_mesh, cabinet};
     use geometry::Pose;
-    use surface::merge;
+    use surface::merged_mesh;
 
     const TOLERANCE_M: f64 = 0.003;
 
@@ -319,13 +319,13 @@ mod tests {
             Vector3::new(0.1, 0.2, 0.3).into(),
             UnitQuaternion::from_euler_angles(0.3, -0.2, 0.5),
         );
-        let walls = merge(&[
+        let walls = merged_mesh(&[
             &board([-0.3, -0.2, 0.0], [0.0, -0.18, 0.3]),
             &board([-0.3, 0.18, 0.0], [0.0, 0.2, 0.3]),
             &board([-0.3, -0.18, 0.0], [0.0, 0.18, 0.02]),
             &board([-0.3, -0.18, 0.02], [-0.28, 0.18, 0.3]),
         ]);
-        let front = merge(&[
+        let front = merged_mesh(&[
             &board([0.04, -0.2, 0.0], [0.06, 0.2, 0.3]),
             &board([-0.2, -0.15, 0.04], [0.04, 0.15, 0.2]),
         ]);
@@ -341,25 +341,25 @@ mod tests {
 
     #[test]
     fn a_drawer_closes_where_its_front_meets_the_rim_and_not_where_its_back_meets_the_wall() {
-        let found = seat(&drawer([0.0, 0.15]), 0, TOLERANCE_M).unwrap();
+        let found = seat_of_joint(&drawer([0.0, 0.15]), 0, TOLERANCE_M).unwrap();
         assert!((found.position + 0.04).abs() < 1e-6 && !found.above && found.std < 1e-6, "{found:?}");
         // The rim's share of the front.
         assert!((0.1..0.3).contains(&found.contact_share), "{found:?}");
         // The same, seen from the other side of the axis.
         let mut model = drawer([0.0, -0.15]);
         model.joints[0].axis = -Vector3::x_axis();
-        let mirrored = seat(&model, 0, TOLERANCE_M).unwrap();
+        let mirrored = seat_of_joint(&model, 0, TOLERANCE_M).unwrap();
         assert!((mirrored.position - 0.04).abs() < 1e-6 && mirrored.above, "{mirrored:?}");
     }
 
     #[test]
     fn a_drawer_that_was_seen_closed_is_closed_there() {
         let mut model = drawer([-0.041, 0.15]);
-        let found = seat(&model, 0, TOLERANCE_M).unwrap();
+        let found = seat_of_joint(&model, 0, TOLERANCE_M).unwrap();
         assert!((found.position + 0.04).abs() < 1e-6, "{found:?}");
         // Without walls there is nothing to meet.
         model.links[0].visual = TriangleMesh::default();
-        assert_eq!(seat(&model, 0, TOLERANCE_M), None);
+        assert_eq!(seat_of_joint(&model, 0, TOLERANCE_M), None);
     }
 
     /// A door about z at the corner of a plate in the plane y = 0; it stands 1.2 rad open.
@@ -379,30 +379,30 @@ mod tests {
     fn a_door_closes_where_it_lies_on_its_frame() {
         let mut model = door();
         model.states = vec![vec![0.0], vec![-1.3]];
-        let found = seat(&model, 0, TOLERANCE_M).unwrap();
+        let found = seat_of_joint(&model, 0, TOLERANCE_M).unwrap();
         assert!((found.position - 1.2).abs() < 1e-3 && found.above, "{found:?}");
         assert!(found.contact_share > 0.9 && found.std < 0.01, "{found:?}");
         // Of a door that was hardly moved nothing says where it closes.
         model.states[1] = vec![-0.3];
-        assert_eq!(seat(&model, 0, TOLERANCE_M), None);
+        assert_eq!(seat_of_joint(&model, 0, TOLERANCE_M), None);
     }
 
     #[test]
     fn between_two_equal_walls_none_is_the_closed_end() {
         let mut model = drawer([-0.02, 0.02]);
-        model.links[0].visual = merge(&[
+        model.links[0].visual = merged_mesh(&[
             &board([-0.3, -0.2, 0.0], [-0.28, 0.2, 0.3]),
             &board([0.28, -0.2, 0.0], [0.3, 0.2, 0.3]),
         ])
         .transformed(&model.joints[0].parent_from_joint);
         model.links[1].visual = board([-0.1, -0.2, 0.0], [0.1, 0.2, 0.3]);
-        assert_eq!(seat(&model, 0, TOLERANCE_M), None);
+        assert_eq!(seat_of_joint(&model, 0, TOLERANCE_M), None);
     }
 
     #[test]
     fn screws_have_no_seat() {
         let mut model = drawer([0.0, 0.15]);
         model.joints[0].kind = JointKind::Screw { pitch_m_per_rad: 0.01 };
-        assert_eq!(seat(&model, 0, TOLERANCE_M), None);
+        assert_eq!(seat_of_joint(&model, 0, TOLERANCE_M), None);
     }
 }

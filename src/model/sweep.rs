@@ -39,7 +39,8 @@ pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
     for j in 0..model.joints.len() {
         let joint = model.joints[j].clone();
         let [lower, upper] = model.observed_interval(j);
-        let positions = steps(model, &joint, lower.min(joint.limit.lower), upper.max(joint.limit.upper));
+        let positions =
+            sweep_positions(model, &joint, lower.min(joint.limit.lower), upper.max(joint.limit.upper));
         for other in 0..model.links.len() {
             // Links below the child move with it.
             if other == joint.child || model.is_below(other, joint.child) {
@@ -55,7 +56,7 @@ pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
                 let path = relative_poses(model, j, other, &state, &positions);
                 let seen = relative_poses(model, j, other, &state, &[state[j]]);
                 let sweep = Sweep { joint: &joint, path: &path, seen: &seen, grazed_m };
-                carve(&mut model.links[other].collision, &moving, &sweep, config);
+                carve_paths(&mut model.links[other].collision, &moving, &sweep, config);
             }
         }
     }
@@ -87,7 +88,8 @@ pub fn swept_interval(model: &ArticulatedModel, j: usize) -> [f64; 2] {
     let [lowest, highest] = [upper - reach, lower + reach].map(|end| {
         let start = if end < lower { lower } else { upper };
         // Outwards from the observed interval: behind the first obstacle nothing counts.
-        let free = steps(model, joint, start, end).into_iter().take_while(|q| is_free(model, j, *q));
+        let free =
+            sweep_positions(model, joint, start, end).into_iter().take_while(|q| is_free(model, j, *q));
         free.last().unwrap_or(start)
     });
     [lowest.min(lower), highest.max(upper)]
@@ -100,7 +102,7 @@ fn is_free(model: &ArticulatedModel, j: usize, position: f64) -> bool {
     let mut others = (0..model.links.len()).filter(|&l| l != child && !model.is_below(l, child));
     others.all(|other| {
         let mut poses = model.states.iter().flat_map(|s| relative_poses(model, j, other, s, &[position]));
-        !poses.any(|pose| overlaps(&model.links[other].collision, &model.links[child].collision, &pose))
+        !poses.any(|pose| solids_overlap(&model.links[other].collision, &model.links[child].collision, &pose))
     })
 }
 
@@ -133,7 +135,7 @@ fn length_along(model: &ArticulatedModel, joint: &Joint) -> f64 {
 
 /// Positions from `start` to `end`, both included, no point of the child moving further than [`STEP_M`]
 /// between two.
-fn steps(model: &ArticulatedModel, joint: &Joint, start: f64, end: f64) -> Vec<f64> {
+fn sweep_positions(model: &ArticulatedModel, joint: &Joint, start: f64, end: f64) -> Vec<f64> {
     let count = (((end - start).abs() * lever_m(model, joint) / STEP_M).ceil() as usize).clamp(1, MAX_STEPS);
     (0..=count).map(|k| start + (end - start) * k as f64 / count as f64).collect()
 }
@@ -169,7 +171,7 @@ fn relative_poses(
     poses
 }
 
-fn overlaps(fixed: &[ConvexSolid], moving: &[ConvexSolid], fixed_from_moving: &Pose) -> bool {
+fn solids_overlap(fixed: &[ConvexSolid], moving: &[ConvexSolid], fixed_from_moving: &Pose) -> bool {
     let bounds: Vec<_> = fixed.iter().map(ConvexSolid::bounds).collect();
     moving.iter().any(|m| {
         let m = m.transformed(fixed_from_moving);
@@ -199,34 +201,40 @@ struct Sweep<'a> {
 
 /// Cuts moving solids out of the fixed ones: along the whole path where they only graze one, otherwise at the
 /// observed poses.
-fn carve(fixed: &mut Vec<ConvexSolid>, moving: &[ConvexSolid], sweep: &Sweep<'_>, config: &ConvexConfig) {
+fn carve_paths(
+    fixed: &mut Vec<ConvexSolid>,
+    moving: &[ConvexSolid],
+    sweep: &Sweep<'_>,
+    config: &ConvexConfig,
+) {
     let paths: Vec<[Path; 2]> = moving
         .par_iter()
         .map(|solid| [sweep.path, sweep.seen].map(|poses| Path::new(sweep.joint, solid, poses)))
         .collect();
-    let pieces =
-        std::mem::take(fixed).into_par_iter().map(|solid| carved(solid, &paths, sweep.grazed_m, config));
+    let pieces = std::mem::take(fixed)
+        .into_par_iter()
+        .map(|solid| carved_solid(solid, &paths, sweep.grazed_m, config));
     let pieces: Vec<Vec<ConvexSolid>> = pieces.collect();
     *fixed = pieces.into_iter().flatten().collect();
 }
 
 /// A solid with the paths of moving ones cut out.
-fn carved(
+fn carved_solid(
     solid: ConvexSolid,
     paths: &[[Path<'_>; 2]],
     grazed_m: f64,
     config: &ConvexConfig,
 ) -> Vec<ConvexSolid> {
     // Along the solid's own axes: cuts run with its faces.
-    let axes = solid.axes();
+    let axes = solid.main_axes();
     let mut gaps = Vec::new();
     for [path, seen] in paths {
         let stands_in_the_way = grazed_m.is_finite() && path.deepest_m(&solid, config.gap_m) > grazed_m;
         let poses = if stands_in_the_way { seen } else { path };
-        gaps.extend(poses.within(&solid, &axes, config.gap_m));
+        gaps.extend(poses.block_within(&solid, &axes, config.gap_m));
     }
     let mut pieces = vec![solid];
-    for gap in fused(gaps) {
+    for gap in fused_blocks(gaps) {
         pieces = pieces.into_iter().flat_map(|p| without_block(p, &axes, &gap, config)).collect();
     }
     pieces
@@ -255,30 +263,30 @@ impl<'a> Path<'a> {
     }
 
     /// The steps of the path near a solid.
-    fn near(&self, piece: &ConvexSolid, gap_m: f64) -> impl Iterator<Item = &PathStep> {
+    fn solids_near(&self, piece: &ConvexSolid, gap_m: f64) -> impl Iterator<Item = &PathStep> {
         let bounds = piece.bounds();
         self.steps.iter().filter(move |step| boxes_meet(&step.bounds, &bounds, gap_m))
     }
 
     /// Largest depth of the path in a solid, meters.
     fn deepest_m(&self, piece: &ConvexSolid, gap_m: f64) -> f64 {
-        self.near(piece, gap_m).filter_map(|step| step.solid.penetration_m(piece)).fold(0.0, f64::max)
+        self.solids_near(piece, gap_m).filter_map(|step| step.solid.penetration_m(piece)).fold(0.0, f64::max)
     }
 
     /// The block around the path's pieces within a solid, with a gap: the box around the whole part would cut
     /// far more.
-    fn within(&self, piece: &ConvexSolid, axes: &Matrix3<f64>, gap_m: f64) -> Option<CutBlock> {
+    fn block_within(&self, piece: &ConvexSolid, axes: &Matrix3<f64>, gap_m: f64) -> Option<CutBlock> {
         let grown: Vec<Plane> =
-            piece.planes().into_iter().map(|p| Plane { offset_m: p.offset_m + gap_m, ..p }).collect();
+            piece.face_planes().into_iter().map(|p| Plane { offset_m: p.offset_m + gap_m, ..p }).collect();
         let mut block: Option<CutBlock> = None;
-        for step in self.near(piece, gap_m) {
+        for step in self.solids_near(piece, gap_m) {
             let Some(inside) = step.solid.clipped_by(&grown) else { continue };
             for vertex in &inside.vertices {
                 let direction = axes.tr_mul(&direction_of(self.joint, &step.fixed_from_moving, vertex));
                 let gap = direction.map(|d| if d.abs() >= STRAIGHT { SEAT_GAP * gap_m } else { gap_m });
                 let vertex = axes.tr_mul(&vertex.coords);
                 let own = CutBlock { lo: vertex - gap, hi: vertex + gap };
-                block = Some(block.map_or(own, |b| b.and(&own)));
+                block = Some(block.map_or(own, |b| b.united_with(&own)));
             }
         }
         block
@@ -308,7 +316,7 @@ struct CutBlock {
 }
 
 impl CutBlock {
-    fn and(&self, other: &Self) -> Self {
+    fn united_with(&self, other: &Self) -> Self {
         Self { lo: self.lo.inf(&other.lo), hi: self.hi.sup(&other.hi) }
     }
 
@@ -318,20 +326,20 @@ impl CutBlock {
 
     /// Volume of the block around both over the sum of their volumes.
     fn waste_with(&self, other: &Self) -> f64 {
-        self.and(other).volume_m3() / (self.volume_m3() + other.volume_m3())
+        self.united_with(other).volume_m3() / (self.volume_m3() + other.volume_m3())
     }
 }
 
 /// Blocks with some of them united: together these are hardly larger than apart. Fewer cuts leave a solid in
 /// fewer pieces.
-fn fused(mut blocks: Vec<CutBlock>) -> Vec<CutBlock> {
+fn fused_blocks(mut blocks: Vec<CutBlock>) -> Vec<CutBlock> {
     loop {
         let pairs = (0..blocks.len()).flat_map(|a| (a + 1..blocks.len()).map(move |b| (a, b)));
         let wastes = pairs.map(|(a, b)| (blocks[a].waste_with(&blocks[b]), (a, b)));
         let best = wastes.min_by(|x, y| x.0.total_cmp(&y.0));
         let Some((_, (a, b))) = best.filter(|(waste, _)| *waste <= FUSED) else { return blocks };
         let other = blocks.remove(b);
-        blocks[a] = blocks[a].and(&other);
+        blocks[a] = blocks[a].united_with(&other);
     }
 }
 
@@ -340,10 +348,10 @@ fn keep_most_seen(solids: &mut Vec<ConvexSolid>, visual: &TriangleMesh, config: 
     if solids.len() <= config.max_solids {
         return;
     }
-    let planes: Vec<Vec<Plane>> = solids.iter().map(ConvexSolid::planes).collect();
+    let planes: Vec<Vec<Plane>> = solids.iter().map(ConvexSolid::face_planes).collect();
     let triangles = (0..visual.triangles.len()).into_par_iter().with_min_len(256);
     let nearest: Vec<Option<usize>> =
-        triangles.map(|t| nearest_solid(&planes, &visual.middle(t), config.tolerance_m)).collect();
+        triangles.map(|t| nearest_solid(&planes, &visual.middle_of(t), config.tolerance_m)).collect();
     let mut areas = vec![0.0; solids.len()];
     for (t, i) in nearest.into_iter().enumerate() {
         i.into_iter().for_each(|i| areas[i] += 0.5 * f64::from(visual.area_normal(t).norm()));
@@ -381,18 +389,18 @@ fn without_block(
     let mut kept = Vec::new();
     while let Some(solid) = rest.take() {
         let left_m3: Vec<f64> =
-            sides.iter().map(|p| solid.clipped(p).map_or(0.0, |s| s.volume_m3())).collect();
+            sides.iter().map(|p| solid.clipped_at(p).map_or(0.0, |s| s.volume_m3())).collect();
         let most = (0..sides.len()).max_by(|&a, &b| left_m3[a].total_cmp(&left_m3[b]).then(b.cmp(&a)));
         let Some(best) = most else { break };
         let plane = sides.remove(best);
         kept.extend(
             solid
-                .clipped(&plane)
+                .clipped_at(&plane)
                 // Simulators refuse smaller or thinner hulls.
                 .filter(|s| s.volume_m3() > MIN_VOLUME_M3 && s.thickness_m() >= config.min_thickness_m),
         );
         // The part beyond this side is left out of the next cuts: the pieces do not overlap.
-        rest = solid.clipped(&Plane { normal: -plane.normal, offset_m: -plane.offset_m });
+        rest = solid.clipped_at(&Plane { normal: -plane.normal, offset_m: -plane.offset_m });
     }
     kept
 }
@@ -429,7 +437,7 @@ mod tests {
         let drawer = &model.links[2].collision;
         for k in 0..=10 {
             let pose = relative_poses(&model, 1, 0, &model.states[0].clone(), &[0.018 * f64::from(k)])[0];
-            assert!(!overlaps(body, drawer, &pose), "{k}");
+            assert!(!solids_overlap(body, drawer, &pose), "{k}");
         }
         let cut: f64 = before - body.iter().map(ConvexSolid::volume_m3).sum::<f64>();
         // 3 mm are free on all sides but where it comes in.
@@ -445,7 +453,7 @@ mod tests {
         model.states = vec![vec![0.0, 0.0], vec![0.0, 0.5]];
         clear_paths(&mut model, &config);
         let meets = |model: &ArticulatedModel, q: f64| {
-            overlaps(
+            solids_overlap(
                 &model.links[0].collision,
                 &model.links[2].collision,
                 &relative_poses(model, 1, 0, &model.states[0], &[q])[0],

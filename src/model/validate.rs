@@ -38,16 +38,16 @@ impl std::fmt::Display for Finding {
 #[must_use]
 pub fn validate(model: &ArticulatedModel) -> Vec<Finding> {
     let mut found = Findings::default();
-    names(model, &mut found);
+    check_names(model, &mut found);
     for link in &model.links {
-        mesh(&link.name, &link.visual, &mut found);
-        inertial(&link.name, &link.inertial, &mut found);
+        check_mesh(&link.name, &link.visual, &mut found);
+        check_inertial(&link.name, &link.inertial, &mut found);
     }
     for joint in &model.joints {
         check_joint(joint, &mut found);
     }
-    tree(model, &mut found);
-    states(model, &mut found);
+    check_tree(model, &mut found);
+    check_states(model, &mut found);
     found.0
 }
 
@@ -55,18 +55,18 @@ pub fn validate(model: &ArticulatedModel) -> Vec<Finding> {
 struct Findings(Vec<Finding>);
 
 impl Findings {
-    fn add(&mut self, subject: &str, message: impl Into<String>) {
+    fn add_finding(&mut self, subject: &str, message: impl Into<String>) {
         self.0.push(Finding { subject: subject.to_owned(), message: message.into() });
     }
 }
 
-fn names(model: &ArticulatedModel, found: &mut Findings) {
+fn check_names(model: &ArticulatedModel, found: &mut Findings) {
     // Links and joints together: USD and MJCF need one name each.
     let all = model.links.iter().map(|l| &l.name).chain(model.joints.iter().map(|j| &j.name));
     let mut seen = BTreeSet::new();
     for name in std::iter::once(&model.name).chain(all.clone()) {
         if !is_plain_name(name) {
-            found.add(
+            found.add_finding(
                 name,
                 "the name must be letters, digits and _, begin with a letter and have 64 characters at most",
             );
@@ -75,48 +75,51 @@ fn names(model: &ArticulatedModel, found: &mut Findings) {
     for name in all {
         // File systems may ignore case, and a link's name is a file name.
         if !seen.insert(name.to_ascii_lowercase()) {
-            found.add(name, "the name is used twice among links and joints (case ignored)");
+            found.add_finding(name, "the name is used twice among links and joints (case ignored)");
         }
     }
 }
 
-fn mesh(subject: &str, mesh: &TriangleMesh, found: &mut Findings) {
+fn check_mesh(subject: &str, mesh: &TriangleMesh, found: &mut Findings) {
     if mesh.is_empty() {
-        found.add(subject, "the mesh has no triangle");
+        found.add_finding(subject, "the mesh has no triangle");
     }
     if let Some(i) = mesh.vertices.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
-        found.add(subject, format!("vertex {i} of the mesh is not finite"));
+        found.add_finding(subject, format!("vertex {i} of the mesh is not finite"));
     }
     let count = mesh.vertices.len();
     if let Some(i) = mesh.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= count)) {
-        found.add(subject, format!("triangle {i} of the mesh names a vertex beyond the last of {count}"));
+        found.add_finding(
+            subject,
+            format!("triangle {i} of the mesh names a vertex beyond the last of {count}"),
+        );
     }
     if !mesh.colors.is_empty() && mesh.colors.len() != count {
-        found.add(subject, format!("the mesh has {} colors for {count} vertices", mesh.colors.len()));
+        found.add_finding(subject, format!("the mesh has {} colors for {count} vertices", mesh.colors.len()));
     }
 }
 
-fn inertial(subject: &str, inertial: &Inertial, found: &mut Findings) {
+fn check_inertial(subject: &str, inertial: &Inertial, found: &mut Findings) {
     let Inertial { mass_kg, center_of_mass, inertia, .. } = inertial;
     if !(mass_kg.is_finite() && *mass_kg > 0.0) {
-        found.add(subject, format!("the mass is {mass_kg} kg; it must be positive"));
+        found.add_finding(subject, format!("the mass is {mass_kg} kg; it must be positive"));
     }
     if !center_of_mass.iter().all(|x| x.is_finite()) {
-        found.add(subject, "the center of mass is not finite");
+        found.add_finding(subject, "the center of mass is not finite");
     }
     if !inertia.iter().all(|x| x.is_finite()) {
-        found.add(subject, "the inertia is not finite");
+        found.add_finding(subject, "the inertia is not finite");
         // The rules below compute with these numbers.
         return;
     }
     let scale = inertia.norm();
     if (inertia - inertia.transpose()).norm() > INERTIA_SLACK * scale {
-        found.add(subject, "the inertia is not symmetric");
+        found.add_finding(subject, "the inertia is not symmetric");
     }
     if let Some(why) = impossible_inertia(inertia) {
-        found.add(subject, why);
+        found.add_finding(subject, why);
     } else if principal_moments(inertia)[0] <= 0.0 {
-        found.add(subject, "the inertia has the principal moment 0 kg m^2; all must be positive");
+        found.add_finding(subject, "the inertia has the principal moment 0 kg m^2; all must be positive");
     }
 }
 
@@ -147,62 +150,63 @@ fn check_joint(joint: &Joint, found: &mut Findings) {
     let axis = joint.axis.as_ref();
     // Comparisons are negated, here and below: NaN fails them.
     if !((axis.norm() - 1.0).abs() < 1e-6) {
-        found.add(&joint.name, format!("the axis has length {}; it must be 1", axis.norm()));
+        found.add_finding(&joint.name, format!("the axis has length {}; it must be 1", axis.norm()));
     }
     let pose = &joint.parent_from_joint;
     if !(pose.translation.vector.iter().all(|x| x.is_finite()) && (pose.rotation.norm() - 1.0).abs() < 1e-6) {
-        found.add(&joint.name, "the origin is not a rigid transform");
+        found.add_finding(&joint.name, "the origin is not a rigid transform");
     }
     let l = &joint.limit;
     if !(l.lower.is_finite() && l.upper.is_finite() && l.lower < l.upper) {
-        found.add(&joint.name, format!("the limits [{}, {}] are not an interval", l.lower, l.upper));
+        found.add_finding(&joint.name, format!("the limits [{}, {}] are not an interval", l.lower, l.upper));
     }
     for (what, value) in [("effort", l.effort), ("velocity", l.velocity)] {
         if !(value.is_finite() && value > 0.0) {
-            found.add(&joint.name, format!("the {what} limit is {value}; it must be positive"));
+            found.add_finding(&joint.name, format!("the {what} limit is {value}; it must be positive"));
         }
     }
 }
 
-fn tree(model: &ArticulatedModel, found: &mut Findings) {
+fn check_tree(model: &ArticulatedModel, found: &mut Findings) {
     let n = model.links.len();
     if n == 0 {
-        found.add(&model.name, "the model has no link");
+        found.add_finding(&model.name, "the model has no link");
         return;
     }
     let mut parent = vec![None; n];
     for joint in &model.joints {
         if joint.parent >= n || joint.child >= n {
-            found.add(&joint.name, format!("joins links {} and {} of {n}", joint.parent, joint.child));
+            found
+                .add_finding(&joint.name, format!("joins links {} and {} of {n}", joint.parent, joint.child));
             // The rules below use these as indices.
             return;
         }
         if parent[joint.child].replace(joint.parent).is_some() {
-            found.add(
+            found.add_finding(
                 &joint.name,
                 format!("link {} is already the child of another joint", model.links[joint.child].name),
             );
         }
     }
     if parent[0].is_some() {
-        found.add(&model.links[0].name, "link 0 must be the root, but it is the child of a joint");
+        found.add_finding(&model.links[0].name, "link 0 must be the root, but it is the child of a joint");
     }
     for (i, link) in model.links.iter().enumerate().skip(1) {
         // A loop has no end, and no chain is longer than all links.
         let chain = std::iter::successors(Some(i), |&k| parent[k]).take(n);
         if chain.last() != Some(0) {
-            found.add(&link.name, "the link is not connected to the root");
+            found.add_finding(&link.name, "the link is not connected to the root");
         }
     }
 }
 
-fn states(model: &ArticulatedModel, found: &mut Findings) {
+fn check_states(model: &ArticulatedModel, found: &mut Findings) {
     if model.states.is_empty() {
-        found.add(&model.name, "the model has no observed state");
+        found.add_finding(&model.name, "the model has no observed state");
     }
     for (k, positions) in model.states.iter().enumerate() {
         if positions.len() != model.joints.len() {
-            found.add(
+            found.add_finding(
                 &model.name,
                 format!("state {k} has {} positions for {} joints", positions.len(), model.joints.len()),
             );
@@ -211,7 +215,7 @@ fn states(model: &ArticulatedModel, found: &mut Findings) {
         for (q, joint) in positions.iter().zip(&model.joints) {
             let l = &joint.limit;
             if !(*q >= l.lower - LIMIT_SLACK && *q <= l.upper + LIMIT_SLACK) {
-                found.add(
+                found.add_finding(
                     &joint.name,
                     format!("position {q} in state {k} is outside the limits [{}, {}]", l.lower, l.upper),
                 );

@@ -10,7 +10,7 @@ use ros2_client::{
 use super::{
     error::NodeError,
     job::{Finished, Job, News},
-    participant::{Participant, latched, reliable},
+    participant::{Participant, latched_profile, reliable_profile},
 };
 
 /// Waiting requests.
@@ -25,26 +25,26 @@ type Goal<J> = ExecutingGoalHandle<<J as Job>::Goal>;
 ///
 /// # Errors
 /// If the name cannot be used or the network refuses.
-pub(crate) fn offer<J: Job>(
+pub(crate) fn offer_action<J: Job>(
     participant: &mut Participant,
     mapping: ServiceMapping,
     job: Arc<J>,
 ) -> Result<(), NodeError> {
-    let name = participant.name(J::NAME)?;
+    let name = participant.library_name(J::NAME)?;
     let qos = ActionServerQosPolicies {
-        goal_service: reliable(DEPTH),
-        result_service: reliable(DEPTH),
-        cancel_service: reliable(DEPTH),
-        feedback_publisher: reliable(DEPTH),
+        goal_service: reliable_profile(DEPTH),
+        result_service: reliable_profile(DEPTH),
+        cancel_service: reliable_profile(DEPTH),
+        feedback_publisher: reliable_profile(DEPTH),
         // rcl_action latches the status as well: later clients learn of the goal.
-        status_publisher: latched(1),
+        status_publisher: latched_profile(1),
     };
     let server = participant
         .node()
         .create_action_server(mapping, &name, &ActionTypeName::new("artitwin_msgs", J::TYPE), qos)
-        .map_err(|e| NodeError::network(&format!("offering {}", J::NAME), e))?;
+        .map_err(|e| NodeError::network_error(&format!("offering {}", J::NAME), e))?;
     // Outside of the spinner: a goal takes minutes; parameters and discovery go on meanwhile.
-    tokio::spawn(serve(AsyncActionServer::new(server), job));
+    tokio::spawn(serve_goals(AsyncActionServer::new(server), job));
     Ok(())
 }
 
@@ -56,7 +56,7 @@ struct Ended<J: Job> {
     until: tokio::time::Instant,
 }
 
-async fn serve<J: Job>(server: Server<J>, job: Arc<J>) {
+async fn serve_goals<J: Job>(server: Server<J>, job: Arc<J>) {
     let mut ended: Option<Ended<J>> = None;
     loop {
         tokio::select! {
@@ -69,9 +69,9 @@ async fn serve<J: Job>(server: Server<J>, job: Arc<J>) {
                     }
                     // Before it is accepted, as accepting uses up the handle.
                     let Some(request) = server.get_new_goal(new.clone()) else { continue };
-                    match accept::<J>(&server, new).await {
+                    match accept_new_goal::<J>(&server, new).await {
                         Ok(goal) => {
-                            let (status, result) = execute(&server, &job, &goal, request).await;
+                            let (status, result) = execute_goal(&server, &job, &goal, request).await;
                             let until = tokio::time::Instant::now() + RESULT_WAIT;
                             ended = Some(Ended { goal, status, result, until });
                         }
@@ -86,7 +86,7 @@ async fn serve<J: Job>(server: Server<J>, job: Arc<J>) {
                     server.respond_to_cancel_requests(&cancel, std::iter::empty()).await.ok();
                 }
             }
-            () = deliver(&server, ended.as_ref()), if ended.is_some() => ended = None,
+            () = deliver_result(&server, ended.as_ref()), if ended.is_some() => ended = None,
         }
     }
 }
@@ -96,13 +96,16 @@ async fn serve<J: Job>(server: Server<J>, job: Arc<J>) {
 #[error("{0}")]
 struct NotAccepted(String);
 
-async fn accept<J: Job>(server: &Server<J>, new: NewGoalHandle<J::Goal>) -> Result<Goal<J>, NotAccepted> {
+async fn accept_new_goal<J: Job>(
+    server: &Server<J>,
+    new: NewGoalHandle<J::Goal>,
+) -> Result<Goal<J>, NotAccepted> {
     let accepted = server.accept_goal(new).await.map_err(|e| NotAccepted(format!("{e:?}")))?;
     server.start_executing_goal(accepted).await.map_err(|e| NotAccepted(format!("{e:?}")))
 }
 
 /// Waits for the client to ask for its result, and sends it.
-async fn deliver<J: Job>(server: &Server<J>, ended: Option<&Ended<J>>) {
+async fn deliver_result<J: Job>(server: &Server<J>, ended: Option<&Ended<J>>) {
     let Some(Ended { goal, status, result, until }) = ended else { return };
     match tokio::time::timeout_at(*until, server.send_result_response(goal.clone(), *status, result.clone()))
         .await
@@ -117,23 +120,23 @@ async fn deliver<J: Job>(server: &Server<J>, ended: Option<&Ended<J>>) {
 }
 
 /// Runs a goal to its end; meanwhile other goals are rejected and cancels are heard.
-async fn execute<J: Job>(
+async fn execute_goal<J: Job>(
     server: &Server<J>,
     job: &Arc<J>,
     goal: &Goal<J>,
     request: J::Goal,
 ) -> (GoalEndStatus, J::Result) {
-    let mut work = match job.begin(&request) {
+    let mut work = match job.begin_work(&request) {
         Ok(work) => work,
         // Already accepted: a refusal has to reach the client as a result.
-        Err(error) => return outcome::<J>(Finished::Failed(error.to_string())),
+        Err(error) => return goal_outcome::<J>(Finished::Failed(error.to_string())),
     };
     loop {
         tokio::select! {
             news = work.next() => match news {
                 News::Feedback(feedback) => _ = server.publish_feedback(goal.clone(), feedback).await,
                 // The result is sent by `deliver`: the client asks for it by a service of its own.
-                News::Ended(finished) => return outcome::<J>(finished),
+                News::Ended(finished) => return goal_outcome::<J>(finished),
             },
             cancel = server.receive_cancel_request() => {
                 let Ok(cancel) = cancel else { continue };
@@ -156,16 +159,16 @@ async fn execute<J: Job>(
     }
 }
 
-fn outcome<J: Job>(finished: Finished<J::Result>) -> (GoalEndStatus, J::Result) {
+fn goal_outcome<J: Job>(finished: Finished<J::Result>) -> (GoalEndStatus, J::Result) {
     match finished {
         Finished::Done(result) => (GoalEndStatus::Succeeded, result),
         Finished::Canceled => {
             log::info!("{}: canceled", J::NAME);
-            (GoalEndStatus::Canceled, J::nothing("canceled".to_owned()))
+            (GoalEndStatus::Canceled, J::failed_result("canceled".to_owned()))
         }
         Finished::Failed(message) => {
             log::warn!("{}: {message}", J::NAME);
-            (GoalEndStatus::Aborted, J::nothing(message))
+            (GoalEndStatus::Aborted, J::failed_result(message))
         }
     }
 }

@@ -41,12 +41,12 @@ impl NodeClock {
 
     /// The time now as a stamp.
     #[must_use]
-    pub(crate) fn stamp(&self) -> Time {
+    pub(crate) fn stamp_now(&self) -> Time {
         Time::from_nanos(self.now_nanos())
     }
 
     /// Takes a simulated time; whether it went back.
-    pub(crate) fn set(&self, time: Time) -> bool {
+    pub(crate) fn set_time(&self, time: Time) -> bool {
         let (Some(simulated), Some(nanos)) = (&self.simulated, time.nanos()) else { return false };
         let before = simulated.swap(nanos, Ordering::Relaxed);
         before != UNKNOWN && nanos < before.saturating_sub(JUMP_NANOS)
@@ -61,10 +61,10 @@ mod tests {
     fn simulated_time_may_jump_back() {
         let clock = NodeClock::new(true);
         assert_eq!(clock.now_nanos(), 0);
-        let set = |sec| clock.set(Time { sec, nanosec: 0 });
+        let set = |sec| clock.set_time(Time { sec, nanosec: 0 });
         assert_eq!([set(5), set(6), set(6), set(2), set(3)], [false, false, false, true, false]);
-        assert_eq!(clock.stamp(), Time { sec: 3, nanosec: 0 });
-        assert!(!clock.set(Time { sec: -1, nanosec: 0 }));
-        assert!(!NodeClock::new(false).set(Time { sec: 5, nanosec: 0 }));
+        assert_eq!(clock.stamp_now(), Time { sec: 3, nanosec: 0 });
+        assert!(!clock.set_time(Time { sec: -1, nanosec: 0 }));
+        assert!(!NodeClock::new(false).set_time(Time { sec: 5, nanosec: 0 }));
     }
 }

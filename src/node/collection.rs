@@ -91,7 +91,7 @@ impl Snapshot {
     /// The recordings of both states.
     ///
     /// # Errors States without enough views.
-    pub(crate) fn both(&self) -> Result<[PathBuf; 2], CollectError> {
+    pub(crate) fn both_recordings(&self) -> Result<[PathBuf; 2], CollectError> {
         if let Some(state) = self.collecting {
             return Err(CollectError::Collecting(state));
         }
@@ -226,7 +226,7 @@ impl Core {
 
     /// Works until it is stopped or everybody is gone.
     pub(crate) async fn run(mut self, mut inbox: Inbox) {
-        self.publish();
+        self.publish_snapshot();
         // Recordings are flushed and the snapshot is fresh also while nothing comes.
         let mut tick = tokio::time::interval(Duration::from_millis(200));
         loop {
@@ -236,16 +236,16 @@ impl Core {
                 biased;
                 command = inbox.commands.recv() => match command {
                     Some(Command::Stop(done)) => {
-                        self.close();
+                        self.close_recording();
                         done.send(()).ok();
                         return;
                     }
-                    Some(command) => self.obey(command),
-                    None => return self.close(),
+                    Some(command) => self.obey_command(command),
+                    None => return self.close_recording(),
                 },
-                Some(sample) = inbox.small.recv() => self.accept(sample),
-                Some(tracked) = self.tracking.tracked.recv() => self.take(tracked),
-                Some(sample) = inbox.images.recv() => self.accept(sample),
+                Some(sample) = inbox.small.recv() => self.accept_sample(sample),
+                Some(tracked) = self.tracking.tracked.recv() => self.take_tracked(tracked),
+                Some(sample) = inbox.images.recv() => self.accept_sample(sample),
                 _ = tick.tick() => {}
             }
             if self.flushed.elapsed() >= FLUSH_EVERY {
@@ -254,15 +254,15 @@ impl Core {
                     log::error!("{error}");
                 }
             }
-            self.publish();
+            self.publish_snapshot();
         }
     }
 
-    fn obey(&mut self, command: Command) {
+    fn obey_command(&mut self, command: Command) {
         match command {
             Command::Start(state, answer) => {
                 let started = self.unless_read(|core| {
-                    core.start(state)?;
+                    core.start_state(state)?;
                     // A state begun by people is seen for itself. A state begun by itself goes on in the map
                     // of the still object.
                     core.begin_map();
@@ -271,18 +271,18 @@ impl Core {
                 answer.send(started).ok();
             }
             Command::Finish(state, answer) => {
-                let finished = self.collector.finish(state);
+                let finished = self.collector.finish_state(state);
                 answer.send(finished).ok();
             }
             Command::Reset(session, answer) => {
-                let reset = self.unless_read(|core| core.reset(&session));
+                let reset = self.unless_read(|core| core.reset_session(&session));
                 answer.send(reset).ok();
             }
             Command::Flush(answer) => _ = answer.send(self.collector.flush().map_err(CollectError::from)),
             Command::TimeJump => {
                 log::warn!("time went back: what waited was dropped");
                 self.collector.jump_back(self.clock.now_nanos());
-                self.track_watch.begin();
+                self.track_watch.begin_map();
                 self.watch = self.watch.take().map(MotionWatch::renewed);
             }
             Command::Stop(_) => {}
@@ -301,25 +301,25 @@ impl Core {
             return Err(CollectError::Read);
         }
         let changed = change(self);
-        self.publish();
+        self.publish_snapshot();
         changed
     }
 
-    fn reset(&mut self, session: &Path) -> Result<(), CollectError> {
+    fn reset_session(&mut self, session: &Path) -> Result<(), CollectError> {
         // The new folder before the old one is given up: where it is refused, all stays as it is.
         let lock = SessionLock::take(session)?;
         self.watch = self.watch.take().map(MotionWatch::renewed);
         self.cloud = PreviewCloud::new(self.cloud_points);
-        self.track_watch.begin();
-        let reset = self.collector.reset(session);
+        self.track_watch.begin_map();
+        let reset = self.collector.reset_session(session);
         self.lock = lock;
         self.live_key.session += 1;
         self.begin_live(0);
         Ok(reset?)
     }
 
-    fn start(&mut self, state: usize) -> Result<(), CollectError> {
-        self.collector.start(state)?;
+    fn start_state(&mut self, state: usize) -> Result<(), CollectError> {
+        self.collector.start_state(state)?;
         self.last_state = state;
         self.cloud = PreviewCloud::new(self.cloud_points);
         self.begin_live(state);
@@ -329,14 +329,14 @@ impl Core {
     /// The map's content is of an earlier state, or session.
     fn begin_live(&mut self, state: usize) {
         if let Some(live) = &self.live {
-            self.live_key = MapKey { begun: live.begin(), state, ..self.live_key };
+            self.live_key = MapKey { begun: live.begin_map(), state, ..self.live_key };
         }
     }
 
     /// Hands a kept view to the map, unless a run needs the processor.
     fn map_live(&self, seen: &Seen, pixels: &Pixels) {
         if let Some(live) = self.live.as_ref().filter(|_| !self.shared.is_read()) {
-            live.offer(KeptView {
+            live.offer_view(KeptView {
                 key: MapKey { tracked: self.collector.tracked_map(), ..self.live_key },
                 stamp_nanos: seen.stamp_nanos,
                 kept: Instant::now(),
@@ -347,10 +347,10 @@ impl Core {
         }
     }
 
-    fn accept(&mut self, sample: Sample) {
+    fn accept_sample(&mut self, sample: Sample) {
         let now = self.clock.now_nanos();
-        match self.collector.accept(sample, now, self.watch.is_some()) {
-            Ok(seen) => seen.iter().for_each(|s| self.see(s)),
+        match self.collector.accept_sample(sample, now, self.watch.is_some()) {
+            Ok(seen) => seen.iter().for_each(|s| self.see_view(s)),
             Err(error) => log::error!("{error}; the state is not collected any further"),
         }
         let views = self.collector.take_to_track();
@@ -358,8 +358,8 @@ impl Core {
         if !self.shared.is_read() {
             for view in views {
                 // Never waits: a busy tracker costs views; they are counted.
-                let dropped = self.tracking.queue.offer(view);
-                self.track_watch.offer(dropped.is_none(), Instant::now());
+                let dropped = self.tracking.queue.offer_view(view);
+                self.track_watch.count_offered(dropped.is_none(), Instant::now());
                 if let Some(ToTrack { stamp_nanos, images, .. }) = dropped
                     && let Err(error) = self.collector.keep_unplaced(stamp_nanos, images, now)
                 {
@@ -370,12 +370,12 @@ impl Core {
     }
 
     /// Takes a tracked view.
-    fn take(&mut self, tracked: Tracked) {
-        if tracked.map != self.collector.map() {
+    fn take_tracked(&mut self, tracked: Tracked) {
+        if tracked.map != self.collector.map_number() {
             return;
         }
         let was_lost = self.track_watch.is_lost();
-        self.track_watch.see(&tracked, Instant::now());
+        self.track_watch.count_tracked(&tracked, Instant::now());
         if let (Outcome::Lost(why), false) = (&tracked.outcome, was_lost) {
             log::warn!("the camera is lost: {}", why.reason());
         }
@@ -383,7 +383,7 @@ impl Core {
             Ok(Some((seen, transform))) => {
                 // The publisher may be behind: the next one says more.
                 transform.into_iter().for_each(|t| _ = self.tracking.poses.try_send(t));
-                self.see(&seen);
+                self.see_view(&seen);
             }
             Ok(None) => {}
             Err(error) => log::error!("{error}; the state is not collected any further"),
@@ -392,32 +392,33 @@ impl Core {
 
     fn begin_map(&mut self) {
         self.collector.begin_map();
-        self.track_watch.begin();
+        self.track_watch.begin_map();
     }
 
-    fn see(&mut self, seen: &Seen) {
+    fn see_view(&mut self, seen: &Seen) {
         let Some(pixels) = &seen.pixels else { return };
         if seen.kept {
             self.map_live(seen, pixels);
-            self.cloud.add(pixels, &seen.world_from_camera);
+            self.cloud.add_view(pixels, &seen.world_from_camera);
             self.cloud_version += 1;
             // A copy for the publisher: it never waits for the core.
-            *guard(&self.shared.cloud) = self.cloud.points();
+            *guard(&self.shared.cloud) = self.cloud.colored_points();
         }
         // While a run reads the session no state may begin, so the object is not watched.
         let Some(watch) = self.watch.as_mut().filter(|_| !self.shared.is_read()) else { return };
-        let turn = watch.see(seen.stamp_nanos, pixels, &seen.world_from_camera, self.collector.kept());
+        let turn =
+            watch.see_view(seen.stamp_nanos, pixels, &seen.world_from_camera, self.collector.kept_views());
         match turn {
             Turn::None => {}
-            Turn::Start(state) => match self.unless_read(|core| core.start(state)) {
+            Turn::Start(state) => match self.unless_read(|core| core.start_state(state)) {
                 Ok(()) => log::info!("state {state} begins: the object is still"),
                 Err(error) => log::error!("state {state} cannot begin: {error}"),
             },
-            Turn::Finish(state) => self.end(state),
+            Turn::Finish(state) => self.end_state(state),
             Turn::Moved(state) => {
                 // The watch confirms motion some views after it began; those may show it.
                 self.collector.drop_held();
-                self.end(state);
+                self.end_state(state);
                 // The moved surface contradicts its earlier views.
                 self.begin_map();
                 self.watch = self.watch.take().map(MotionWatch::in_another_map);
@@ -425,27 +426,27 @@ impl Core {
         }
     }
 
-    fn end(&mut self, state: usize) {
-        match self.collector.finish(state) {
+    fn end_state(&mut self, state: usize) {
+        match self.collector.finish_state(state) {
             Ok(kept) => log::info!("state {state} ends with {kept} views"),
             Err(error) => log::error!("state {state} cannot end: {error}"),
         }
     }
 
     /// Closes open recordings: nothing is lost.
-    fn close(&mut self) {
+    fn close_recording(&mut self) {
         // A bag without metadata.yaml is still read, but with a warning.
         if let Phase::Collecting(state) = self.collector.phase()
-            && let Err(error) = self.collector.finish(state)
+            && let Err(error) = self.collector.finish_state(state)
         {
             log::warn!("state {state} was not finished: {error}");
         }
     }
 
-    fn publish(&mut self) {
+    fn publish_snapshot(&mut self) {
         let tracking = self.track_watch.status(Instant::now());
         let c = &self.collector;
-        let (matched, unmatched) = c.matches();
+        let (matched, unmatched) = c.match_counts();
         let collecting = match c.phase() {
             Phase::Collecting(state) => Some(state),
             Phase::Idle => None,
@@ -454,11 +455,11 @@ impl Core {
             collecting,
             state: self.last_state,
             moving: self.watch.as_ref().is_some_and(MotionWatch::is_moving),
-            kept: c.kept(),
+            kept: c.kept_views(),
             recordings: c.recordings(),
             matched,
             unmatched,
-            waiting: c.waiting(),
+            waiting: c.waiting_counts(),
             counts: c.counts,
             transforms: (c.tf.refused, c.tf.jumps),
             session: c.session().to_owned(),

@@ -158,7 +158,7 @@ impl Collector {
 
     /// Views kept of each state.
     #[must_use]
-    pub(crate) fn kept(&self) -> [usize; 2] {
+    pub(crate) fn kept_views(&self) -> [usize; 2] {
         [0, 1].map(|s| self.keyframes[s].len())
     }
 
@@ -170,13 +170,13 @@ impl Collector {
 
     /// Images that wait for partners, sets that wait for poses.
     #[must_use]
-    pub(crate) fn waiting(&self) -> (usize, usize) {
+    pub(crate) fn waiting_counts(&self) -> (usize, usize) {
         (self.sync.waiting(), self.waiting.len())
     }
 
     /// Sets found and images given up.
     #[must_use]
-    pub(crate) fn matches(&self) -> (u64, [u64; 3]) {
+    pub(crate) fn match_counts(&self) -> (u64, [u64; 3]) {
         (self.sync.matched, self.sync.unmatched)
     }
 
@@ -184,7 +184,7 @@ impl Collector {
     ///
     /// # Errors
     /// Another state is being collected, or the disk refuses.
-    pub(crate) fn start(&mut self, state: usize) -> Result<(), CollectError> {
+    pub(crate) fn start_state(&mut self, state: usize) -> Result<(), CollectError> {
         if state > 1 {
             return Err(CollectError::NoState(state));
         }
@@ -207,7 +207,7 @@ impl Collector {
     /// begun.
     ///
     /// # Errors The state is not in collection, nothing was kept, or the disk refuses.
-    pub(crate) fn finish(&mut self, state: usize) -> Result<usize, CollectError> {
+    pub(crate) fn finish_state(&mut self, state: usize) -> Result<usize, CollectError> {
         if self.phase != Phase::Collecting(state) {
             return Err(match self.phase {
                 Phase::Idle => CollectError::NotCollecting(state),
@@ -218,7 +218,7 @@ impl Collector {
         // An empty recording must not take the place of an earlier one of this state.
         if kept == 0 {
             let why = self.why_nothing();
-            self.abandon(state)?;
+            self.abandon_state(state)?;
             return Err(CollectError::NoView { state, why });
         }
         self.write_held(0)?;
@@ -229,7 +229,7 @@ impl Collector {
     }
 
     /// Takes back the beginning of a state.
-    fn abandon(&mut self, state: usize) -> Result<(), BagWriteError> {
+    fn abandon_state(&mut self, state: usize) -> Result<(), BagWriteError> {
         self.phase = Phase::Idle;
         let (finished, keyframes) = std::mem::take(&mut self.before);
         if let Some(bag) = self.bag.take() {
@@ -252,10 +252,10 @@ impl Collector {
         while self.held.len() > left {
             let (Some(held), Some(bag)) = (self.held.pop_front(), &mut self.bag) else { break };
             let infos = self.infos.each_ref().map(Option::as_ref);
-            bag.write(
+            bag.write_view(
                 &held.view,
                 infos,
-                self.tf.fixed(),
+                self.tf.static_transforms(),
                 held.around,
                 self.tf.overridden.as_deref(),
                 held.now_nanos,
@@ -267,7 +267,7 @@ impl Collector {
     /// A sentence about the missing parts.
     fn why_nothing(&self) -> String {
         let t = &self.settings.topics;
-        let (matched, unmatched) = self.matches();
+        let (matched, unmatched) = self.match_counts();
         match () {
             () if unmatched == [0; 3] && matched == 0 => {
                 format!("no images came on {} and {}", t.color, t.depth)
@@ -285,7 +285,7 @@ impl Collector {
     /// Forgets everything and goes on in another folder. Recordings stay on the disk.
     ///
     /// # Errors If the open recording cannot be closed.
-    pub(crate) fn reset(&mut self, session: &Path) -> Result<(), BagWriteError> {
+    pub(crate) fn reset_session(&mut self, session: &Path) -> Result<(), BagWriteError> {
         let kept_something =
             matches!(self.phase, Phase::Collecting(state) if self.keyframes[state].len() > 0);
         let bag = self.bag.take();
@@ -316,34 +316,34 @@ impl Collector {
     ///
     /// # Errors
     /// If the disk refuses; then the state is not collected any further.
-    pub(crate) fn accept(
+    pub(crate) fn accept_sample(
         &mut self,
         sample: Sample,
         now_nanos: i64,
         pixels: bool,
     ) -> Result<Vec<Seen>, BagWriteError> {
         if let Err(refusal) = sample.check() {
-            self.counts.refuse(refusal);
+            self.counts.count_refusal(refusal);
             // A message with one broken transform holds others.
             if !matches!(sample, Sample::Transforms(_) | Sample::StaticTransforms(_)) {
                 return Ok(Vec::new());
             }
         }
         match sample {
-            Sample::Color(picture) => self.image(0, picture),
-            Sample::Depth(picture) => self.image(1, picture),
-            Sample::Mask(picture) => self.image(2, picture),
+            Sample::Color(picture) => self.take_image(0, picture),
+            Sample::Depth(picture) => self.take_image(1, picture),
+            Sample::Mask(picture) => self.take_image(2, picture),
             Sample::ColorInfo(info) => self.infos[0] = Some(*info),
             Sample::DepthInfo(info) => self.infos[1] = Some(*info),
-            Sample::Transforms(m) => self.tf.add(&m),
+            Sample::Transforms(m) => self.tf.add_message(&m),
             Sample::StaticTransforms(m) => self.tf.add_static(&m),
-            Sample::Pose(m) => self.pose(m),
+            Sample::Pose(m) => self.take_pose(m),
             Sample::Odometry(m) => {
                 let child = Some(m.child_frame_id.clone()).filter(|c| !c.is_empty());
                 self.sample_of_pose(m.header, child, m.pose);
             }
         }
-        let seen = self.place(now_nanos, pixels);
+        let seen = self.place_waiting(now_nanos, pixels);
         self.unless_failed(seen)
     }
 
@@ -358,7 +358,7 @@ impl Collector {
         written
     }
 
-    fn image(&mut self, role: usize, picture: Picture) {
+    fn take_image(&mut self, role: usize, picture: Picture) {
         let Some((stamp, _)) = picture.header().checked() else { return };
         // Color leads: depth and masks of a jump come with it.
         if role == 0 {
@@ -394,13 +394,13 @@ impl Collector {
         self.newest_nanos = self.newest_nanos.min(latest);
     }
 
-    fn pose(&mut self, m: PoseStamped) {
+    fn take_pose(&mut self, m: PoseStamped) {
         self.sample_of_pose(m.header, self.settings.pose_frame.clone(), m.pose);
     }
 
     /// A pose is a transform; its child may only be known after an image.
     fn sample_of_pose(&mut self, header: Header, child: Option<String>, transform: Transform) {
-        let Some(child) = child.or_else(|| self.optical()) else { return };
+        let Some(child) = child.or_else(|| self.optical_frame()) else { return };
         // /tf may hold the same frame, by another estimator; two
         // sources would be interpolated into each other.
         self.tf.overridden = Some(child.clone());
@@ -408,13 +408,13 @@ impl Collector {
     }
 
     /// Frame of the color images.
-    fn optical(&self) -> Option<String> {
+    fn optical_frame(&self) -> Option<String> {
         let info = self.infos[0].as_ref().and_then(|i| i.header.checked());
         info.map(|(_, frame)| frame).filter(|f| !f.is_empty())
     }
 
     /// Gives waiting sets their poses, in order; keeps the new views.
-    fn place(&mut self, now_nanos: i64, pixels: bool) -> Result<Vec<Seen>, BagWriteError> {
+    fn place_waiting(&mut self, now_nanos: i64, pixels: bool) -> Result<Vec<Seen>, BagWriteError> {
         let mut seen = Vec::new();
         let mut still = VecDeque::new();
         while let Some(set) = self.waiting.pop_front() {
@@ -436,7 +436,7 @@ impl Collector {
                 Some(Ok(world_from_camera)) if self.infos[0].is_some() => {
                     self.world_frame = world;
                     let view = View { stamp_nanos: set.stamp_nanos, images: set.images, world_from_camera };
-                    seen.extend(self.judge(view, now_nanos, pixels, None)?);
+                    seen.extend(self.keep_if_new(view, now_nanos, pixels, None)?);
                 }
                 // The transform after the stamp may still come; the queue bounds the waiting.
                 other => {

@@ -66,21 +66,24 @@ fn samples(state: usize) -> Vec<(i64, Sample)> {
 
 fn feed(collector: &mut Collector, state: usize) -> usize {
     let samples = samples(state);
-    samples.into_iter().map(|(time, sample)| collector.accept(sample, time, false).unwrap().len()).sum()
+    samples
+        .into_iter()
+        .map(|(time, sample)| collector.accept_sample(sample, time, false).unwrap().len())
+        .sum()
 }
 
 #[test]
 fn what_is_collected_has_the_frames_of_the_recording() {
     let folder = tempfile::tempdir().unwrap();
     let mut collector = Collector::new(settings(), folder.path());
-    assert!(collector.finish(0).unwrap_err().to_string().contains("not being collected"));
+    assert!(collector.finish_state(0).unwrap_err().to_string().contains("not being collected"));
     for state in 0..2 {
-        collector.start(state).unwrap();
-        assert!(collector.start(state).unwrap_err().to_string().contains("finish it first"));
+        collector.start_state(state).unwrap();
+        assert!(collector.start_state(state).unwrap_err().to_string().contains("finish it first"));
         feed(&mut collector, state);
-        assert_eq!(collector.finish(state).unwrap(), 16);
+        assert_eq!(collector.finish_state(state).unwrap(), 16);
     }
-    assert_eq!((collector.kept(), collector.matches()), ([16, 16], (32, [0; 3])));
+    assert_eq!((collector.kept_views(), collector.match_counts()), ([16, 16], (32, [0; 3])));
     assert_eq!(collector.world_frame.as_deref(), Some("world"));
     let config = CaptureConfig::default();
     let open = |paths: &[PathBuf]| {
@@ -111,27 +114,27 @@ fn a_state_that_ends_without_views_does_not_count() {
     };
     let mut collector = Collector::new(settings(), folder.path());
     // As if never started.
-    collector.start(0).unwrap();
-    assert!(collector.finish(0).unwrap_err().to_string().contains("no view of state 0 was kept"));
+    collector.start_state(0).unwrap();
+    assert!(collector.finish_state(0).unwrap_err().to_string().contains("no view of state 0 was kept"));
     assert_eq!((collector.phase(), collector.recordings(), names()), (Phase::Idle, [None, None], vec![]));
-    assert!(collector.finish(0).unwrap_err().to_string().contains("not being collected"));
+    assert!(collector.finish_state(0).unwrap_err().to_string().contains("not being collected"));
     // What was there before counts again.
-    collector.start(0).unwrap();
+    collector.start_state(0).unwrap();
     feed(&mut collector, 0);
-    collector.finish(0).unwrap();
+    collector.finish_state(0).unwrap();
     let recording = folder.path().join("state0/state0_0.mcap");
     let before = std::fs::read(&recording).unwrap();
-    collector.start(0).unwrap();
+    collector.start_state(0).unwrap();
     assert!(names().contains(&"state0_replaced1".to_owned()));
-    assert!(collector.finish(0).is_err());
+    assert!(collector.finish_state(0).is_err());
     assert_eq!(
-        (collector.recordings(), collector.kept(), names()),
+        (collector.recordings(), collector.kept_views(), names()),
         ([Some(folder.path().join("state0")), None], [16, 0], vec!["state0".to_owned()])
     );
     assert_eq!(std::fs::read(&recording).unwrap(), before);
     // A reset forgets a state without views likewise.
-    collector.start(1).unwrap();
-    collector.reset(&folder.path().join("next")).unwrap();
+    collector.start_state(1).unwrap();
+    collector.reset_session(&folder.path().join("next")).unwrap();
     assert_eq!(names(), ["state0"]);
 }
 
@@ -139,47 +142,48 @@ fn a_state_that_ends_without_views_does_not_count() {
 fn known_views_and_a_second_replay_add_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let mut collector = Collector::new(settings(), folder.path());
-    collector.start(0).unwrap();
+    collector.start_state(0).unwrap();
     feed(&mut collector, 0);
     // The same stamps again: time went back, and what was kept stays the only copy.
     feed(&mut collector, 0);
-    assert_eq!(collector.kept()[0], 16);
+    assert_eq!(collector.kept_views()[0], 16);
     assert!(collector.counts.jumps >= 1 && collector.counts.late > 0, "{:?}", collector.counts);
-    assert_eq!(collector.finish(0).unwrap(), 16);
+    assert_eq!(collector.finish_state(0).unwrap(), 16);
     let recordings = std::fs::read_dir(folder.path()).unwrap().count();
-    collector.start(0).unwrap();
+    collector.start_state(0).unwrap();
     assert_eq!(
         std::fs::read_dir(folder.path()).unwrap().count(),
         recordings + 1,
         "what was collected before is kept"
     );
     feed(&mut collector, 0);
-    assert_eq!(collector.kept()[0], 16, "the transforms before the first image after a jump are there");
+    assert_eq!(collector.kept_views()[0], 16, "the transforms before the first image after a jump are there");
 }
 
 #[test]
 fn without_poses_or_partners_the_answer_says_what_is_missing() {
     let folder = tempfile::tempdir().unwrap();
     let mut collector = Collector::new(settings(), folder.path());
-    collector.start(0).unwrap();
-    assert!(collector.finish(0).unwrap_err().to_string().contains(COLOR));
-    collector.start(0).unwrap();
+    collector.start_state(0).unwrap();
+    assert!(collector.finish_state(0).unwrap_err().to_string().contains(COLOR));
+    collector.start_state(0).unwrap();
     let samples = samples(0);
     let without_tf =
         samples.iter().filter(|(_, s)| !matches!(s, Sample::Transforms(_) | Sample::StaticTransforms(_)));
-    without_tf.for_each(|(time, s)| assert!(collector.accept(s.clone(), *time, false).unwrap().is_empty()));
-    let why = collector.finish(0).unwrap_err().to_string();
+    without_tf
+        .for_each(|(time, s)| assert!(collector.accept_sample(s.clone(), *time, false).unwrap().is_empty()));
+    let why = collector.finish_state(0).unwrap_err().to_string();
     assert!(why.contains("/tf"), "{why}");
-    assert_eq!(collector.waiting(), (0, 16));
-    collector.reset(&folder.path().join("next")).unwrap();
-    assert_eq!((collector.phase(), collector.waiting()), (Phase::Idle, (0, 0)));
+    assert_eq!(collector.waiting_counts(), (0, 16));
+    collector.reset_session(&folder.path().join("next")).unwrap();
+    assert_eq!((collector.phase(), collector.waiting_counts()), (Phase::Idle, (0, 0)));
 }
 
 #[test]
 fn broken_images_are_counted_and_not_kept() {
     let folder = tempfile::tempdir().unwrap();
     let mut collector = Collector::new(settings(), folder.path());
-    collector.start(0).unwrap();
+    collector.start_state(0).unwrap();
     let mut count = 0;
     for (time, mut sample) in samples(0) {
         if let Sample::Depth(Picture::Compressed(image)) = &mut sample {
@@ -190,11 +194,11 @@ fn broken_images_are_counted_and_not_kept() {
                 _ => {}
             }
         }
-        collector.accept(sample, time, false).unwrap();
+        collector.accept_sample(sample, time, false).unwrap();
     }
-    assert_eq!(collector.finish(0).unwrap(), 14);
+    assert_eq!(collector.finish_state(0).unwrap(), 14);
     assert_eq!((collector.counts.broken, collector.counts.bad_header), (1, 1));
-    assert_eq!(collector.matches().1[0], 1, "its color image has no partner");
+    assert_eq!(collector.match_counts().1[0], 1, "its color image has no partner");
 }
 
 #[test]
@@ -203,7 +207,7 @@ fn views_without_transforms_are_tracked_kept_and_recorded_without_poses() {
     let mut posed = Collector::new(settings(), &folder.path().join("posed"));
     let truth: Vec<Seen> = samples(0)
         .into_iter()
-        .flat_map(|(time, sample)| posed.accept(sample, time, false).unwrap())
+        .flat_map(|(time, sample)| posed.accept_sample(sample, time, false).unwrap())
         .collect();
     let settings = CollectorSettings { tracking: TrackCamera::Auto, ..settings() };
     let track = TrackSettings {
@@ -214,12 +218,12 @@ fn views_without_transforms_are_tracked_kept_and_recorded_without_poses() {
     };
     let mut follower = Follower::new(&track);
     let mut collector = Collector::new(settings, folder.path());
-    collector.start(0).unwrap();
+    collector.start_state(0).unwrap();
     let mut found = Vec::new();
     for (time, sample) in samples(0).into_iter().filter(|(_, s)| !matches!(s, Sample::Transforms(_))) {
-        assert!(collector.accept(sample, time, false).unwrap().is_empty());
+        assert!(collector.accept_sample(sample, time, false).unwrap().is_empty());
         for view in collector.take_to_track() {
-            let tracked = follower.follow(view);
+            let tracked = follower.follow_view(view);
             found.extend(collector.accept_tracked(tracked, time).unwrap());
         }
     }
@@ -244,10 +248,10 @@ fn views_without_transforms_are_tracked_kept_and_recorded_without_poses() {
     assert_eq!(collector.twin_frame(), Some("world"));
     // The node's own transforms come back on /tf: they change nothing.
     let own = found.iter().filter_map(|(_, t)| t.clone()).collect();
-    collector.accept(Sample::Transforms(TfMessage { transforms: own }), 0, false).unwrap();
+    collector.accept_sample(Sample::Transforms(TfMessage { transforms: own }), 0, false).unwrap();
     assert_eq!(collector.tf.moving_root("camera_color_optical_frame"), None);
     // Those that were lost are recorded, too.
-    assert_eq!(collector.finish(0).unwrap(), 16);
+    assert_eq!(collector.finish_state(0).unwrap(), 16);
     let recorded = io::inspect(&folder.path().join("state0")).unwrap();
     let recorded = &recorded.recordings[0];
     assert!(recorded.untracked && recorded.views == 16, "{recorded:?}");
@@ -265,9 +269,9 @@ fn a_view_of_an_earlier_map_is_left_out_and_one_that_asks_for_poses_is_not_track
     );
     let mut views = Vec::new();
     for (time, sample) in samples(0) {
-        assert!(always.accept(sample.clone(), time, false).unwrap().is_empty());
+        assert!(always.accept_sample(sample.clone(), time, false).unwrap().is_empty());
         views.extend(always.take_to_track());
-        asked.accept(sample, time, false).unwrap();
+        asked.accept_sample(sample, time, false).unwrap();
         assert!(asked.take_to_track().is_empty());
     }
     // Also where transforms come.

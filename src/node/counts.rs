@@ -29,7 +29,7 @@ pub(crate) struct Counts {
 
 impl Counts {
     /// Counts an unused message.
-    pub(crate) fn refuse(&mut self, refusal: Refusal) {
+    pub(crate) fn count_refusal(&mut self, refusal: Refusal) {
         match refusal {
             Refusal::Header => self.bad_header += 1,
             Refusal::Size => self.bad_size += 1,
@@ -38,7 +38,7 @@ impl Counts {
     }
 
     /// Counts a view while a state is collected.
-    pub(crate) fn judged(&mut self, verdict: Verdict, collecting: bool) {
+    pub(crate) fn count_verdict(&mut self, verdict: Verdict, collecting: bool) {
         match verdict {
             // Between states every view is known; counting those would say nothing.
             _ if !collecting => {}

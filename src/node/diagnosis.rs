@@ -44,29 +44,29 @@ impl Job for Diagnoser {
     const NAME: &'static str = "~/diagnose";
     const TYPE: &'static str = "Diagnose";
 
-    fn begin(
+    fn begin_work(
         self: &Arc<Self>,
         goal: &DiagnoseGoal,
     ) -> Result<Work<DiagnoseResult, DiagnoseFeedback>, GoalError> {
-        let request = self.request(goal)?;
+        let request = self.request_of_goal(goal)?;
         // Before the work: an unreadable twin fails the goal at once.
         let (tree, _) = read_twin(&request.twin, request.gravity)?;
         let joints = tree.joints.iter().filter(|j| j.motion != Motion::Fixed && !j.is_mimic).count();
         let mut progress = JointProgress::new(joints);
         let this = Arc::clone(self);
-        Ok(Work::start(
-            move |event, elapsed| progress.feedback(event, elapsed),
-            move |monitor| this.finish(&request, run::diagnose(&request, monitor)),
+        Ok(Work::start_thread(
+            move |event, elapsed| progress.feedback_of_event(event, elapsed),
+            move |monitor| this.finished_result(&request, run::diagnose(&request, monitor)),
         ))
     }
 
-    fn nothing(message: String) -> DiagnoseResult {
+    fn failed_result(message: String) -> DiagnoseResult {
         DiagnoseResult { message, ..DiagnoseResult::default() }
     }
 }
 
 impl Diagnoser {
-    fn request(&self, goal: &DiagnoseGoal) -> Result<DiagnoseRequest, GoalError> {
+    fn request_of_goal(&self, goal: &DiagnoseGoal) -> Result<DiagnoseRequest, GoalError> {
         if goal.runs.is_empty() || goal.runs.len() + goal.held_out.len() > MAX_RUNS {
             return Err(GoalError::Runs(goal.runs.len() + goal.held_out.len()));
         }
@@ -98,7 +98,7 @@ impl Diagnoser {
         })
     }
 
-    fn finish(
+    fn finished_result(
         &self,
         request: &DiagnoseRequest,
         result: Result<DiagnoseOutcome, RunError>,
@@ -108,7 +108,7 @@ impl Diagnoser {
             Err(RunError::Cancelled(_)) => return Finished::Canceled,
             Err(error) => return Finished::Failed(run::chain(&error)),
         };
-        match report(&outcome, &request.twin) {
+        match read_report(&outcome, &request.twin) {
             Ok(report) => {
                 log::info!("{}: {} ({})", Self::NAME, report.verdict, report.folder);
                 let message = report.summary.clone();
@@ -124,7 +124,7 @@ impl Diagnoser {
     }
 }
 
-fn report(outcome: &DiagnoseOutcome, twin: &Path) -> Result<GapReport, GapReportError> {
+fn read_report(outcome: &DiagnoseOutcome, twin: &Path) -> Result<GapReport, GapReportError> {
     let report = read_gap_report(&outcome.folder)?;
     Ok(GapReport { twin: twin.display().to_string(), summary: outcome.summary.clone(), ..report })
 }
@@ -140,7 +140,7 @@ impl JointProgress {
         Self { joints, begun: 0 }
     }
 
-    fn feedback(&mut self, event: &Event, elapsed: Duration) -> Option<DiagnoseFeedback> {
+    fn feedback_of_event(&mut self, event: &Event, elapsed: Duration) -> Option<DiagnoseFeedback> {
         let Event::StageStarted { stage, .. } = event else { return None };
         // A stage is reported when it begins, so earlier stages are done.
         let done = (self.begun as f64 / self.joints.max(1) as f64).min(1.0);
@@ -159,7 +159,7 @@ mod tests {
         let mut progress = JointProgress::new(2);
         let mut at = |stage: &str, secs| {
             let event = Event::StageStarted { stage: stage.into(), steps: None };
-            progress.feedback(&event, Duration::from_secs(secs)).unwrap()
+            progress.feedback_of_event(&event, Duration::from_secs(secs)).unwrap()
         };
         let first = at("diagnose/a", 1);
         assert!(first.fraction == 0.0 && first.seconds_left.is_nan() && first.stage == "diagnose/a");

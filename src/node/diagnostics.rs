@@ -34,7 +34,12 @@ impl Diagnostics {
     }
 
     /// The present state, `elapsed` after the last.
-    pub(crate) fn array(&mut self, stamp: Time, elapsed: Duration, snapshot: &Snapshot) -> DiagnosticArray {
+    pub(crate) fn status_array(
+        &mut self,
+        stamp: Time,
+        elapsed: Duration,
+        snapshot: &Snapshot,
+    ) -> DiagnosticArray {
         // Two reports may come at once after the machine was busy.
         let seconds = elapsed.as_secs_f64().max(1e-3);
         let mut status = Vec::new();
@@ -43,14 +48,14 @@ impl Diagnostics {
             status.push(input_status(&self.node, input, now, *last, seconds));
             *last = now;
         }
-        status.push(self.collection(snapshot));
-        status.extend(snapshot.tracking.as_ref().map(|t| self.tracking(t)));
+        status.push(self.collection_status(snapshot));
+        status.extend(snapshot.tracking.as_ref().map(|t| self.tracking_status(t)));
         status.extend(snapshot.live.as_ref().map(|l| self.live_map(l)));
-        status.push(self.machine());
+        status.push(self.machine_status());
         DiagnosticArray { header: Header { stamp, frame_id: String::new() }, status }
     }
 
-    fn collection(&self, s: &Snapshot) -> DiagnosticStatus {
+    fn collection_status(&self, s: &Snapshot) -> DiagnosticStatus {
         let c = &s.counts;
         let values = [
             ("keyframes_state0", s.kept[0].to_string()),
@@ -80,10 +85,10 @@ impl Diagnostics {
             (None, Some(state)) => (OK, format!("collecting state {state}")),
             (None, None) => (OK, "not collecting".into()),
         };
-        status(&self.node, "collection", level, message, &values)
+        status_of_part(&self.node, "collection", level, message, &values)
     }
 
-    fn tracking(&self, t: &TrackStatus) -> DiagnosticStatus {
+    fn tracking_status(&self, t: &TrackStatus) -> DiagnosticStatus {
         let values = [
             ("views_hz", format!("{:.1}", t.views_hz)),
             ("inliers", format!("{:.3}", t.inliers)),
@@ -96,7 +101,7 @@ impl Diagnostics {
             true => (OK, format!("{:.1} views a second, {:.1} mm", t.views_hz, 1e3 * t.error_m)),
             false => (WARN, t.hint.clone()),
         };
-        status(&self.node, "tracking", level, message, &values)
+        status_of_part(&self.node, "tracking", level, message, &values)
     }
 
     fn live_map(&self, l: &LiveStatus) -> DiagnosticStatus {
@@ -118,10 +123,10 @@ impl Diagnostics {
             Some(share) => format!("{} views, {:.0} % unseen", l.fused, 100.0 * share),
             None => "no view yet".into(),
         };
-        status(&self.node, "live_map", OK, message, &values)
+        status_of_part(&self.node, "live_map", OK, message, &values)
     }
 
-    fn machine(&self) -> DiagnosticStatus {
+    fn machine_status(&self) -> DiagnosticStatus {
         let memory = resident_bytes();
         let values = [
             ("resident_bytes", memory.map_or_else(|| "unknown".into(), |b| b.to_string())),
@@ -130,7 +135,7 @@ impl Diagnostics {
         ];
         let message =
             memory.map_or_else(|| "memory unknown".into(), |b| format!("{:.0} MB resident", b as f64 / 1e6));
-        status(&self.node, "machine", OK, message, &values)
+        status_of_part(&self.node, "machine", OK, message, &values)
     }
 }
 
@@ -160,10 +165,16 @@ fn input_status(
         ("malformed", now.malformed.to_string()),
         ("dropped_busy", now.overrun.to_string()),
     ];
-    status(node, input.role, level, message, &values)
+    status_of_part(node, input.role, level, message, &values)
 }
 
-fn status(node: &str, part: &str, level: u8, message: String, values: &[(&str, String)]) -> DiagnosticStatus {
+fn status_of_part(
+    node: &str,
+    part: &str,
+    level: u8,
+    message: String,
+    values: &[(&str, String)],
+) -> DiagnosticStatus {
     let values = values.iter().map(|(key, value)| KeyValue { key: (*key).to_owned(), value: value.clone() });
     DiagnosticStatus {
         level,
@@ -196,15 +207,15 @@ mod tests {
         let mut diagnostics = Diagnostics::new("/artitwin", vec![input]);
         let mut report = |secs| {
             diagnostics
-                .array(Time::default(), Duration::from_secs(secs), &Snapshot::default())
+                .status_array(Time::default(), Duration::from_secs(secs), &Snapshot::default())
                 .status
                 .swap_remove(0)
         };
         assert_eq!(report(1).level, STALE);
-        (1..=60).for_each(|s| count.receive([0; 16], s));
+        (1..=60).for_each(|s| count.count_received([0; 16], s));
         let status = report(2);
         assert_eq!((status.level, status.message.as_str()), (OK, "30.0 Hz"));
-        count.receive([0; 16], 63);
+        count.count_received([0; 16], 63);
         let status = report(1);
         assert_eq!(status.level, WARN);
         let lost = status.values.iter().find(|v| v.key == "lost").unwrap();

@@ -77,7 +77,7 @@ impl NodeError {
     }
 
     /// The middleware refused something.
-    pub fn network(what: &str, reason: impl std::fmt::Display) -> Self {
+    pub fn network_error(what: &str, reason: impl std::fmt::Display) -> Self {
         Self::Network { what: what.to_owned(), reason: reason.to_string() }
     }
 }

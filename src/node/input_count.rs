@@ -37,13 +37,13 @@ pub(crate) struct InputSnapshot {
 }
 
 impl InputCount {
-    fn inner(&self) -> MutexGuard<'_, Inner> {
+    fn locked_inner(&self) -> MutexGuard<'_, Inner> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Counts a message of a publisher.
-    pub(crate) fn receive(&self, publisher: [u8; 16], sequence: i64) {
-        let mut inner = self.inner();
+    pub(crate) fn count_received(&self, publisher: [u8; 16], sequence: i64) {
+        let mut inner = self.locked_inner();
         inner.snapshot.received += 1;
         let malformed = std::mem::take(&mut inner.malformed_since);
         // DDS numbers the samples of each writer without gaps, so a gap is a loss.
@@ -66,21 +66,21 @@ impl InputCount {
     }
 
     /// Counts an undecodable message.
-    pub(crate) fn malformed(&self) {
-        let mut inner = self.inner();
+    pub(crate) fn count_malformed(&self) {
+        let mut inner = self.locked_inner();
         inner.snapshot.malformed += 1;
         inner.malformed_since += 1;
     }
 
     /// Counts a message dropped by the busy node.
-    pub(crate) fn overrun(&self) {
-        self.inner().snapshot.overrun += 1;
+    pub(crate) fn count_overrun(&self) {
+        self.locked_inner().snapshot.overrun += 1;
     }
 
     /// The counts now.
     #[must_use]
     pub(crate) fn snapshot(&self) -> InputSnapshot {
-        self.inner().snapshot
+        self.locked_inner().snapshot
     }
 }
 
@@ -93,14 +93,14 @@ mod tests {
         let count = InputCount::default();
         let a = [1; 16];
         let b = [2; 16];
-        [5, 6, 9].iter().for_each(|s| count.receive(a, *s));
-        [100, 101].iter().for_each(|s| count.receive(b, *s));
+        [5, 6, 9].iter().for_each(|s| count.count_received(a, *s));
+        [100, 101].iter().for_each(|s| count.count_received(b, *s));
         assert_eq!(count.snapshot(), InputSnapshot { received: 5, lost: 2, ..InputSnapshot::default() });
         // 7 was only late.
-        count.receive(a, 7);
+        count.count_received(a, 7);
         assert_eq!(count.snapshot().lost, 1);
-        count.malformed();
-        count.receive(a, 12);
+        count.count_malformed();
+        count.count_received(a, 12);
         assert_eq!((count.snapshot().lost, count.snapshot().malformed), (2, 1));
     }
 }

@@ -10,7 +10,7 @@ use super::{
     error::NodeError,
     input_count::InputCount,
     parameters::Parameters,
-    participant::{Participant, latched, named, reliable, sensor_data},
+    participant::{Participant, latched_profile, profile_by_name, reliable_profile, sensor_data},
     ros_args::RosArgs,
     ros_names::NodeIdentity,
     sample::{Picture, Sample},
@@ -48,8 +48,8 @@ pub(crate) struct Outbox {
 
 /// Names of the subscribed topics, remapped.
 #[must_use]
-pub(crate) fn topics(arguments: &RosArgs, node: &NodeIdentity, p: &Parameters) -> Topics {
-    let resolve = |name: &str| arguments.resolve(name, node);
+pub(crate) fn topic_names(arguments: &RosArgs, node: &NodeIdentity, p: &Parameters) -> Topics {
+    let resolve = |name: &str| arguments.resolved_name(name, node);
     // An empty parameter means: not given; ROS parameters have no null.
     let given = |name: &str| (!name.is_empty()).then(|| resolve(name));
     Topics {
@@ -79,7 +79,7 @@ struct Subscriber<'a> {
 
 impl Subscriber<'_> {
     /// Hands the messages of a topic on; those without room are counted.
-    fn add<M: RosMessage>(
+    fn add_topic<M: RosMessage>(
         &mut self,
         role: &'static str,
         topic: &str,
@@ -91,17 +91,17 @@ impl Subscriber<'_> {
         let images = matches!(role, "color" | "depth" | "mask");
         let sink = if images { self.outbox.images.clone() } else { self.outbox.small.clone() };
         let overrun = Arc::clone(&count);
-        self.participant.subscribe(topic, qos, Arc::clone(&count), move |message: M| {
+        self.participant.subscribe_topic(topic, qos, Arc::clone(&count), move |message: M| {
             // Never waits: a busy core costs images, with a count, and not the middleware's thread.
             if let Err(TrySendError::Full(_)) = sink.try_send(wrap(message)) {
-                overrun.overrun();
+                overrun.count_overrun();
             }
         })?;
         self.inputs.push(Input { role, topic: topic.to_owned(), count });
         Ok(())
     }
 
-    fn image(
+    fn add_image_topic(
         &mut self,
         role: &'static str,
         topic: &str,
@@ -110,8 +110,8 @@ impl Subscriber<'_> {
         wrap: fn(Picture) -> Sample,
     ) -> Result<(), NodeError> {
         match raw {
-            true => self.add(role, topic, qos, move |m: Image| wrap(Picture::Raw(m))),
-            false => self.add(role, topic, qos, move |m: CompressedImage| wrap(Picture::Compressed(m))),
+            true => self.add_topic(role, topic, qos, move |m: Image| wrap(Picture::Raw(m))),
+            false => self.add_topic(role, topic, qos, move |m: CompressedImage| wrap(Picture::Compressed(m))),
         }
     }
 }
@@ -120,7 +120,7 @@ impl Subscriber<'_> {
 ///
 /// # Errors
 /// If a name cannot be used or the network refuses.
-pub(crate) fn subscribe(
+pub(crate) fn subscribe_topics(
     participant: &mut Participant,
     p: &Parameters,
     topics: &Topics,
@@ -128,31 +128,31 @@ pub(crate) fn subscribe(
     clock: &Arc<NodeClock>,
 ) -> Result<Vec<Input>, NodeError> {
     let depth = usize::try_from(p.queue_depth).unwrap_or(10);
-    let images = named(&p.image_qos, depth);
-    let infos = named(&p.info_qos, depth);
+    let images = profile_by_name(&p.image_qos, depth);
+    let infos = profile_by_name(&p.info_qos, depth);
     let mut s = Subscriber { participant, outbox, inputs: Vec::new() };
-    let tf = s.participant.resolve("/tf");
-    let tf_static = s.participant.resolve("/tf_static");
+    let tf = s.participant.resolved_name("/tf");
+    let tf_static = s.participant.resolved_name("/tf_static");
     // Explicit profiles: the library's default is best effort with a depth of 1. Best effort fits every
     // publisher, reliable does not, and a mismatch is silent. tf2 publishes reliably, and /tf_static latched.
-    s.add("tf", &tf, &reliable(TF_DEPTH), Sample::Transforms)?;
-    s.add("tf_static", &tf_static, &latched(TF_DEPTH), Sample::StaticTransforms)?;
-    s.image("color", &topics.color, p.color_transport == "raw", &images, Sample::Color)?;
-    s.image("depth", &topics.depth, p.depth_transport == "raw", &images, Sample::Depth)?;
+    s.add_topic("tf", &tf, &reliable_profile(TF_DEPTH), Sample::Transforms)?;
+    s.add_topic("tf_static", &tf_static, &latched_profile(TF_DEPTH), Sample::StaticTransforms)?;
+    s.add_image_topic("color", &topics.color, p.color_transport == "raw", &images, Sample::Color)?;
+    s.add_image_topic("depth", &topics.depth, p.depth_transport == "raw", &images, Sample::Depth)?;
     if let Some(mask) = &topics.mask {
-        s.image("mask", mask, p.mask_transport == "raw", &images, Sample::Mask)?;
+        s.add_image_topic("mask", mask, p.mask_transport == "raw", &images, Sample::Mask)?;
     }
-    s.add("camera_info", &topics.color_info, &infos, |m: CameraInfo| Sample::ColorInfo(Box::new(m)))?;
+    s.add_topic("camera_info", &topics.color_info, &infos, |m: CameraInfo| Sample::ColorInfo(Box::new(m)))?;
     // One topic for both: a second subscription would bring each message twice.
     if let Some(info) = topics.depth_info.as_ref().filter(|t| **t != topics.color_info) {
-        s.add("depth_info", info, &infos, |m: CameraInfo| Sample::DepthInfo(Box::new(m)))?;
+        s.add_topic("depth_info", info, &infos, |m: CameraInfo| Sample::DepthInfo(Box::new(m)))?;
     }
     match &topics.pose {
-        Some((topic, true)) => {
-            s.add("pose", topic, &sensor_data(TF_DEPTH), |m: FullOdometry| Sample::Odometry(Box::new(m)))?
-        }
+        Some((topic, true)) => s.add_topic("pose", topic, &sensor_data(TF_DEPTH), |m: FullOdometry| {
+            Sample::Odometry(Box::new(m))
+        })?,
         Some((topic, false)) => {
-            s.add("pose", topic, &sensor_data(TF_DEPTH), |m: PoseStamped| Sample::Pose(m))?
+            s.add_topic("pose", topic, &sensor_data(TF_DEPTH), |m: PoseStamped| Sample::Pose(m))?
         }
         None => {}
     }
@@ -162,10 +162,10 @@ pub(crate) fn subscribe(
         let count = Arc::new(InputCount::default());
         let clock = Arc::clone(clock);
         let commands = outbox.commands.clone();
-        let topic = participant.resolve("/clock");
-        participant.subscribe(&topic, &sensor_data(1), Arc::clone(&count), move |m: Clock| {
+        let topic = participant.resolved_name("/clock");
+        participant.subscribe_topic(&topic, &sensor_data(1), Arc::clone(&count), move |m: Clock| {
             // A restarted replay, or a reset simulator: waiting images are of another time.
-            if clock.set(m.clock) {
+            if clock.set_time(m.clock) {
                 commands.try_send(Command::TimeJump).ok();
             }
         })?;

@@ -36,10 +36,13 @@ pub(crate) trait Job: Send + Sync + 'static {
     ///
     /// # Errors
     /// It cannot be done.
-    fn begin(self: &Arc<Self>, goal: &Self::Goal) -> Result<Work<Self::Result, Self::Feedback>, GoalError>;
+    fn begin_work(
+        self: &Arc<Self>,
+        goal: &Self::Goal,
+    ) -> Result<Work<Self::Result, Self::Feedback>, GoalError>;
 
     /// The result of failed work, with the reason.
-    fn nothing(message: String) -> Self::Result;
+    fn failed_result(message: String) -> Self::Result;
 }
 
 /// How work ended.
@@ -72,7 +75,7 @@ pub(crate) struct Work<R, F> {
 impl<R: Send + 'static, F: Send + 'static> Work<R, F> {
     /// Starts work. `feedback` makes the report of an event and the time since the start, where there is one:
     /// at once for a new stage, else not too often.
-    pub(crate) fn start(
+    pub(crate) fn start_thread(
         mut feedback: impl FnMut(&Event, Duration) -> Option<F> + Send + 'static,
         work: impl FnOnce(&Monitor) -> Finished<R> + Send + 'static,
     ) -> Self {
@@ -154,7 +157,7 @@ mod tests {
 
     #[tokio::test]
     async fn work_reports_its_stages_and_stops_when_asked() {
-        let mut work = Work::start(stage, wait);
+        let mut work = Work::start_thread(stage, wait);
         for expected in ["stage0", "stage1"] {
             assert!(matches!(work.next().await, News::Feedback(sent) if sent == expected));
         }
@@ -168,7 +171,7 @@ mod tests {
 
     #[tokio::test]
     async fn work_that_panics_has_failed() {
-        let mut work: Work<u8, String> = Work::start(stage, |_| panic!("as a test"));
+        let mut work: Work<u8, String> = Work::start_thread(stage, |_| panic!("as a test"));
         assert!(matches!(work.next().await, News::Ended(Finished::Failed(_))));
     }
 }

@@ -49,7 +49,12 @@ impl Keyframes {
 
     /// Whether a view would be kept.
     #[must_use]
-    pub(crate) fn judge(&self, stamp_nanos: i64, world_from_camera: &Pose, rule: &KeyframeRule) -> Verdict {
+    pub(crate) fn verdict_on(
+        &self,
+        stamp_nanos: i64,
+        world_from_camera: &Pose,
+        rule: &KeyframeRule,
+    ) -> Verdict {
         // Time went back: kept views stay, older ones are left out.
         if self.last_stamp_nanos.is_some_and(|last| stamp_nanos <= last) {
             return Verdict::Late;
@@ -85,7 +90,7 @@ impl Keyframes {
     }
 
     /// Keeps a view.
-    pub(crate) fn keep(&mut self, stamp_nanos: i64, world_from_camera: Pose) {
+    pub(crate) fn keep_view(&mut self, stamp_nanos: i64, world_from_camera: Pose) {
         self.poses.push(world_from_camera);
         self.last_stamp_nanos = Some(stamp_nanos);
     }
@@ -101,7 +106,7 @@ mod tests {
     fn views_without_poses_are_kept_by_their_time() {
         let rule = KeyframeRule { translation_m: 0.1, rotation_rad: 0.2, most: 4 };
         let mut kept = Keyframes::default();
-        kept.keep(1_000_000_000, Pose::identity());
+        kept.keep_view(1_000_000_000, Pose::identity());
         let tenths = [10, 11, 12, 13, 14, 13, 16, 18];
         let found = tenths.map(|t| kept.keep_unplaced(t * 100_000_000, &rule));
         assert_eq!(found, [false, false, true, false, true, false, true, false]);
@@ -114,9 +119,9 @@ mod tests {
         let mut kept = Keyframes::default();
         let mut offer = |stamp, x: f64, turn: f64| {
             let pose = Pose::new(Vector3::new(x, 0.0, 0.0), Vector3::new(0.0, turn, 0.0));
-            let verdict = kept.judge(stamp, &pose, &rule);
+            let verdict = kept.verdict_on(stamp, &pose, &rule);
             if verdict == Verdict::Keep {
-                kept.keep(stamp, pose);
+                kept.keep_view(stamp, pose);
             }
             verdict
         };

@@ -37,17 +37,17 @@ struct ReportNote {
 /// Notes a made twin. A refusal of the disk is logged; the twin is published all the same.
 pub(crate) fn note_twin(session: &Path, twin: &Twin) {
     let note = TwinNote {
-        folder: inside(session, &twin.summary.folder),
+        folder: path_in_session(session, &twin.summary.folder),
         state: twin.state,
         world_frame: twin.world_frame.clone(),
     };
-    write(&session.join(TWIN_FILE), &note);
+    write_note(&session.join(TWIN_FILE), &note);
 }
 
 /// Notes a made diagnosis.
 pub(crate) fn note_report(session: &Path, report: &GapReport) {
-    let folder = inside(session, Path::new(&report.folder));
-    write(
+    let folder = path_in_session(session, Path::new(&report.folder));
+    write_note(
         &session.join(REPORT_FILE),
         &ReportNote { folder, twin: report.twin.clone(), summary: report.summary.clone() },
     );
@@ -56,7 +56,7 @@ pub(crate) fn note_report(session: &Path, report: &GapReport) {
 /// The last twin of a session. An unreadable one is logged and left out.
 #[must_use]
 pub(crate) fn last_twin(session: &Path) -> Option<Twin> {
-    let note: TwinNote = read(&session.join(TWIN_FILE))?;
+    let note: TwinNote = read_note(&session.join(TWIN_FILE))?;
     let summary = read_run_summary(&session.join(&note.folder));
     // A session without its twin is still a session: the node starts all the same.
     let summary = summary.inspect_err(|e| log::warn!("the last twin is not published again: {e}")).ok()?;
@@ -66,7 +66,7 @@ pub(crate) fn last_twin(session: &Path) -> Option<Twin> {
 /// The last diagnosis of a session. An unreadable one is logged and left out.
 #[must_use]
 pub(crate) fn last_report(session: &Path) -> Option<GapReport> {
-    let note: ReportNote = read(&session.join(REPORT_FILE))?;
+    let note: ReportNote = read_note(&session.join(REPORT_FILE))?;
     let report = read_gap_report(&session.join(&note.folder));
     let report = report
         .inspect_err(|e| log::warn!("the last report is not published again: {e}; diagnose again"))
@@ -75,11 +75,11 @@ pub(crate) fn last_report(session: &Path) -> Option<GapReport> {
 }
 
 /// A folder by its name in the session: a session may be moved.
-fn inside(session: &Path, folder: &Path) -> PathBuf {
+fn path_in_session(session: &Path, folder: &Path) -> PathBuf {
     folder.strip_prefix(session).unwrap_or(folder).to_owned()
 }
 
-fn write(path: &Path, note: &impl Serialize) {
+fn write_note(path: &Path, note: &impl Serialize) {
     let text = serde_json::to_vec_pretty(note).map_err(io::Error::from);
     if let Err(error) = text.and_then(|text| files::write_whole(path, &text)) {
         log::warn!(
@@ -89,7 +89,7 @@ fn write(path: &Path, note: &impl Serialize) {
     }
 }
 
-fn read<T: DeserializeOwned>(path: &Path) -> Option<T> {
+fn read_note<T: DeserializeOwned>(path: &Path) -> Option<T> {
     // No note is the usual case; a damaged one is worth a line.
     let text = match files::read_text(path, NOTE) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return None,

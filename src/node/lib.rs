@@ -9,7 +9,7 @@
 //! actions -> run::reconstruct(session), run::diagnose -> outputs
 //! ```
 //!
-//! ```ignore
+//! ```
 //! // As `artitwin node --ros-args -p name:=cabinet` does.
 //! node::run(&["--ros-args".into(), "-p".into(), "name:=cabinet".into()])?;
 //! # Ok::<(), node::NodeError>(())

@@ -149,14 +149,14 @@ pub(crate) struct LiveQueue {
 
 impl LiveQueue {
     /// Hands a view over, unless the map is busy.
-    pub(crate) fn offer(&self, view: KeptView) {
+    pub(crate) fn offer_view(&self, view: KeptView) {
         if self.views.try_send(view).is_err() {
             self.results.counts.left_out.fetch_add(1, Ordering::Relaxed);
         }
     }
 
     /// Announces another state, or session: the present contents are of an earlier one.
-    pub(crate) fn begin(&self) -> u64 {
+    pub(crate) fn begin_map(&self) -> u64 {
         self.begun.send_modify(|n| *n += 1);
         *self.begun.borrow()
     }
@@ -181,7 +181,7 @@ impl LiveQueue {
         LiveStatus {
             fused: p.fused,
             unusable: p.unusable,
-            unseen: Some(p.unseen.share()),
+            unseen: Some(p.unseen.unseen_share()),
             unseen_m2: p.unseen.area_m2,
             moved_m2: p.moved.as_ref().map(Moved::areas_m2),
             spacing_m: p.spacing_m,
@@ -196,7 +196,7 @@ impl LiveQueue {
 ///
 /// # Errors
 /// If the system has no thread.
-pub(crate) fn start(
+pub(crate) fn start_thread(
     settings: LiveSettings,
     is_read: impl Fn() -> bool + Send + 'static,
 ) -> std::io::Result<LiveQueue> {
@@ -255,18 +255,18 @@ impl Mapper {
             }
             views += 1;
             last = Some((view.stamp_nanos, view.world_frame.clone(), view.pixels.intrinsics));
-            self.add(view);
+            self.add_view(view);
         }
         let Some((stamp_nanos, world_frame, intrinsics)) = last else { return Some(None) };
-        Some(self.products(kept, stamp_nanos, world_frame, intrinsics, || {
+        Some(self.map_products(kept, stamp_nanos, world_frame, intrinsics, || {
             start.elapsed().as_secs_f64() / f64::from(views)
         }))
     }
 
     /// Fuses a view.
-    pub(crate) fn add(&mut self, view: KeptView) {
+    pub(crate) fn add_view(&mut self, view: KeptView) {
         if view.key != self.key {
-            if self.key.goes_on(&view.key) && self.map.views() > 0 {
+            if self.key.goes_on(&view.key) && self.map.view_count() > 0 {
                 self.map.begin_state();
             } else {
                 self.map = LiveMap::new(self.settings);
@@ -284,11 +284,11 @@ impl Mapper {
             mask: view.pixels.mask.map(|m| m.pixels),
             readings: Vec::new(),
         };
-        self.unusable += u64::from(!self.map.add(&frame));
+        self.unusable += u64::from(!self.map.add_view(&frame));
     }
 
     /// Contents so far; `None` without views.
-    fn products(
+    fn map_products(
         &mut self,
         kept: Instant,
         stamp_nanos: i64,
@@ -297,7 +297,7 @@ impl Mapper {
         secs: impl Fn() -> f64,
     ) -> Option<LiveProducts> {
         self.map.refresh();
-        let (unseen, next_view) = self.map.look()?;
+        let (unseen, next_view) = self.map.unseen_and_next()?;
         Some(LiveProducts {
             key: self.key,
             stamp_nanos,
@@ -306,9 +306,9 @@ impl Mapper {
             chunks: self.map.chunks().cloned().collect(),
             unseen,
             next_view,
-            moved: self.map.moved(),
+            moved: self.map.moved_surface(),
             intrinsics,
-            fused: self.map.views(),
+            fused: self.map.view_count(),
             unusable: self.unusable,
             spacing_m: self.map.spacing_m(),
             bytes: self.map.bytes(),
@@ -368,8 +368,8 @@ mod tests {
         let key = |session, begun, state, tracked| MapKey { session, begun, state, tracked };
         let compared = |keys: &[MapKey]| {
             let mut mapper = Mapper::new(SETTINGS);
-            keys.iter().for_each(|k| mapper.add(view(&wall(), *k)));
-            mapper.map.moved().is_some()
+            keys.iter().for_each(|k| mapper.add_view(view(&wall(), *k)));
+            mapper.map.moved_surface().is_some()
         };
         assert!(compared(&[key(0, 1, 0, None), key(0, 2, 1, None)]));
         assert!(compared(&[key(0, 1, 0, None), key(0, 2, 1, None), key(0, 3, 1, None)]));
@@ -388,16 +388,16 @@ mod tests {
         let counts = Arc::new(LiveCounts::default());
         let results = LiveResults { products, begun: begun_receiver, counts: Arc::clone(&counts) };
         let queue = LiveQueue { views, begun, results };
-        queue.offer(view(&wall(), MapKey::default()));
-        queue.offer(view(&wall(), MapKey::default()));
+        queue.offer_view(view(&wall(), MapKey::default()));
+        queue.offer_view(view(&wall(), MapKey::default()));
         assert_eq!(queue.status().left_out, 1);
         let mut mapper = Mapper::new(SETTINGS);
         let found = mapper.next(&inbox, &|| false, &counts).unwrap().unwrap();
         assert_eq!((found.fused, found.stamp_nanos), (1, 7));
         assert!(found.chunks.iter().any(|c| !c.mesh.is_empty()));
-        queue.offer(view(&wall(), MapKey::default()));
+        queue.offer_view(view(&wall(), MapKey::default()));
         assert!(mapper.next(&inbox, &|| true, &counts).unwrap().is_none());
-        assert_eq!((queue.status().left_out, mapper.map.views()), (2, 1));
+        assert_eq!((queue.status().left_out, mapper.map.view_count()), (2, 1));
         drop(queue);
         assert!(mapper.next(&inbox, &|| false, &counts).is_none());
     }
@@ -421,13 +421,13 @@ mod tests {
                         let mut view = view(frame, key);
                         view.pixels.mask = view.pixels.mask.filter(|_| with_mask);
                         let start = Instant::now();
-                        mapper.add(view);
+                        mapper.add_view(view);
                         let fused = start.elapsed();
                         mapper.map.refresh();
                         let drawn = start.elapsed();
-                        let _ = mapper.map.look();
+                        let _ = mapper.map.unseen_and_next();
                         let looked = start.elapsed();
-                        let _ = mapper.map.moved();
+                        let _ = mapper.map.moved_surface();
                         millis.push([fused, drawn - fused, looked - drawn, start.elapsed() - looked]);
                     }
                     let of = |k: usize| {
@@ -435,7 +435,7 @@ mod tests {
                         all.sort_by(f64::total_cmp);
                         (all[all.len() / 2].round(), all[all.len() - 1].round())
                     };
-                    let (unseen, next) = mapper.map.look().unwrap();
+                    let (unseen, next) = mapper.map.unseen_and_next().unwrap();
                     eprintln!(
                         "mask {with_mask} {state}: fuse {:?} draw {:?} look {:?} moved {:?} ms (median, \
                          most); {} triangles at {:.1} mm, {:.1} MB, unseen {:.3} m2 ({:.2}), next {:.3}, \
@@ -448,9 +448,9 @@ mod tests {
                         mapper.map.spacing_m() * 1e3,
                         mapper.map.bytes() as f64 / 1e6,
                         unseen.area_m2,
-                        unseen.share(),
+                        unseen.unseen_share(),
                         next.map_or(0.0, |n| n.gain_m2),
-                        mapper.map.moved().map(|m| m.areas_m2()),
+                        mapper.map.moved_surface().map(|m| m.areas_m2()),
                     );
                 }
             }

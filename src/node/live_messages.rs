@@ -31,7 +31,7 @@ pub(crate) fn chunk_bytes(chunk: &MeshChunk) -> usize {
 
 /// Removes all markers of a topic.
 #[must_use]
-pub(crate) fn clear(header: &Header) -> MarkerArray {
+pub(crate) fn clear_markers(header: &Header) -> MarkerArray {
     let marker = Marker { header: header.clone(), action: action::DELETE_ALL, ..Marker::default() };
     MarkerArray { markers: vec![marker] }
 }
@@ -49,9 +49,9 @@ pub(crate) fn chunk_marker(chunk: &MeshChunk, header: &Header) -> Marker {
     });
     Marker {
         id: chunk.id,
-        points: corners().map(|i| point(&chunk.mesh.vertices[i].cast())).collect(),
+        points: corners().map(|i| point_message(&chunk.mesh.vertices[i].cast())).collect(),
         colors: colors.collect(),
-        ..triangles(SURFACE, header, Color { r: 0.5, g: 0.5, b: 0.5, a: 1.0 })
+        ..triangle_marker(SURFACE, header, Color { r: 0.5, g: 0.5, b: 0.5, a: 1.0 })
     }
 }
 
@@ -65,18 +65,18 @@ pub(crate) fn gone_chunk(id: i32, header: &Header) -> Marker {
 #[must_use]
 pub(crate) fn unseen_markers(products: &LiveProducts, header: &Header) -> MarkerArray {
     let squares = Marker {
-        points: products.unseen.patches.iter().flat_map(square).map(|p| point(&p)).collect(),
-        ..triangles(UNSEEN, header, Color { r: 0.9, g: 0.1, b: 0.8, a: 0.5 })
+        points: products.unseen.patches.iter().flat_map(patch_square).map(|p| point_message(&p)).collect(),
+        ..triangle_marker(UNSEEN, header, Color { r: 0.9, g: 0.1, b: 0.8, a: 0.5 })
     };
     let next = match &products.next_view {
         Some(next) => Marker {
             header: header.clone(),
             ns: NEXT_VIEW.into(),
             kind: kind::LINE_LIST,
-            pose: upright(),
+            pose: upright_transform(),
             scale: [0.004, 0.0, 0.0].into(),
             color: Color { r: 0.1, g: 0.9, b: 0.3, a: 1.0 },
-            points: pyramid(&next.world_from_camera, &products.intrinsics),
+            points: view_pyramid(&next.world_from_camera, &products.intrinsics),
             ..Marker::default()
         },
         None => Marker {
@@ -111,16 +111,16 @@ pub(crate) fn moved_markers(products: &LiveProducts, header: &Header) -> Option<
 fn moved_marker(id: i32, mesh: &TriangleMesh, header: &Header, color: Color) -> Marker {
     let every = mesh.triangles.len().div_ceil(MOST_MOVED).max(1);
     let corners = (0..mesh.triangles.len()).step_by(every).flat_map(|t| mesh.corners(t));
-    let points = corners.map(|p| point(&p.cast())).collect();
-    or_gone(Marker { id, points, ..triangles(MOVED, header, color) })
+    let points = corners.map(|p| point_message(&p.cast())).collect();
+    or_gone(Marker { id, points, ..triangle_marker(MOVED, header, color) })
 }
 
-fn triangles(group: &str, header: &Header, color: Color) -> Marker {
+fn triangle_marker(group: &str, header: &Header, color: Color) -> Marker {
     Marker {
         header: header.clone(),
         ns: group.into(),
         kind: kind::TRIANGLE_LIST,
-        pose: upright(),
+        pose: upright_transform(),
         scale: [1.0, 1.0, 1.0].into(),
         color,
         ..Marker::default()
@@ -133,16 +133,16 @@ fn or_gone(marker: Marker) -> Marker {
 }
 
 /// No turn: a quaternion of zeros is none.
-fn upright() -> Transform {
+fn upright_transform() -> Transform {
     Transform::from_pose(&Pose::identity())
 }
 
-fn point(p: &Point3<f64>) -> Point {
+fn point_message(p: &Point3<f64>) -> Point {
     <[f64; 3]>::from(p.coords).into()
 }
 
 /// Two triangles of a patch's area at right angles to its normal.
-fn square(patch: &UnseenPatch) -> [Point3<f64>; 6] {
+fn patch_square(patch: &UnseenPatch) -> [Point3<f64>; 6] {
     let across = patch.normal.cross(&Vector3::ith(patch.normal.iamin(), 1.0)).normalize();
     let half = 0.5 * patch.area_m2.sqrt();
     let u = across * half;
@@ -152,9 +152,9 @@ fn square(patch: &UnseenPatch) -> [Point3<f64>; 6] {
 }
 
 /// The edges of a camera's field of view.
-fn pyramid(world_from_camera: &Pose, k: &Intrinsics) -> Vec<Point> {
+fn view_pyramid(world_from_camera: &Pose, k: &Intrinsics) -> Vec<Point> {
     let ends = [(0, 0), (k.width, 0), (k.width, k.height), (0, k.height)]
         .map(|(u, v)| world_from_camera * k.unproject(u as f64 - 0.5, v as f64 - 0.5, PYRAMID_M));
     let eye = Point3::from(world_from_camera.translation.vector);
-    (0..4).flat_map(|i| [eye, ends[i], ends[i], ends[(i + 1) % 4]]).map(|p| point(&p)).collect()
+    (0..4).flat_map(|i| [eye, ends[i], ends[i], ends[(i + 1) % 4]]).map(|p| point_message(&p)).collect()
 }

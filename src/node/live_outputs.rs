@@ -12,8 +12,10 @@ use ros2_client::Publisher;
 use super::{
     error::NodeError,
     live_map::{LiveProducts, LiveResults},
-    live_messages::{chunk_bytes, chunk_marker, clear, gone_chunk, moved_markers, next_view, unseen_markers},
-    participant::{Participant, reliable},
+    live_messages::{
+        chunk_bytes, chunk_marker, clear_markers, gone_chunk, moved_markers, next_view, unseen_markers,
+    },
+    participant::{Participant, reliable_profile},
 };
 use io::ros2msg::{Header, PoseStamped, Time, markers::MarkerArray};
 use surface::MeshChunk;
@@ -60,10 +62,10 @@ impl LiveOutputs {
     /// If a name cannot be used or the network refuses.
     pub(crate) fn new(participant: &mut Participant) -> Result<Self, NodeError> {
         Ok(Self {
-            mesh: participant.publisher("~/live_mesh", &reliable(4))?,
-            unseen: participant.publisher("~/unseen", &reliable(1))?,
-            next_view: participant.publisher("~/next_view", &reliable(1))?,
-            moved: participant.publisher("~/moved", &reliable(1))?,
+            mesh: participant.create_publisher("~/live_mesh", &reliable_profile(4))?,
+            unseen: participant.create_publisher("~/unseen", &reliable_profile(1))?,
+            next_view: participant.create_publisher("~/next_view", &reliable_profile(1))?,
+            moved: participant.create_publisher("~/moved", &reliable_profile(1))?,
         })
     }
 
@@ -81,15 +83,15 @@ impl LiveOutputs {
             tick.tick().await;
             let begun = *results.begun.borrow();
             if begun != sent.begun {
-                self.clear(shown.take().as_deref()).await;
+                self.clear_screen(shown.take().as_deref()).await;
                 sent = Sent { begun, ..Sent::default() };
                 rest_of = None;
             }
             let products = results.products.borrow().clone().filter(|p| p.key.begun == begun);
             let Some(products) = products else { continue };
-            let header = header(&products);
+            let header = header_of_products(&products);
             if shown.as_ref().is_none_or(|s| !Arc::ptr_eq(s, &products)) {
-                sent.note(&products);
+                sent.note_changes(&products);
                 shown = Some(Arc::clone(&products));
             }
             if let Some((message, delay)) = sent.next(&products, &header) {
@@ -109,10 +111,10 @@ impl LiveOutputs {
     }
 
     /// Takes all from the screen.
-    async fn clear(&self, shown: Option<&LiveProducts>) {
-        let header = shown.map(header).unwrap_or_default();
+    async fn clear_screen(&self, shown: Option<&LiveProducts>) {
+        let header = shown.map(header_of_products).unwrap_or_default();
         for (topic, name) in [(&self.mesh, "live_mesh"), (&self.unseen, "unseen"), (&self.moved, "moved")] {
-            log_failure(topic.async_publish(clear(&header)).await.is_err(), name);
+            log_failure(topic.async_publish(clear_markers(&header)).await.is_err(), name);
         }
     }
 
@@ -130,7 +132,7 @@ impl LiveOutputs {
 
 impl Sent {
     /// Finds changed chunks.
-    fn note(&mut self, products: &LiveProducts) {
+    fn note_changes(&mut self, products: &LiveProducts) {
         for chunk in &products.chunks {
             if self.versions.get(&chunk.id) != Some(&chunk.version) {
                 self.waiting.entry(chunk.id).or_insert(products.kept);
@@ -190,7 +192,7 @@ fn by_number(products: &LiveProducts) -> BTreeMap<i32, &Arc<MeshChunk>> {
 }
 
 /// Stamp of the newest view in it, and its frame.
-fn header(products: &LiveProducts) -> Header {
+fn header_of_products(products: &LiveProducts) -> Header {
     Header { stamp: Time::from_nanos(products.stamp_nanos), frame_id: products.world_frame.clone() }
 }
 
@@ -239,7 +241,7 @@ mod tests {
     fn all(sent: &mut Sent, products: &LiveProducts) -> Vec<Vec<(i32, i32)>> {
         let mut messages = Vec::new();
         while !sent.waiting.is_empty() {
-            let (message, _) = sent.next(products, &header(products)).unwrap();
+            let (message, _) = sent.next(products, &header_of_products(products)).unwrap();
             messages.push(message.markers.iter().map(|m| (m.id, m.action)).collect());
         }
         messages
@@ -249,12 +251,12 @@ mod tests {
     fn what_changed_is_sent_once_and_what_is_gone_is_taken_away() {
         let mut sent = Sent::default();
         let first = products(&[(1, 1, 2), (2, 1, 2), (3, 1, 2)]);
-        sent.note(&first);
+        sent.note_changes(&first);
         assert_eq!(all(&mut sent, &first), [[(1, 0), (2, 0), (3, 0)]]);
         let second = products(&[(1, 1, 2), (2, 2, 0), (4, 2, 1)]);
-        sent.note(&second);
+        sent.note_changes(&second);
         assert_eq!(all(&mut sent, &second), [[(2, action::DELETE), (3, action::DELETE), (4, 0)]]);
-        sent.note(&second);
+        sent.note_changes(&second);
         assert!(sent.waiting.is_empty());
     }
 
@@ -263,13 +265,13 @@ mod tests {
         let mut sent = Sent::default();
         let many: Vec<(i32, u64, usize)> = (1..=100).map(|id| (id, 1, 300)).collect();
         let products = products(&many);
-        sent.note(&products);
+        sent.note_changes(&products);
         let messages = all(&mut sent, &products);
         let largest = messages.iter().map(Vec::len).max().unwrap() * chunk_bytes(&products.chunks[0]);
         assert!(messages.len() > 20 && largest < 2 * MESSAGE_BYTES, "{} {largest}", messages.len());
         // One tick after the other for as long as all of it may take.
         let ticks = (AGAIN.as_millis() / TICK.as_millis()) as usize;
-        let again = (0..ticks).filter_map(|_| sent.next(&products, &header(&products)));
+        let again = (0..ticks).filter_map(|_| sent.next(&products, &header_of_products(&products)));
         let ids: std::collections::BTreeSet<i32> = again.flat_map(|(m, _)| m.markers).map(|m| m.id).collect();
         assert_eq!(ids.len(), 100);
     }
@@ -277,7 +279,7 @@ mod tests {
     #[test]
     fn what_is_drawn_is_drawn_whole() {
         let mut p = products(&[(1, 1, 2)]);
-        let header = header(&p);
+        let header = header_of_products(&p);
         let marker = chunk_marker(&p.chunks[0], &header);
         assert_eq!((marker.points.len(), marker.colors.len(), marker.header.stamp.nanosec), (6, 6, 5));
         assert_eq!(moved_markers(&p, &header), None);

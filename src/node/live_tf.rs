@@ -35,7 +35,7 @@ pub(crate) struct LiveTf {
 
 impl LiveTf {
     /// Takes the transforms of `/tf`.
-    pub(crate) fn add(&mut self, message: &TfMessage) {
+    pub(crate) fn add_message(&mut self, message: &TfMessage) {
         for t in &message.transforms {
             let child = t.child_frame_id.trim_start_matches('/');
             let parent = t.header.frame_id.trim_start_matches('/');
@@ -124,14 +124,14 @@ impl LiveTf {
     /// The frame at the top of a frame's chain, if something moves on the way there.
     #[must_use]
     pub(crate) fn moving_root(&self, frame: &str) -> Option<String> {
-        let chain = self.buffer.chain(frame);
+        let chain = self.buffer.chain_of_frame(frame);
         (chain.moves && chain.root != frame).then_some(chain.root)
     }
 
     /// The frame at the top of a frame's chain.
     #[must_use]
-    pub(crate) fn root(&self, frame: &str) -> String {
-        self.buffer.chain(frame).root
+    pub(crate) fn root_of_frame(&self, frame: &str) -> String {
+        self.buffer.chain_of_frame(frame).root
     }
 
     /// Leaves out from now on a transform published by the node itself.
@@ -159,7 +159,7 @@ impl LiveTf {
     /// The samples on either side of a stamp, of every frame above the given one: needed in a recording for
     /// the same lookup.
     #[must_use]
-    pub(crate) fn around(&self, frame: &str, stamp_nanos: i64) -> Vec<TransformStamped> {
+    pub(crate) fn samples_around(&self, frame: &str, stamp_nanos: i64) -> Vec<TransformStamped> {
         let mut found = Vec::new();
         let mut frame = frame.to_owned();
         // Frames may form a loop.
@@ -186,7 +186,7 @@ impl LiveTf {
 
     /// All static transforms.
     #[must_use]
-    pub(crate) fn fixed(&self) -> Vec<TransformStamped> {
+    pub(crate) fn static_transforms(&self) -> Vec<TransformStamped> {
         self.fixed.values().cloned().collect()
     }
 }
@@ -222,13 +222,13 @@ mod tests {
         let stamp = 122 * S + S / 4;
         let pose = tf.lookup("world", "optical", stamp, 2 * S).unwrap();
         assert!((pose.translation.vector.x - 23.25).abs() < 1e-12);
-        let around = tf.around("optical", stamp);
+        let around = tf.samples_around("optical", stamp);
         assert_eq!(around.iter().map(|t| t.header.stamp.sec).collect::<Vec<_>>(), [122, 123]);
         let mut written = LiveTf::default();
-        written.add_static(&TfMessage { transforms: tf.fixed() });
-        written.add(&TfMessage { transforms: around });
+        written.add_static(&TfMessage { transforms: tf.static_transforms() });
+        written.add_message(&TfMessage { transforms: around });
         assert_eq!(written.lookup("world", "optical", stamp, 2 * S).unwrap(), pose);
-        assert_eq!(tf.around("optical", 122 * S).len(), 1);
+        assert_eq!(tf.samples_around("optical", 122 * S).len(), 1);
     }
 
     #[test]
@@ -275,9 +275,9 @@ mod tests {
     fn what_the_node_publishes_itself_does_not_come_back() {
         let mut tf = LiveTf::default();
         tf.disown("map", "link");
-        tf.add(&TfMessage { transforms: vec![sample("map", "link", S, 1.0)] });
-        assert_eq!((tf.root("link").as_str(), tf.moving_root("link")), ("link", None));
-        tf.add(&TfMessage { transforms: vec![sample("odom", "link", S, 1.0)] });
+        tf.add_message(&TfMessage { transforms: vec![sample("map", "link", S, 1.0)] });
+        assert_eq!((tf.root_of_frame("link").as_str(), tf.moving_root("link")), ("link", None));
+        tf.add_message(&TfMessage { transforms: vec![sample("odom", "link", S, 1.0)] });
         assert_eq!(tf.moving_root("link").as_deref(), Some("odom"));
     }
 

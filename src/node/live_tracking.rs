@@ -61,7 +61,7 @@ pub(crate) struct TrackQueue(SyncSender<ToTrack>);
 impl TrackQueue {
     /// Hands a view over; it comes back where it found no room.
     #[must_use]
-    pub(crate) fn offer(&self, view: ToTrack) -> Option<ToTrack> {
+    pub(crate) fn offer_view(&self, view: ToTrack) -> Option<ToTrack> {
         match self.0.try_send(view) {
             Err(TrySendError::Full(view)) => Some(view),
             _ => None,
@@ -86,17 +86,21 @@ pub(crate) struct TrackSettings {
 ///
 /// # Errors
 /// If the system has no thread.
-pub(crate) fn start(settings: TrackSettings) -> std::io::Result<(TrackQueue, mpsc::Receiver<Tracked>)> {
+pub(crate) fn start_thread(
+    settings: TrackSettings,
+) -> std::io::Result<(TrackQueue, mpsc::Receiver<Tracked>)> {
     let (queue, views) = sync_channel(WAITING);
     let (done, results) = mpsc::channel(WAITING);
-    std::thread::Builder::new().name("tracking".into()).spawn(move || work(&settings, &views, &done))?;
+    std::thread::Builder::new()
+        .name("tracking".into())
+        .spawn(move || track_views(&settings, &views, &done))?;
     Ok((TrackQueue(queue), results))
 }
 
-fn work(settings: &TrackSettings, views: &Receiver<ToTrack>, done: &mpsc::Sender<Tracked>) {
+fn track_views(settings: &TrackSettings, views: &Receiver<ToTrack>, done: &mpsc::Sender<Tracked>) {
     let mut follower = Follower::new(settings);
     while let Ok(view) = views.recv() {
-        if done.blocking_send(follower.follow(view)).is_err() {
+        if done.blocking_send(follower.follow_view(view)).is_err() {
             return;
         }
     }
@@ -119,15 +123,15 @@ impl<'a> Follower<'a> {
     }
 
     /// Looks at the next view.
-    pub(crate) fn follow(&mut self, view: ToTrack) -> Tracked {
+    pub(crate) fn follow_view(&mut self, view: ToTrack) -> Tracked {
         let ToTrack { map, stamp_nanos, images, infos } = view;
         let mut view = View { stamp_nanos, images, world_from_camera: Pose::identity() };
-        let outcome = self.look(map, &mut view, &infos).unwrap_or_else(Outcome::Broken);
+        let outcome = self.place_view(map, &mut view, &infos).unwrap_or_else(Outcome::Broken);
         let keyframes = self.map.as_ref().map_or((0, false), |(_, t)| (t.keyframes(), t.is_full()));
         Tracked { map, view, outcome, keyframes }
     }
 
-    fn look(
+    fn place_view(
         &mut self,
         map: u64,
         view: &mut View,
@@ -136,7 +140,7 @@ impl<'a> Follower<'a> {
         let t = &self.settings.topics;
         let info = infos[0].as_ref().ok_or_else(|| format!("no camera_info came on {}", t.color_info))?;
         let names = [t.color.as_str(), t.depth.as_str(), t.mask.as_deref().unwrap_or_default()];
-        let pixels = view.decode(info, &t.color_info, names).map_err(|why| why.to_string())?;
+        let pixels = view.decoded_pixels(info, &t.color_info, names).map_err(|why| why.to_string())?;
         let frame = self
             .eye
             .see(
@@ -152,7 +156,7 @@ impl<'a> Follower<'a> {
                 .map_err(|why| why.to_string())?,
         };
         self.noise = Some(noise);
-        let observation = Observation::of(frame, &noise, &Ahead::default());
+        let observation = Observation::of_frame(frame, &noise, &Ahead::default());
         if self.map.as_ref().is_none_or(|(number, _)| *number != map) {
             self.map = Some((map, LiveTracker::new(self.settings.seed, self.settings.most)));
         }

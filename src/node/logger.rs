@@ -53,7 +53,7 @@ impl Log for Logger {
 
 /// Starts the log of a node; `level` is `debug`, `info`, `warn`, `error` or `fatal`, and `silent` shows
 /// errors only.
-pub(crate) fn start(name: &str, level: Option<&str>, silent: bool) {
+pub(crate) fn start_log(name: &str, level: Option<&str>, silent: bool) {
     let level = match level {
         _ if silent => LevelFilter::Error,
         Some("debug") => LevelFilter::Debug,

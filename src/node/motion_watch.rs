@@ -116,7 +116,7 @@ impl MotionWatch {
     }
 
     /// Takes a view; `kept` are the views kept of each state.
-    pub(crate) fn see(
+    pub(crate) fn see_view(
         &mut self,
         stamp_nanos: i64,
         pixels: &Pixels,
@@ -124,14 +124,14 @@ impl MotionWatch {
         kept: [usize; 2],
     ) -> Turn {
         let view = Small::new(stamp_nanos, pixels, world_from_camera);
-        let moved = self.moved(&view);
+        let moved = self.shows_motion(&view);
         self.moved_in_a_row = if moved { self.moved_in_a_row + 1 } else { 0 };
         if moved {
             self.last_motion_nanos = stamp_nanos;
         }
         match self.stage {
             Stage::Fresh => {
-                self.remember(view);
+                self.remember_view(view);
                 // The first views are state 0: nobody has touched the object yet.
                 self.stage = Stage::Still(0);
                 Turn::Start(0)
@@ -142,7 +142,7 @@ impl MotionWatch {
                 if moved {
                     self.references.clear();
                 }
-                self.remember(view);
+                self.remember_view(view);
                 let still_since = self
                     .references
                     .front()
@@ -162,7 +162,7 @@ impl MotionWatch {
     fn while_still(&mut self, state: usize, view: Small, moved: bool, kept: usize) -> Turn {
         if self.moved_in_a_row >= CONFIRM {
             self.references.clear();
-            self.remember(view);
+            self.remember_view(view);
             let enough = kept >= self.rule.least;
             self.stage = match (state, enough) {
                 (0, true) => Stage::Moving(1),
@@ -174,7 +174,7 @@ impl MotionWatch {
         }
         // Motion in one view may be noise: the view is neither compared with later ones nor acted on.
         if !moved {
-            self.remember(view);
+            self.remember_view(view);
         }
         // State 0 ends with the motion; behind state 1 none comes, so a number of views ends it.
         if state == 1 && kept >= self.rule.enough {
@@ -185,7 +185,7 @@ impl MotionWatch {
     }
 
     /// Keeps the first views and every so many of the later ones: slow motion does not hide.
-    fn remember(&mut self, view: Small) {
+    fn remember_view(&mut self, view: Small) {
         self.seen += 1;
         if self.references.len() < REFERENCES {
             self.references.push_back(view);
@@ -196,7 +196,7 @@ impl MotionWatch {
     }
 
     /// Whether a view contradicts the earlier ones.
-    fn moved(&self, view: &Small) -> bool {
+    fn shows_motion(&self, view: &Small) -> bool {
         let mut compared = 0;
         let mut through = 0;
         for reference in &self.references {
@@ -260,7 +260,7 @@ impl Small {
             }
             let u = c.fx * p.x / p.z + c.cx;
             let v = c.fy * p.y / p.z + c.cy;
-            let Some(nearest) = other.nearest(u, v) else { continue };
+            let Some(nearest) = other.nearest_depth_m(u, v) else { continue };
             // In front of the expected place something hides it: the point says nothing and is not compared.
             let tolerance = THROUGH_M + THROUGH_SHARE * p.z;
             if f64::from(nearest) > p.z + tolerance {
@@ -275,7 +275,7 @@ impl Small {
 
     /// The least depth of the four samples about a place: no edge is taken for a hole; `None` where one is
     /// unknown.
-    fn nearest(&self, u: f64, v: f64) -> Option<f32> {
+    fn nearest_depth_m(&self, u: f64, v: f64) -> Option<f32> {
         if !(u >= 1.0 && v >= 1.0 && u < WIDTH as f64 - 2.0 && v < HEIGHT as f64 - 2.0) {
             return None;
         }
@@ -324,7 +324,7 @@ mod tests {
         let mut found = Vec::new();
         for i in 0..views {
             let (pixels, pose) = view(0.2 * (0.3 * i as f64).sin(), face_m(i));
-            match watch.see(i as i64 * S / 10, &pixels, &pose, kept) {
+            match watch.see_view(i as i64 * S / 10, &pixels, &pose, kept) {
                 Turn::None => kept[state] += usize::from(!watch.is_moving()),
                 turn => {
                     if let Turn::Start(s) = turn {

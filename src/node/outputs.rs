@@ -15,7 +15,7 @@ use super::{
     diagnostics::Diagnostics,
     error::NodeError,
     parameters::Parameters,
-    participant::{Participant, latched, reliable, sensor_data},
+    participant::{Participant, latched_profile, reliable_profile, sensor_data},
     twin::Twin,
     twin_messages::{joint_markers, joint_state, link_transforms, root_transform},
 };
@@ -77,15 +77,15 @@ impl Outputs {
         clock: Arc<NodeClock>,
     ) -> Result<Self, NodeError> {
         Ok(Self {
-            description: participant.publisher("~/robot_description", &latched(1))?,
-            joint_states: participant.publisher("joint_states", &reliable(10))?,
-            tf: participant.publisher("/tf", &reliable(100))?,
-            tf_static: participant.publisher("/tf_static", &latched(1))?,
-            markers: participant.publisher("~/joint_markers", &latched(1))?,
-            cloud: participant.publisher("~/points", &sensor_data(1))?,
-            diagnostics: participant.publisher("/diagnostics", &reliable(10))?,
-            status: participant.publisher("~/status", &latched(1))?,
-            gap_report: participant.publisher("~/gap_report", &latched(1))?,
+            description: participant.create_publisher("~/robot_description", &latched_profile(1))?,
+            joint_states: participant.create_publisher("joint_states", &reliable_profile(10))?,
+            tf: participant.create_publisher("/tf", &reliable_profile(100))?,
+            tf_static: participant.create_publisher("/tf_static", &latched_profile(1))?,
+            markers: participant.create_publisher("~/joint_markers", &latched_profile(1))?,
+            cloud: participant.create_publisher("~/points", &sensor_data(1))?,
+            diagnostics: participant.create_publisher("/diagnostics", &reliable_profile(10))?,
+            status: participant.create_publisher("~/status", &latched_profile(1))?,
+            gap_report: participant.create_publisher("~/gap_report", &latched_profile(1))?,
             settings: OutputSettings {
                 rate_hz: p.joint_state_rate_hz,
                 prefix: p.frame_prefix.clone(),
@@ -116,7 +116,7 @@ impl Outputs {
                     }
                     let twin = twins.borrow_and_update().clone();
                     if let Some(twin) = twin {
-                        self.announce(&twin).await;
+                        self.announce_twin(&twin).await;
                     }
                 }
                 changed = report.changed() => {
@@ -125,7 +125,7 @@ impl Outputs {
                     }
                     let found = report.borrow_and_update().clone();
                     if let Some(found) = found {
-                        let header = Header { stamp: self.clock.stamp(), frame_id: String::new() };
+                        let header = Header { stamp: self.clock.stamp_now(), frame_id: String::new() };
                         // Stamped now: a report published again after a restart is not of its old time.
                         let report = GapReport { header, ..GapReport::clone(&found) };
                         log_failure(self.gap_report.async_publish(report).await, "gap_report");
@@ -146,7 +146,7 @@ impl Outputs {
                 }
                 _ = slow.tick() => {
                     let snapshot = shared.snapshot();
-                    let report = diagnostics.array(self.clock.stamp(), last_report.elapsed(), &snapshot);
+                    let report = diagnostics.status_array(self.clock.stamp_now(), last_report.elapsed(), &snapshot);
                     last_report = Instant::now();
                     log_failure(self.diagnostics.async_publish(report).await, "/diagnostics");
                     let done = twins.borrow().is_some();
@@ -156,7 +156,7 @@ impl Outputs {
                     if snapshot.cloud_version != last_cloud {
                         last_cloud = snapshot.cloud_version;
                         let frame_id = snapshot.world_frame.unwrap_or_default();
-                        let header = Header { stamp: self.clock.stamp(), frame_id };
+                        let header = Header { stamp: self.clock.stamp_now(), frame_id };
                         let cloud = PointCloud2::colored(header, &shared.cloud());
                         log_failure(self.cloud.async_publish(cloud).await, "points");
                     }
@@ -166,8 +166,8 @@ impl Outputs {
     }
 
     /// A new twin: all latched messages.
-    async fn announce(&self, twin: &Twin) {
-        let stamp = self.clock.stamp();
+    async fn announce_twin(&self, twin: &Twin) {
+        let stamp = self.clock.stamp_now();
         let data = twin.summary.urdf_with_uris(self.settings.package_uris);
         log::info!("robot_description: {} bytes, {} joints", data.len(), twin.summary.joints.len());
         log_failure(self.description.async_publish(Text { data }).await, "robot_description");
@@ -189,7 +189,7 @@ impl Outputs {
     }
 
     async fn move_links(&self, twin: &Twin) {
-        let stamp = self.clock.stamp();
+        let stamp = self.clock.stamp_now();
         log_failure(
             self.joint_states.async_publish(joint_state(&twin.summary, twin.state, stamp)).await,
             "joint_states",
@@ -216,7 +216,10 @@ impl Outputs {
         };
         let tracking = s.tracking.clone().unwrap_or_default();
         CollectionStatus {
-            header: Header { stamp: self.clock.stamp(), frame_id: s.world_frame.clone().unwrap_or_default() },
+            header: Header {
+                stamp: self.clock.stamp_now(),
+                frame_id: s.world_frame.clone().unwrap_or_default(),
+            },
             phase,
             state: s.collecting.unwrap_or(s.state) as u8,
             keyframes: s.kept.map(|n| n as u32),

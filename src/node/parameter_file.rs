@@ -53,7 +53,7 @@ fn parameters_of_text(text: &str, node: &NodeIdentity) -> Result<Vec<(String, Va
     match parse_yaml(text)? {
         Value::Mapping(map) => {
             let mut found = Vec::new();
-            nodes(&map, "", node, &mut found)?;
+            parameters_of_nodes(&map, "", node, &mut found)?;
             Ok(found)
         }
         Value::Null => Ok(Vec::new()),
@@ -61,7 +61,7 @@ fn parameters_of_text(text: &str, node: &NodeIdentity) -> Result<Vec<(String, Va
     }
 }
 
-fn nodes(
+fn parameters_of_nodes(
     map: &Mapping,
     path: &str,
     node: &NodeIdentity,
@@ -74,22 +74,22 @@ fn nodes(
         };
         if key == "ros__parameters" {
             if is_for(path, node) {
-                flatten(inner, "", found);
+                flatten_names(inner, "", found);
             }
         } else {
             // Namespaces may be nested groups or stand in the key: `a: {b: ...}` or `/a/b: ...`.
-            nodes(inner, &format!("{path}/{}", key.trim_matches('/')), node, found)?;
+            parameters_of_nodes(inner, &format!("{path}/{}", key.trim_matches('/')), node, found)?;
         }
     }
     Ok(())
 }
 
-fn flatten(map: &Mapping, prefix: &str, found: &mut Vec<(String, Value)>) {
+fn flatten_names(map: &Mapping, prefix: &str, found: &mut Vec<(String, Value)>) {
     for (key, value) in map {
         let Some(key) = key.as_str() else { continue };
         match value {
             // ROS joins nested names by dots.
-            Value::Mapping(inner) => flatten(inner, &format!("{prefix}{key}."), found),
+            Value::Mapping(inner) => flatten_names(inner, &format!("{prefix}{key}."), found),
             value => found.push((format!("{prefix}{key}"), value.clone())),
         }
     }
@@ -100,17 +100,19 @@ fn is_for(path: &str, node: &NodeIdentity) -> bool {
     let tokens =
         |text: &str| text.split('/').filter(|t| !t.is_empty()).map(str::to_owned).collect::<Vec<_>>();
     let pattern = tokens(path);
-    let name = tokens(&node.full());
+    let name = tokens(&node.full_name());
     // A name without namespace stands for the node in the root namespace, or wherever it was put by `__ns`.
-    fits(&pattern, &name) || matches!(pattern.as_slice(), [only] if *only == node.name)
+    fits_pattern(&pattern, &name) || matches!(pattern.as_slice(), [only] if *only == node.name)
 }
 
-fn fits(pattern: &[String], name: &[String]) -> bool {
+fn fits_pattern(pattern: &[String], name: &[String]) -> bool {
     match (pattern, name) {
         ([], []) => true,
         // `**` takes any number of names, none included.
-        ([first, rest @ ..], _) if first == "**" => (0..=name.len()).any(|k| fits(rest, &name[k..])),
-        ([first, rest @ ..], [token, others @ ..]) => (first == "*" || first == token) && fits(rest, others),
+        ([first, rest @ ..], _) if first == "**" => (0..=name.len()).any(|k| fits_pattern(rest, &name[k..])),
+        ([first, rest @ ..], [token, others @ ..]) => {
+            (first == "*" || first == token) && fits_pattern(rest, others)
+        }
         _ => false,
     }
 }

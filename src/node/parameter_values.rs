@@ -7,7 +7,7 @@ use super::parameters::Parameters;
 
 /// Names and values.
 #[must_use]
-pub(crate) fn declared(parameters: &Parameters) -> Vec<(String, ParameterValue)> {
+pub(crate) fn declared_values(parameters: &Parameters) -> Vec<(String, ParameterValue)> {
     let mut declared = Vec::new();
     for (name, value) in parameters.to_mapping() {
         // `use_sim_time` is declared by the library.
@@ -37,7 +37,7 @@ fn ros_value(value: &Value) -> ParameterValue {
 pub(crate) fn refuse_changes(
     parameters: &Parameters,
 ) -> impl Fn(&str, &ParameterValue) -> SetParametersResult + Send + Sync + 'static {
-    let present = declared(parameters);
+    let present = declared_values(parameters);
     move |name, value| match present.iter().find(|(n, _)| n == name) {
         Some((_, v)) if v != value => {
             Err(format!("`{name}` is read at the start only; start the node with `-p {name}:=VALUE`"))

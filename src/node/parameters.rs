@@ -193,7 +193,7 @@ impl Parameters {
             let found = match source {
                 ParameterSource::File(path) => parameters_of_file(path, node)?,
                 ParameterSource::Value { node: Some(n), .. }
-                    if n.trim_start_matches('/') != node.name && *n != node.full() =>
+                    if n.trim_start_matches('/') != node.name && *n != node.full_name() =>
                 {
                     continue;
                 }
@@ -202,7 +202,7 @@ impl Parameters {
             for (name, value) in found {
                 match merged.get(name.as_str()) {
                     Some(default) => {
-                        let value = coerce(default, value).map_err(|e| ParameterError::Value {
+                        let value = coerced_value(default, value).map_err(|e| ParameterError::Value {
                             name: name.clone(),
                             reason: e.to_string(),
                         })?;
@@ -294,7 +294,7 @@ impl Parameters {
 }
 
 /// A value of the default's type; whole numbers do for real ones.
-fn coerce(default: &Value, value: Value) -> Result<Value, WrongType> {
+fn coerced_value(default: &Value, value: Value) -> Result<Value, WrongType> {
     match (default, &value) {
         // `-p still_secs:=2` is a whole number in YAML.
         (Value::Number(d), Value::Number(v)) if d.is_f64() => Ok(Value::from(v.as_f64().unwrap_or(f64::NAN))),
@@ -324,7 +324,7 @@ mod tests {
 
     fn load(line: &str) -> Result<Loaded, ParameterError> {
         let args = RosArgs::parse(&line.split(' ').map(str::to_owned).collect::<Vec<_>>()).unwrap();
-        let node = args.identity("artitwin").unwrap();
+        let node = args.node_identity("artitwin").unwrap();
         Parameters::load(&args, &node)
     }
 

@@ -34,7 +34,7 @@ pub(crate) struct Participant {
 
 /// Profiles of ROS 2 by their use.
 #[must_use]
-pub(crate) fn reliable(depth: usize) -> QosProfile {
+pub(crate) fn reliable_profile(depth: usize) -> QosProfile {
     QosProfile::publisher_default()
         // A writer waiting for ever would stop with its slowest reader.
         .reliability_reliable(WhenFull::Wait(WAIT))
@@ -46,19 +46,19 @@ pub(crate) fn reliable(depth: usize) -> QosProfile {
 /// Best effort: fits every publisher.
 #[must_use]
 pub(crate) fn sensor_data(depth: usize) -> QosProfile {
-    reliable(depth).reliability_best_effort()
+    reliable_profile(depth).reliability_best_effort()
 }
 
 /// Reliable, and the last samples are there for whoever joins later.
 #[must_use]
-pub(crate) fn latched(depth: usize) -> QosProfile {
-    reliable(depth).durability(Durability::TransientLocal)
+pub(crate) fn latched_profile(depth: usize) -> QosProfile {
+    reliable_profile(depth).durability(Durability::TransientLocal)
 }
 
 /// The profile by its name.
 #[must_use]
-pub(crate) fn named(profile: &str, depth: usize) -> QosProfile {
-    if profile == "default" { reliable(depth) } else { sensor_data(depth) }
+pub(crate) fn profile_by_name(profile: &str, depth: usize) -> QosProfile {
+    if profile == "default" { reliable_profile(depth) } else { sensor_data(depth) }
 }
 
 impl Participant {
@@ -66,7 +66,7 @@ impl Participant {
     ///
     /// # Errors
     /// If the network refuses or a name cannot be used.
-    pub(crate) fn join(
+    pub(crate) fn join_domain(
         environment: &Environment,
         arguments: &RosArgs,
         identity: &NodeIdentity,
@@ -78,19 +78,20 @@ impl Participant {
         if let Some(networks) = environment.networks() {
             builder = builder.with_only_networks(networks);
         }
-        let participant = builder.build().map_err(|e| NodeError::network("joining the domain", e))?;
+        let participant = builder.build().map_err(|e| NodeError::network_error("joining the domain", e))?;
         let context = Context::from_domain_participant(participant)
-            .map_err(|e| NodeError::network("joining the domain", e))?;
+            .map_err(|e| NodeError::network_error("joining the domain", e))?;
         let name = NodeName::new(&identity.namespace, &identity.name)
-            .map_err(|e| NodeError::network("naming the node", e))?;
+            .map_err(|e| NodeError::network_error("naming the node", e))?;
         let mut options = NodeOptions::new().enable_rosout(!arguments.no_rosout);
         // Declared: `ros2 param` shows them. They are read at the start only, hence the refusal of changes.
-        for (name, value) in super::parameter_values::declared(parameters) {
+        for (name, value) in super::parameter_values::declared_values(parameters) {
             options = options.declare_parameter(&name, value);
         }
         let options =
             options.parameter_validator(Box::new(super::parameter_values::refuse_changes(parameters)));
-        let node = context.new_node(name, options).map_err(|e| NodeError::network("making the node", e))?;
+        let node =
+            context.new_node(name, options).map_err(|e| NodeError::network_error("making the node", e))?;
         Ok(Self { node, arguments: arguments.clone(), identity: identity.clone() })
     }
 
@@ -98,8 +99,8 @@ impl Participant {
     ///
     /// # Errors
     /// If the network refuses.
-    pub(crate) fn spin(&mut self) -> Result<(), NodeError> {
-        let spinner = self.node.spinner().map_err(|e| NodeError::network("starting the node", e))?;
+    pub(crate) fn start_spinner(&mut self) -> Result<(), NodeError> {
+        let spinner = self.node.spinner().map_err(|e| NodeError::network_error("starting the node", e))?;
         tokio::spawn(async move {
             if let Err(error) = spinner.spin().await {
                 log::error!("the node's own work ended: {error}");
@@ -115,41 +116,41 @@ impl Participant {
 
     /// A name, expanded and remapped.
     #[must_use]
-    pub(crate) fn resolve(&self, name: &str) -> String {
-        self.arguments.resolve(name, &self.identity)
+    pub(crate) fn resolved_name(&self, name: &str) -> String {
+        self.arguments.resolved_name(name, &self.identity)
     }
 
     /// The library's form of a name, expanded and remapped.
     ///
     /// # Errors
     /// If it cannot be used.
-    pub(crate) fn name(&self, name: &str) -> Result<Name, NodeError> {
-        library_name(&self.resolve(name))
+    pub(crate) fn library_name(&self, name: &str) -> Result<Name, NodeError> {
+        library_name(&self.resolved_name(name))
     }
 
     /// A topic by its full name.
-    fn topic<M: RosMessage>(&self, full: &str, qos: &QosProfile) -> Result<rustdds::Topic, NodeError> {
+    fn create_topic<M: RosMessage>(&self, full: &str, qos: &QosProfile) -> Result<rustdds::Topic, NodeError> {
         // On the wire the type is `sensor_msgs::msg::dds_::Image_`; the library makes it of the two names.
         let (package, kind) = M::TYPE.split_once("/msg/").unwrap_or(("", M::TYPE));
         let name = library_name(full)?;
         self.node
             .create_topic(&name, MessageTypeName::new(package, kind), qos)
-            .map_err(|e| NodeError::network(&format!("making the topic {name}"), e))
+            .map_err(|e| NodeError::network_error(&format!("making the topic {name}"), e))
     }
 
     /// A publisher; it must be kept, as latched messages go with it.
     ///
     /// # Errors
     /// If the name cannot be used or the network refuses.
-    pub(crate) fn publisher<M: RosMessage>(
+    pub(crate) fn create_publisher<M: RosMessage>(
         &mut self,
         name: &str,
         qos: &QosProfile,
     ) -> Result<Publisher<M>, NodeError> {
-        let topic = self.topic::<M>(&self.resolve(name), qos)?;
+        let topic = self.create_topic::<M>(&self.resolved_name(name), qos)?;
         self.node
             .create_publisher(&topic, None)
-            .map_err(|e| NodeError::network(&format!("publishing {name}"), e))
+            .map_err(|e| NodeError::network_error(&format!("publishing {name}"), e))
     }
 
     /// Hands every message of a topic, by its full name, on as long as the node lives. Undecodable messages
@@ -157,18 +158,18 @@ impl Participant {
     ///
     /// # Errors
     /// If the name cannot be used or the network refuses.
-    pub(crate) fn subscribe<M: RosMessage>(
+    pub(crate) fn subscribe_topic<M: RosMessage>(
         &mut self,
         name: &str,
         qos: &QosProfile,
         count: Arc<InputCount>,
         mut take: impl FnMut(M) + Send + 'static,
     ) -> Result<(), NodeError> {
-        let topic = self.topic::<M>(name, qos)?;
+        let topic = self.create_topic::<M>(name, qos)?;
         let subscription = self
             .node
             .create_subscription::<M>(&topic, None)
-            .map_err(|e| NodeError::network(&format!("subscribing to {name}"), e))?;
+            .map_err(|e| NodeError::network_error(&format!("subscribing to {name}"), e))?;
         let name = name.to_owned();
         tokio::spawn(async move {
             let stream = subscription.async_stream();
@@ -176,12 +177,12 @@ impl Participant {
             while let Some(message) = stream.next().await {
                 match message {
                     Ok((message, info)) => {
-                        count.receive(gid_bytes(&info), info.sequence_number());
+                        count.count_received(gid_bytes(&info), info.sequence_number());
                         take(message);
                     }
                     // A publisher's message must not end the subscription: malformed messages are counted.
                     Err(error) => {
-                        count.malformed();
+                        count.count_malformed();
                         log::debug!("{name}: {error}");
                     }
                 }

@@ -28,7 +28,7 @@ impl PreviewCloud {
     }
 
     /// Adds a view; of a masked one the object only.
-    pub(crate) fn add(&mut self, pixels: &Pixels, world_from_camera: &Pose) {
+    pub(crate) fn add_view(&mut self, pixels: &Pixels, world_from_camera: &Pose) {
         if self.most == 0 {
             return;
         }
@@ -46,31 +46,31 @@ impl PreviewCloud {
                 let point = world_from_camera * nalgebra::Point3::new(ray[0] * z, ray[1] * z, z);
                 // Single precision, as PointCloud2 holds it.
                 let point = [point.x as f32, point.y as f32, point.z as f32];
-                self.cells.entry(self.cell(&point)).or_insert((point, pixels.color.pixels[i]));
+                self.cells.entry(self.cell_of_point(&point)).or_insert((point, pixels.color.pixels[i]));
             }
             // Row by row: the map is never much larger than allowed.
-            self.shrink();
+            self.double_cells();
         }
     }
 
-    fn cell(&self, point: &[f32; 3]) -> [i32; 3] {
+    fn cell_of_point(&self, point: &[f32; 3]) -> [i32; 3] {
         point.map(|v| (f64::from(v) / self.cell_m).floor() as i32)
     }
 
     /// Doubles the cells until there are few enough.
-    fn shrink(&mut self) {
+    fn double_cells(&mut self) {
         while self.cells.len() > self.most && self.cell_m < 1e3 {
             self.cell_m *= 2.0;
             let points: Vec<_> = std::mem::take(&mut self.cells).into_values().collect();
             for (point, color) in points {
-                self.cells.entry(self.cell(&point)).or_insert((point, color));
+                self.cells.entry(self.cell_of_point(&point)).or_insert((point, color));
             }
         }
     }
 
     /// Its points in the world frame, with colors.
     #[must_use]
-    pub(crate) fn points(&self) -> Vec<([f32; 3], [u8; 3])> {
+    pub(crate) fn colored_points(&self) -> Vec<([f32; 3], [u8; 3])> {
         self.cells.values().copied().collect()
     }
 }
@@ -97,8 +97,8 @@ mod tests {
             }),
         };
         let mut cloud = PreviewCloud::new(100);
-        cloud.add(&pixels, &Pose::translation(0.0, 0.0, 2.0));
-        let points = cloud.points();
+        cloud.add_view(&pixels, &Pose::translation(0.0, 0.0, 2.0));
+        let points = cloud.colored_points();
         assert!((20..=100).contains(&points.len()), "{}", points.len());
         assert!(points.iter().all(|(p, c)| (p[2] - 3.0).abs() < 1e-6 && p[0] < 0.0 && *c == [9, 8, 7]));
     }

@@ -10,7 +10,7 @@ use super::{environment::Environment, error::NodeError};
 /// Reports sockets open to the network; none may be open where only this machine is in reach.
 ///
 /// # Errors For a forbidden open socket.
-pub(crate) fn check(environment: &Environment) -> Result<(), NodeError> {
+pub(crate) fn check_sockets(environment: &Environment) -> Result<(), NodeError> {
     // By the kernel's table: RustDDS as published binds to all addresses, whatever is asked of it.
     let sockets = own_sockets();
     if environment.localhost {
@@ -20,11 +20,11 @@ pub(crate) fn check(environment: &Environment) -> Result<(), NodeError> {
             None => Ok(()),
         };
     }
-    log::warn!("{}", warning(&addresses(), &sockets));
+    log::warn!("{}", reach_warning(&addresses(), &sockets));
     Ok(())
 }
 
-fn warning(addresses: &[Ipv4Addr], sockets: &[SocketAddrV4]) -> String {
+fn reach_warning(addresses: &[Ipv4Addr], sockets: &[SocketAddrV4]) -> String {
     let list = |items: BTreeSet<String>| items.into_iter().collect::<Vec<_>>().join(", ");
     format!(
         "open to the network: addresses {}, UDP ports {}; there is no authentication: whoever reaches them \
@@ -98,7 +98,7 @@ mod tests {
 
     #[test]
     fn what_is_open_is_said() {
-        let said = warning(
+        let said = reach_warning(
             &[Ipv4Addr::new(10, 9, 9, 1)],
             &["0.0.0.0:7400".parse().unwrap(), "0.0.0.0:7410".parse().unwrap()],
         );

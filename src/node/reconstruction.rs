@@ -40,35 +40,37 @@ impl Job for Reconstructor {
     const NAME: &'static str = "~/reconstruct";
     const TYPE: &'static str = "Reconstruct";
 
-    fn begin(
+    fn begin_work(
         self: &Arc<Self>,
         goal: &ReconstructGoal,
     ) -> Result<Work<ReconstructResult, ReconstructFeedback>, GoalError> {
         // First: no state may begin between the look at the states and the run.
         let read = self.shared.read_session();
-        let request = self.request(goal)?;
+        let request = self.request_of_goal(goal)?;
         let this = Arc::clone(self);
         let mut progress = RunProgress::default();
-        Ok(Work::start(
-            move |event, elapsed| progress.take(event, elapsed).then(|| feedback(&progress, elapsed)),
+        Ok(Work::start_thread(
+            move |event, elapsed| {
+                progress.take(event, elapsed).then(|| feedback_of_progress(&progress, elapsed))
+            },
             move |monitor| {
                 let result = run::reconstruct(&request, monitor);
                 // The bags are read to the end: the next state may begin while the result is taken up.
                 drop(read);
-                this.finish(&request.out, result)
+                this.finished_result(&request.out, result)
             },
         ))
     }
 
-    fn nothing(message: String) -> ReconstructResult {
+    fn failed_result(message: String) -> ReconstructResult {
         ReconstructResult { message, ..ReconstructResult::default() }
     }
 }
 
 impl Reconstructor {
-    fn request(&self, goal: &ReconstructGoal) -> Result<ReconstructRequest, GoalError> {
+    fn request_of_goal(&self, goal: &ReconstructGoal) -> Result<ReconstructRequest, GoalError> {
         let snapshot = self.shared.snapshot();
-        let recordings = snapshot.both()?;
+        let recordings = snapshot.both_recordings()?;
         let mut config = self.config.clone();
         if goal.parts > 0 {
             // A message has no absent fields: 0 leaves it to the parameter.
@@ -94,7 +96,11 @@ impl Reconstructor {
         })
     }
 
-    fn finish(&self, session: &Path, result: Result<Outcome, RunError>) -> Finished<ReconstructResult> {
+    fn finished_result(
+        &self,
+        session: &Path,
+        result: Result<Outcome, RunError>,
+    ) -> Finished<ReconstructResult> {
         let outcome = match result {
             Ok(outcome) => outcome,
             Err(RunError::Cancelled(_)) => return Finished::Canceled,
@@ -139,7 +145,7 @@ impl Reconstructor {
 }
 
 /// A goal's feedback after a time.
-fn feedback(progress: &RunProgress, elapsed: Duration) -> ReconstructFeedback {
+fn feedback_of_progress(progress: &RunProgress, elapsed: Duration) -> ReconstructFeedback {
     let (fraction, left) = progress.at(elapsed).unzip();
     ReconstructFeedback {
         stage: progress.stage().map(|(stage, _)| stage.to_owned()).unwrap_or_default(),

@@ -10,7 +10,7 @@ use super::{
     error::NodeError,
     inputs,
     sample::Sample,
-    session::{Start, end_requested, in_runtime, queues, quiet},
+    session::{Start, core_queues, end_log, end_requested, in_runtime},
     state_bag::Topics,
 };
 use io::{
@@ -42,20 +42,20 @@ pub struct Recorded {
 /// # Errors
 /// [`NodeError`] if it cannot start or the disk refuses.
 pub fn record(bag: &Path, arguments: &[String]) -> Result<Recorded, NodeError> {
-    let start = Start::read(arguments, DEFAULT_NAME)?;
-    in_runtime(live(bag, &start))
+    let start = Start::read_inputs(arguments, DEFAULT_NAME)?;
+    in_runtime(record_live(bag, &start))
 }
 
-async fn live(folder: &Path, start: &Start) -> Result<Recorded, NodeError> {
+async fn record_live(folder: &Path, start: &Start) -> Result<Recorded, NodeError> {
     let p = &start.parameters;
-    let topics = inputs::topics(&start.arguments, &start.identity, p);
+    let topics = inputs::topic_names(&start.arguments, &start.identity, p);
     // Before the network: an unusable folder ends the command at once.
     let mut bag = BagWriter::create(folder)?;
-    let mut participant = start.join()?;
+    let mut participant = start.join_domain()?;
     let clock = std::sync::Arc::new(NodeClock::new(p.use_sim_time));
-    let (outbox, mut inbox) = queues(IMAGE_QUEUE);
-    let inputs = inputs::subscribe(&mut participant, p, &topics, &outbox, &clock)?;
-    participant.spin()?;
+    let (outbox, mut inbox) = core_queues(IMAGE_QUEUE);
+    let inputs = inputs::subscribe_topics(&mut participant, p, &topics, &outbox, &clock)?;
+    participant.start_spinner()?;
     log::info!("recording to {}", folder.display());
     let end = end_requested();
     tokio::pin!(end);
@@ -72,7 +72,7 @@ async fn live(folder: &Path, start: &Start) -> Result<Recorded, NodeError> {
             Some(_) = inbox.commands.recv() => None,
         };
         if let Some(sample) = sample {
-            write(&mut bag, &topics, &sample, clock.now_nanos())?;
+            write_sample(&mut bag, &topics, &sample, clock.now_nanos())?;
         }
         // By the machine's clock: /clock may stand still.
         if flushed.elapsed() >= FLUSH_EVERY {
@@ -80,7 +80,7 @@ async fn live(folder: &Path, start: &Start) -> Result<Recorded, NodeError> {
             flushed = Instant::now();
         }
     }
-    quiet();
+    end_log();
     let messages = bag.finish()?;
     let mut dropped = 0;
     for input in &inputs {
@@ -91,7 +91,12 @@ async fn live(folder: &Path, start: &Start) -> Result<Recorded, NodeError> {
 }
 
 /// Writes a message under its topic, whether it makes sense or not: the reader may judge.
-fn write(bag: &mut BagWriter, topics: &Topics, sample: &Sample, now_nanos: i64) -> Result<(), BagWriteError> {
+fn write_sample(
+    bag: &mut BagWriter,
+    topics: &Topics,
+    sample: &Sample,
+    now_nanos: i64,
+) -> Result<(), BagWriteError> {
     // The profiles of a replay: best effort fits no reliable reader, so transforms are reliable.
     const SENSOR: OfferedQos = OfferedQos { reliable: false, latched: false, depth: 10 };
     const RELIABLE: OfferedQos = OfferedQos { reliable: true, latched: false, depth: 100 };

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde_norway::Value;
 
-use super::ros_names::{NodeIdentity, expand, strip_transport};
+use super::ros_names::{NodeIdentity, expanded_name, strip_transport};
 
 /// Everything between `--ros-args` and `--`.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -77,14 +77,14 @@ impl RosArgs {
                 (_, "--ros-args") => ros = true,
                 // Behind `--` the program's own arguments go on.
                 (true, "--") => ros = false,
-                (true, option) => parsed.option(option, &mut list)?,
+                (true, option) => parsed.read_option(option, &mut list)?,
                 (false, _) => parsed.rest.push(argument.clone()),
             }
         }
         Ok(parsed)
     }
 
-    fn option<'a>(
+    fn read_option<'a>(
         &mut self,
         option: &str,
         rest: &mut impl Iterator<Item = &'a String>,
@@ -95,11 +95,11 @@ impl RosArgs {
         match option {
             "-r" | "--remap" => {
                 let text = value("FROM:=TO")?;
-                self.remaps.push(remap(&text)?);
+                self.remaps.push(parsed_remap(&text)?);
             }
             "-p" | "--param" => {
                 let text = value("NAME:=VALUE")?;
-                self.parameters.push(parameter(&text)?);
+                self.parameters.push(parsed_parameter(&text)?);
             }
             "--params-file" => self.parameters.push(ParameterSource::File(value("FILE")?.into())),
             "--log-level" => self.log_level = Some(log_level(&value("LEVEL")?)?),
@@ -114,7 +114,7 @@ impl RosArgs {
             "--enable-stdout-logs" => self.no_stdout = false,
             "--enable-external-lib-logs" | "--disable-external-lib-logs" => {}
             // The old form without a dash.
-            text if text.contains(":=") => self.remaps.push(remap(text)?),
+            text if text.contains(":=") => self.remaps.push(parsed_remap(text)?),
             other => self.unknown.push(other.to_owned()),
         }
         Ok(())
@@ -124,7 +124,7 @@ impl RosArgs {
     ///
     /// # Errors
     /// If they are no names.
-    pub(crate) fn identity(&self, default_name: &str) -> Result<NodeIdentity, RosArgsError> {
+    pub(crate) fn node_identity(&self, default_name: &str) -> Result<NodeIdentity, RosArgsError> {
         // By the default name: `node:__node:=other` names the node before it is renamed.
         let mut remaps = self.remaps.iter().filter(|r| self.is_for(r, default_name));
         let name = remaps.clone().find(|r| ["__node", "__name"].contains(&r.from.as_str()));
@@ -142,20 +142,22 @@ impl RosArgs {
 
     /// The full name of a topic, service or action: expanded, then remapped.
     #[must_use]
-    pub(crate) fn resolve(&self, name: &str, node: &NodeIdentity) -> String {
-        let full = expand(strip_transport(name), node);
+    pub(crate) fn resolved_name(&self, name: &str, node: &NodeIdentity) -> String {
+        let full = expanded_name(strip_transport(name), node);
         for r in &self.remaps {
-            let is_own =
-                r.node.as_ref().is_none_or(|n| n.trim_start_matches('/') == node.name || *n == node.full());
-            if is_own && !r.from.starts_with("__") && expand(strip_transport(&r.from), node) == full {
-                return expand(strip_transport(&r.to), node);
+            let is_own = r
+                .node
+                .as_ref()
+                .is_none_or(|n| n.trim_start_matches('/') == node.name || *n == node.full_name());
+            if is_own && !r.from.starts_with("__") && expanded_name(strip_transport(&r.from), node) == full {
+                return expanded_name(strip_transport(&r.to), node);
             }
         }
         full
     }
 }
 
-fn remap(text: &str) -> Result<Remap, RosArgsError> {
+fn parsed_remap(text: &str) -> Result<Remap, RosArgsError> {
     let fail = |reason: &str| RosArgsError { argument: text.to_owned(), reason: reason.to_owned() };
     let (left, to) = text.split_once(":=").ok_or_else(|| fail("is no remapping; give FROM:=TO"))?;
     // `rostopic://` and `rosservice://` hold a colon without a node before it.
@@ -169,7 +171,7 @@ fn remap(text: &str) -> Result<Remap, RosArgsError> {
     Ok(Remap { node, from: from.to_owned(), to: to.to_owned() })
 }
 
-fn parameter(text: &str) -> Result<ParameterSource, RosArgsError> {
+fn parsed_parameter(text: &str) -> Result<ParameterSource, RosArgsError> {
     let fail = |reason: String| RosArgsError { argument: text.to_owned(), reason };
     let (left, value) =
         text.split_once(":=").ok_or_else(|| fail("is no parameter; give NAME:=VALUE".into()))?;
@@ -209,8 +211,8 @@ mod tests {
              n:q:=[1,2] --log-level x:=WARN -- b",
         );
         assert_eq!(args.rest, ["a", "b"]);
-        let node = args.identity("artitwin").unwrap();
-        assert_eq!(node.full(), "/lab/twin");
+        let node = args.node_identity("artitwin").unwrap();
+        assert_eq!(node.full_name(), "/lab/twin");
         assert_eq!(args.log_level.as_deref(), Some("warn"));
         assert_eq!(args.parameters[0], ParameterSource::File("p.yaml".into()));
         let value = |node: Option<&str>, name: &str, yaml: &str| ParameterSource::Value {
@@ -227,13 +229,13 @@ mod tests {
             "--ros-args -r image:=/cam/image -r ~/save:=store -r other:image:=/x -r rostopic:///a/b:=c",
         );
         let node = NodeIdentity::new("/ns", "twin").unwrap();
-        assert_eq!(args.resolve("image", &node), "/cam/image");
-        assert_eq!(args.resolve("/ns/image", &node), "/cam/image");
-        assert_eq!(args.resolve("~/save", &node), "/ns/store");
-        assert_eq!(args.resolve("/ns/twin/save", &node), "/ns/store");
-        assert_eq!(args.resolve("/image", &node), "/image");
-        assert_eq!(args.resolve("/a/b", &node), "/ns/c");
-        assert_eq!(args.resolve("~/reset", &node), "/ns/twin/reset");
+        assert_eq!(args.resolved_name("image", &node), "/cam/image");
+        assert_eq!(args.resolved_name("/ns/image", &node), "/cam/image");
+        assert_eq!(args.resolved_name("~/save", &node), "/ns/store");
+        assert_eq!(args.resolved_name("/ns/twin/save", &node), "/ns/store");
+        assert_eq!(args.resolved_name("/image", &node), "/image");
+        assert_eq!(args.resolved_name("/a/b", &node), "/ns/c");
+        assert_eq!(args.resolved_name("~/reset", &node), "/ns/twin/reset");
     }
 
     #[test]
@@ -246,6 +248,6 @@ mod tests {
         assert!(error("--ros-args -p a:=[1").contains("no YAML"));
         assert!(error("--ros-args --log-level loud").contains("debug"));
         assert_eq!(parse("--ros-args --shiny -r a:=b").unknown, ["--shiny"]);
-        assert!(parse("--ros-args -r __node:=no/name").identity("artitwin").is_err());
+        assert!(parse("--ros-args -r __node:=no/name").node_identity("artitwin").is_err());
     }
 }

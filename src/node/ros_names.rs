@@ -48,7 +48,7 @@ impl NodeIdentity {
 
     /// Namespace and name.
     #[must_use]
-    pub(crate) fn full(&self) -> String {
+    pub(crate) fn full_name(&self) -> String {
         format!("{}/{}", self.namespace.trim_end_matches('/'), self.name)
     }
 }
@@ -77,10 +77,10 @@ pub(crate) fn check_full_name(name: &str) -> Result<(), NameError> {
 
 /// The full form of a name: `/a` stands as it is, `~/a` lies below the node, `a` in its namespace.
 #[must_use]
-pub(crate) fn expand(name: &str, node: &NodeIdentity) -> String {
+pub(crate) fn expanded_name(name: &str, node: &NodeIdentity) -> String {
     match name.strip_prefix('~') {
         Some(rest) => {
-            format!("{}/{}", node.full(), rest.trim_start_matches('/')).trim_end_matches('/').to_owned()
+            format!("{}/{}", node.full_name(), rest.trim_start_matches('/')).trim_end_matches('/').to_owned()
         }
         None if name.starts_with('/') => name.to_owned(),
         None => format!("{}/{name}", node.namespace.trim_end_matches('/')),

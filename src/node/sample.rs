@@ -101,7 +101,7 @@ impl Picture {
     ///
     /// # Errors
     /// [`ImageError`].
-    pub(crate) fn color(&self) -> Result<Raster<[u8; 3]>, ImageError> {
+    pub(crate) fn color_raster(&self) -> Result<Raster<[u8; 3]>, ImageError> {
         match self {
             Self::Raw(m) => codec::raw_color(m),
             Self::Compressed(m) => codec::compressed_color(m),
@@ -112,7 +112,7 @@ impl Picture {
     ///
     /// # Errors
     /// [`ImageError`].
-    pub(crate) fn depth(&self) -> Result<Raster<f32>, ImageError> {
+    pub(crate) fn depth_raster(&self) -> Result<Raster<f32>, ImageError> {
         match self {
             Self::Raw(m) => codec::raw_depth(m),
             Self::Compressed(m) => codec::compressed_depth(m),
@@ -123,15 +123,15 @@ impl Picture {
     ///
     /// # Errors
     /// [`ImageError`].
-    pub(crate) fn mask(&self) -> Result<Raster<bool>, ImageError> {
+    pub(crate) fn mask_raster(&self) -> Result<Raster<bool>, ImageError> {
         match self {
             Self::Raw(m) => codec::raw_mask(m),
             Self::Compressed(m) => codec::compressed_mask(m),
         }
     }
 
-    fn check(&self) -> Result<(), Refusal> {
-        stamped(self.header())?;
+    fn check_size(&self) -> Result<(), Refusal> {
+        check_header(self.header())?;
         let (name, sized) = match self {
             Self::Raw(m) => {
                 let side = |n: u32| (1..=MAX_SIDE).contains(&(n as usize));
@@ -148,7 +148,7 @@ impl Picture {
 }
 
 /// A header with a stamp, a frame and a stamp after the epoch.
-fn stamped(header: &Header) -> Result<(), Refusal> {
+fn check_header(header: &Header) -> Result<(), Refusal> {
     match header.checked() {
         // Drivers without stamps send 0; all such images would seem to belong together.
         Some((stamp, frame)) if stamp > 0 && !frame.is_empty() => Ok(()),
@@ -162,7 +162,7 @@ impl Sample {
     /// # Errors The first failed check.
     pub(crate) fn check(&self) -> Result<(), Refusal> {
         match self {
-            Self::Color(p) | Self::Depth(p) | Self::Mask(p) => p.check(),
+            Self::Color(p) | Self::Depth(p) | Self::Mask(p) => p.check_size(),
             Self::ColorInfo(info) | Self::DepthInfo(info) => check_info(info),
             Self::Transforms(m) | Self::StaticTransforms(m) => match m.transforms.len() {
                 // The list may come from anybody on the network.
@@ -177,9 +177,9 @@ impl Sample {
                 }
                 _ => Err(Refusal::Value),
             },
-            Self::Pose(m) => stamped(&m.header).and(m.pose.checked().map(|_| ()).ok_or(Refusal::Value)),
+            Self::Pose(m) => check_header(&m.header).and(m.pose.checked().map(|_| ()).ok_or(Refusal::Value)),
             Self::Odometry(m) => {
-                stamped(&m.header)?;
+                check_header(&m.header)?;
                 (m.child_frame_id.len() <= MAX_NAME).then_some(()).ok_or(Refusal::Header)?;
                 m.pose.checked().map(|_| ()).ok_or(Refusal::Value)
             }

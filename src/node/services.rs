@@ -9,7 +9,7 @@ use super::{
     collect_error::CollectError,
     collection::{Command, Shared},
     error::NodeError,
-    participant::{Participant, reliable},
+    participant::{Participant, reliable_profile},
 };
 use crate::requests::{SetStateRequest, SetStateResponse, TriggerRequest, TriggerResponse};
 
@@ -29,7 +29,7 @@ pub(crate) struct ServiceContext {
 
 impl ServiceContext {
     /// Sends a command and waits for its answer.
-    async fn ask<T>(
+    async fn ask_core<T>(
         &self,
         command: impl FnOnce(oneshot::Sender<Result<T, CollectError>>) -> Command,
     ) -> Result<T, CollectError> {
@@ -45,11 +45,11 @@ impl ServiceContext {
     async fn set_state(&self, begin: bool, state: usize) -> SetStateResponse {
         let done = match begin {
             true => self
-                .ask(|a| Command::Start(state, a))
+                .ask_core(|a| Command::Start(state, a))
                 .await
                 .map(|()| format!("state {state} is being collected")),
             false => self
-                .ask(|a| Command::Finish(state, a))
+                .ask_core(|a| Command::Finish(state, a))
                 .await
                 .map(|kept| format!("state {state} has {kept} views")),
         };
@@ -66,24 +66,24 @@ impl ServiceContext {
         }
     }
 
-    async fn reset(&self) -> TriggerResponse {
+    async fn reset_session(&self) -> TriggerResponse {
         // A new folder: no later message can get into the old session.
         let session = (self.next_session)();
-        let done = self.ask(|a| Command::Reset(session.clone(), a)).await;
-        trigger(done.map(|()| format!("the next session is {}", session.display())))
+        let done = self.ask_core(|a| Command::Reset(session.clone(), a)).await;
+        trigger_response(done.map(|()| format!("the next session is {}", session.display())))
     }
 
-    async fn save(&self) -> TriggerResponse {
-        let done = self.ask(Command::Flush).await;
+    async fn save_states(&self) -> TriggerResponse {
+        let done = self.ask_core(Command::Flush).await;
         let snapshot = self.shared.snapshot();
-        trigger(done.map(|()| {
+        trigger_response(done.map(|()| {
             let [zero, one] = snapshot.kept;
             format!("{}: {zero} and {one} views are on the disk", snapshot.session.display())
         }))
     }
 }
 
-fn trigger(done: Result<String, CollectError>) -> TriggerResponse {
+fn trigger_response(done: Result<String, CollectError>) -> TriggerResponse {
     match done {
         Ok(message) => TriggerResponse { success: true, message },
         Err(error) => TriggerResponse { success: false, message: error.to_string() },
@@ -94,32 +94,38 @@ fn trigger(done: Result<String, CollectError>) -> TriggerResponse {
 ///
 /// # Errors
 /// If a name cannot be used or the network refuses.
-pub(crate) fn offer(
+pub(crate) fn offer_services(
     participant: &mut Participant,
     mapping: ServiceMapping,
     context: &ServiceContext,
 ) -> Result<(), NodeError> {
     for (name, begin) in [("~/start_state", true), ("~/finish_state", false)] {
         let context = context.clone();
-        serve(participant, mapping, name, ["artitwin_msgs", "SetState"], move |request: SetStateRequest| {
-            let context = context.clone();
-            async move { context.set_state(begin, request.state as usize).await }
-        })?;
+        serve_requests(
+            participant,
+            mapping,
+            name,
+            ["artitwin_msgs", "SetState"],
+            move |request: SetStateRequest| {
+                let context = context.clone();
+                async move { context.set_state(begin, request.state as usize).await }
+            },
+        )?;
     }
     let c = context.clone();
-    serve(participant, mapping, "~/reset", ["std_srvs", "Trigger"], move |_: TriggerRequest| {
+    serve_requests(participant, mapping, "~/reset", ["std_srvs", "Trigger"], move |_: TriggerRequest| {
         let context = c.clone();
-        async move { context.reset().await }
+        async move { context.reset_session().await }
     })?;
     let c = context.clone();
-    serve(participant, mapping, "~/save", ["std_srvs", "Trigger"], move |_: TriggerRequest| {
+    serve_requests(participant, mapping, "~/save", ["std_srvs", "Trigger"], move |_: TriggerRequest| {
         let context = c.clone();
-        async move { context.save().await }
+        async move { context.save_states().await }
     })
 }
 
 /// Answers the requests of one service, one after the other.
-fn serve<Q, A, F>(
+fn serve_requests<Q, A, F>(
     participant: &mut Participant,
     mapping: ServiceMapping,
     name: &str,
@@ -131,12 +137,12 @@ where
     A: Message + Send + Sync + 'static,
     F: Future<Output = A> + Send,
 {
-    let full = participant.name(name)?;
-    let qos = reliable(DEPTH);
+    let full = participant.library_name(name)?;
+    let qos = reliable_profile(DEPTH);
     let server = participant
         .node()
         .create_server::<Q, A>(mapping, &full, &ServiceTypeName::new(package, kind), qos.clone(), qos)
-        .map_err(|e| NodeError::network(&format!("offering {name}"), e))?;
+        .map_err(|e| NodeError::network_error(&format!("offering {name}"), e))?;
     let name = name.to_owned();
     tokio::spawn(async move {
         loop {

@@ -49,8 +49,8 @@ const END_WAIT: Duration = Duration::from_secs(10);
 /// # Errors
 /// [`NodeError`] if it cannot start.
 pub fn run(arguments: &[String]) -> Result<(), NodeError> {
-    let start = Start::read(arguments, DEFAULT_NAME)?;
-    in_runtime(live(&start))
+    let start = Start::read_inputs(arguments, DEFAULT_NAME)?;
+    in_runtime(run_live(&start))
 }
 
 /// Reads arguments and their parameter files as [`run()`] does, and starts nothing. Returns the names of
@@ -60,10 +60,10 @@ pub fn run(arguments: &[String]) -> Result<(), NodeError> {
 /// [`NodeError`] if the node would not start with them.
 pub fn check_arguments(arguments: &[String]) -> Result<Vec<String>, NodeError> {
     let arguments = without_stray(arguments)?;
-    let identity = arguments.identity(DEFAULT_NAME)?;
+    let identity = arguments.node_identity(DEFAULT_NAME)?;
     let Loaded { parameters, unknown } = Parameters::load(&arguments, &identity)?;
     // The settings of a run, too: a wrong one would show after minutes of collecting.
-    settings::run_settings(&parameters, &inputs::topics(&arguments, &identity, &parameters))?;
+    settings::run_settings(&parameters, &inputs::topic_names(&arguments, &identity, &parameters))?;
     Ok(unknown)
 }
 
@@ -90,11 +90,11 @@ pub(super) struct Start {
 
 impl Start {
     /// Reads arguments, environment and parameters, starts the log and logs warnings.
-    pub(crate) fn read(arguments: &[String], name: &str) -> Result<Self, NodeError> {
+    pub(crate) fn read_inputs(arguments: &[String], name: &str) -> Result<Self, NodeError> {
         let arguments = without_stray(arguments)?;
-        let identity = arguments.identity(name)?;
+        let identity = arguments.node_identity(name)?;
         // Before the environment: its warnings are the first things to log.
-        logger::start(&identity.name, arguments.log_level.as_deref(), arguments.no_stdout);
+        logger::start_log(&identity.name, arguments.log_level.as_deref(), arguments.no_stdout);
         arguments.unknown.iter().for_each(|a| log::warn!("`{a}` is not known here and is left out"));
         let environment = Environment::read(|name| std::env::var(name).ok())?;
         environment.warnings.iter().for_each(|w| log::warn!("{w}"));
@@ -111,11 +111,11 @@ impl Start {
     }
 
     /// Joins the domain, and says from where the node can be reached.
-    pub(crate) fn join(&self) -> Result<Participant, NodeError> {
+    pub(crate) fn join_domain(&self) -> Result<Participant, NodeError> {
         let participant =
-            Participant::join(&self.environment, &self.arguments, &self.identity, &self.parameters)?;
+            Participant::join_domain(&self.environment, &self.arguments, &self.identity, &self.parameters)?;
         // After joining: only then the sockets are open.
-        reach::check(&self.environment)?;
+        reach::check_sockets(&self.environment)?;
         Ok(participant)
     }
 }
@@ -134,11 +134,11 @@ pub(super) fn in_runtime<T>(work: impl Future<Output = Result<T, NodeError>>) ->
     done
 }
 
-async fn live(start: &Start) -> Result<(), NodeError> {
+async fn run_live(start: &Start) -> Result<(), NodeError> {
     let environment = &start.environment;
     let identity = &start.identity;
     let p = &start.parameters;
-    let topics = inputs::topics(&start.arguments, identity, p);
+    let topics = inputs::topic_names(&start.arguments, identity, p);
     // Impossible settings are refused before anybody sees the node.
     let resolved = settings::run_settings(p, &topics)?;
     // Also for ~/reset: it goes on in the next free folder.
@@ -151,14 +151,14 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     let first = if p.session.is_empty() { next_session() } else { Path::new(&p.out_folder).join(&p.session) };
     // The folder before the network: a second node on it ends before it disturbs the first.
     let lock = SessionLock::take(&first)?;
-    let mut participant = start.join()?;
+    let mut participant = start.join_domain()?;
     let clock = Arc::new(NodeClock::new(p.use_sim_time));
     let shared = Arc::new(Shared::default());
     // The core: the one owner of the collector, on a thread of its own, as decoding and writing block.
     let collector = Collector::new(settings::collector_settings(p, topics.clone(), &resolved.config), &first);
     let watch = settings::watch_rule(p).map(MotionWatch::new);
     let (queue, tracked) =
-        live_tracking::start(settings::track_settings(p, topics.clone(), &resolved.config))
+        live_tracking::start_thread(settings::track_settings(p, topics.clone(), &resolved.config))
             .map_err(|source| NodeError::System { what: "starting the tracker", source })?;
     let live = start_live(p, &resolved.config, &shared)?;
     let shown = live.as_ref().map(LiveQueue::results);
@@ -172,7 +172,7 @@ async fn live(start: &Start) -> Result<(), NodeError> {
         Tracking { queue, tracked, poses: sender },
         live,
     );
-    let (outbox, inbox) = queues(IMAGE_QUEUE);
+    let (outbox, inbox) = core_queues(IMAGE_QUEUE);
     let commands = outbox.commands.clone();
     let handle = tokio::runtime::Handle::current();
     let core = tokio::task::spawn_blocking(move || handle.block_on(core.run(inbox)));
@@ -180,7 +180,7 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     // Calls of clients. Only the last twin and report count, hence channels of one value.
     let (twins, twin) = watch::channel(None);
     let reconstructor = Arc::new(Reconstructor {
-        ahead: work_ahead::start(&shared, &resolved.config)?,
+        ahead: work_ahead::start_thread(&shared, &resolved.config)?,
         config: resolved.config,
         origins: resolved.origins,
         name: p.twin_name.clone(),
@@ -196,21 +196,21 @@ async fn live(start: &Start) -> Result<(), NodeError> {
         None => None,
     };
     let context = ServiceContext { commands: commands.clone(), shared: Arc::clone(&shared), next_session };
-    services::offer(&mut participant, mapping, &context)?;
-    action::offer(&mut participant, mapping, Arc::clone(&reconstructor))?;
-    action::offer(&mut participant, mapping, Arc::clone(&diagnoser))?;
+    services::offer_services(&mut participant, mapping, &context)?;
+    action::offer_action(&mut participant, mapping, Arc::clone(&reconstructor))?;
+    action::offer_action(&mut participant, mapping, Arc::clone(&diagnoser))?;
     // Input last, when all its receivers are there.
-    let inputs = inputs::subscribe(&mut participant, p, &topics, &outbox, &clock)?;
-    let diagnostics = Diagnostics::new(&identity.full(), inputs);
-    participant.spin()?;
+    let inputs = inputs::subscribe_topics(&mut participant, p, &topics, &outbox, &clock)?;
+    let diagnostics = Diagnostics::new(&identity.full_name(), inputs);
+    participant.start_spinner()?;
     publish_again(&first, &reconstructor, &diagnoser);
     tokio::spawn(outputs.run(OutputSources { twin, report, poses }, shared, diagnostics));
     live_outputs.into_iter().for_each(|task| _ = tokio::spawn(task));
-    log::info!("{} in domain {}, session {}", identity.full(), environment.domain, first.display());
+    log::info!("{} in domain {}, session {}", identity.full_name(), environment.domain, first.display());
 
     end_requested().await?;
     log::info!("ending");
-    quiet();
+    end_log();
     let (done, ended) = oneshot::channel();
     // The core closes the open bag; a hanging disk does not keep the node.
     commands.send(Command::Stop(done)).await.ok();
@@ -233,12 +233,12 @@ fn publish_again(session: &Path, reconstructor: &Reconstructor, diagnoser: &Diag
 fn start_live(p: &Parameters, config: &Config, shared: &Arc<Shared>) -> Result<Option<LiveQueue>, NodeError> {
     let Some(settings) = settings::live_settings(p, config) else { return Ok(None) };
     let shared = Arc::clone(shared);
-    let started = live_map::start(settings, move || shared.is_read());
+    let started = live_map::start_thread(settings, move || shared.is_read());
     started.map(Some).map_err(|source| NodeError::System { what: "starting the live map", source })
 }
 
 /// Queues with room for so many images.
-pub(super) fn queues(images: usize) -> (Outbox, Inbox) {
+pub(super) fn core_queues(images: usize) -> (Outbox, Inbox) {
     let (images, image_inbox) = mpsc::channel(images);
     let (small, small_inbox) = mpsc::channel(SMALL_QUEUE);
     let (commands, command_inbox) = mpsc::channel(16);
@@ -249,7 +249,7 @@ pub(super) fn queues(images: usize) -> (Outbox, Inbox) {
 }
 
 /// Ends the log: the middleware complains of its own threads while it is taken down.
-pub(super) fn quiet() {
+pub(super) fn end_log() {
     log::set_max_level(log::LevelFilter::Off);
 }
 

@@ -21,12 +21,12 @@ const MAP_FRAME: &str = "map";
 pub(crate) fn run_settings(p: &Parameters, topics: &Topics) -> Result<Resolved<Config>, ConfigError> {
     let mut layers = Layers::new(&Config::default())?;
     if !p.preset.is_empty() {
-        layers.preset(&p.preset)?;
+        layers.add_preset(&p.preset)?;
     }
     if !p.config_file.is_empty() {
-        layers.file(p.config_file.as_ref())?;
+        layers.add_file(p.config_file.as_ref())?;
     }
-    p.settings.iter().try_for_each(|assignment| layers.set(assignment))?;
+    p.settings.iter().try_for_each(|assignment| layers.add_setting(assignment))?;
     let text = |s: &String| (!s.is_empty()).then(|| Value::from(s.as_str()));
     // Topics as they were remapped: the bags hold these names.
     let assigned = [
@@ -41,7 +41,7 @@ pub(crate) fn run_settings(p: &Parameters, topics: &Topics) -> Result<Resolved<C
         ("parts", "run.parts", (p.parts > 0).then(|| Value::from(p.parts))),
     ];
     for (parameter, key, value) in assigned {
-        value.into_iter().try_for_each(|v| layers.assign(&format!("parameter {parameter}"), key, v))?;
+        value.into_iter().try_for_each(|v| layers.add_option(&format!("parameter {parameter}"), key, v))?;
     }
     let resolved: Resolved<Config> = layers.resolve()?;
     resolved.config.check().map_err(|error| error.with_origin(&resolved.origins))?;

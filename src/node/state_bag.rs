@@ -52,7 +52,7 @@ impl StateBag {
         let spare = || (1..).map(|k| session.join(format!("state{state}_replaced{k}"))).find(|p| !p.exists());
         let replaced = folder.exists().then(spare).flatten();
         if let Some(spare) = &replaced {
-            rename(&folder, spare)?;
+            rename_folder(&folder, spare)?;
         }
         Ok(Self { bag: BagWriter::create(&folder)?, topics, fixed: Vec::new(), replaced })
     }
@@ -67,7 +67,7 @@ impl StateBag {
         drop(self.bag);
         std::fs::remove_dir_all(&folder)
             .map_err(|source| BagWriteError::Io { path: folder.clone(), source })?;
-        self.replaced.map_or(Ok(()), |spare| rename(&spare, &folder))
+        self.replaced.map_or(Ok(()), |spare| rename_folder(&spare, &folder))
     }
 
     /// Writes a view: its transforms first, for replays. `infos` of color and depth, `fixed` transforms,
@@ -75,7 +75,7 @@ impl StateBag {
     ///
     /// # Errors
     /// If the disk refuses.
-    pub(crate) fn write(
+    pub(crate) fn write_view(
         &mut self,
         view: &View,
         infos: [Option<&CameraInfo>; 2],
@@ -86,22 +86,22 @@ impl StateBag {
     ) -> Result<(), BagWriteError> {
         // Latched in a replay: once is enough, unless one of them changed.
         if fixed != self.fixed {
-            self.message("/tf_static", LATCHED, now_nanos, &TfMessage { transforms: fixed.clone() })?;
+            self.write_message("/tf_static", LATCHED, now_nanos, &TfMessage { transforms: fixed.clone() })?;
             self.fixed = fixed;
         }
-        self.poses(around, posed, now_nanos)?;
+        self.write_transforms(around, posed, now_nanos)?;
         let topics = self.topics.clone();
         // With each view: a reader may cut the bag anywhere.
         for (info, topic) in infos.into_iter().zip([Some(&topics.color_info), topics.depth_info.as_ref()]) {
             if let (Some(info), Some(topic)) = (info, topic) {
-                self.message(topic, SENSOR, now_nanos, info)?;
+                self.write_message(topic, SENSOR, now_nanos, info)?;
             }
         }
         for (image, topic) in
             view.images.iter().zip([Some(&topics.color), Some(&topics.depth), topics.mask.as_ref()])
         {
             if let (Some(image), Some(topic)) = (image, topic) {
-                let payload = image.payload().map_err(|e| unwritable(&self.bag, &e.to_string()))?;
+                let payload = image.payload().map_err(|e| unwritable_bag(&self.bag, &e.to_string()))?;
                 self.bag.write(topic, image.type_name(), SENSOR, now_nanos, &payload)?;
             }
         }
@@ -109,7 +109,7 @@ impl StateBag {
     }
 
     /// The transforms about a stamp; those of the pose topic under its name.
-    fn poses(
+    fn write_transforms(
         &mut self,
         around: Vec<TransformStamped>,
         posed: Option<&str>,
@@ -121,7 +121,7 @@ impl StateBag {
             _ => (Vec::new(), around),
         };
         if !plain.is_empty() {
-            self.message("/tf", RELIABLE, now_nanos, &TfMessage { transforms: plain })?;
+            self.write_message("/tf", RELIABLE, now_nanos, &TfMessage { transforms: plain })?;
         }
         let Some((topic, odometry)) = self.topics.pose.clone() else { return Ok(()) };
         for t in posed {
@@ -133,22 +133,22 @@ impl StateBag {
                     pose: t.transform,
                     ..FullOdometry::default()
                 };
-                self.message(&topic, RELIABLE, now_nanos, &message)?;
+                self.write_message(&topic, RELIABLE, now_nanos, &message)?;
             } else {
-                self.message(&topic, RELIABLE, now_nanos, &PoseStamped { header, pose: t.transform })?;
+                self.write_message(&topic, RELIABLE, now_nanos, &PoseStamped { header, pose: t.transform })?;
             }
         }
         Ok(())
     }
 
-    fn message<M: RosMessage>(
+    fn write_message<M: RosMessage>(
         &mut self,
         topic: &str,
         qos: OfferedQos,
         now_nanos: i64,
         message: &M,
     ) -> Result<(), BagWriteError> {
-        let payload = encode(message).map_err(|e| unwritable(&self.bag, &e.to_string()))?;
+        let payload = encode(message).map_err(|e| unwritable_bag(&self.bag, &e.to_string()))?;
         self.bag.write(topic, M::TYPE, qos, now_nanos, &payload)
     }
 
@@ -170,10 +170,10 @@ impl StateBag {
     }
 }
 
-fn rename(from: &Path, to: &Path) -> Result<(), BagWriteError> {
+fn rename_folder(from: &Path, to: &Path) -> Result<(), BagWriteError> {
     std::fs::rename(from, to).map_err(|source| BagWriteError::Io { path: to.to_owned(), source })
 }
 
-fn unwritable(bag: &BagWriter, why: &str) -> BagWriteError {
+fn unwritable_bag(bag: &BagWriter, why: &str) -> BagWriteError {
     BagWriteError::Io { path: bag.folder().to_owned(), source: std::io::Error::other(why.to_owned()) }
 }

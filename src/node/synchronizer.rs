@@ -73,15 +73,15 @@ impl<T> Synchronizer<T> {
         }
         self.queues[role].push_back((stamp_nanos, image));
         self.newest[role] = self.newest[role].max(Some(stamp_nanos));
-        let mut found = self.settle();
-        self.prune();
+        let mut found = self.take_settled();
+        self.prune_images();
         found.sort_by_key(|m| m.stamp_nanos);
         self.matched += found.len() as u64;
         found
     }
 
     /// Takes out the final sets, and the color images beyond completion.
-    fn settle(&mut self) -> Vec<Matched<T>> {
+    fn take_settled(&mut self) -> Vec<Matched<T>> {
         let stamps = |queue: &VecDeque<(i64, T)>| queue.iter().map(|e| e.0).collect::<Vec<_>>();
         let color = stamps(&self.queues[0]);
         // The rule of recordings, asked anew for each image: queues are
@@ -95,8 +95,9 @@ impl<T> Synchronizer<T> {
         let mut whole = Vec::new();
         let mut hopeless = Vec::new();
         for (i, stamp) in color.iter().enumerate() {
-            let states: Vec<Fate> =
-                (1..ROLES).filter_map(|r| partners[r].as_ref().map(|p| self.fate(r, *stamp, p[i]))).collect();
+            let states: Vec<Fate> = (1..ROLES)
+                .filter_map(|r| partners[r].as_ref().map(|p| self.fate_of_image(r, *stamp, p[i])))
+                .collect();
             // One kind without hope is enough.
             if states.contains(&Fate::Never) {
                 hopeless.push(i);
@@ -138,7 +139,7 @@ impl<T> Synchronizer<T> {
     }
 
     /// Possible outcome of a color image with respect to one kind.
-    fn fate(&self, role: usize, stamp: i64, partner: Option<usize>) -> Fate {
+    fn fate_of_image(&self, role: usize, stamp: i64, partner: Option<usize>) -> Fate {
         // Images of one kind are taken to come in the order of their stamps.
         let passed = self.newest[role].is_some_and(|n| n > stamp + self.slop_nanos);
         match partner {
@@ -151,7 +152,7 @@ impl<T> Synchronizer<T> {
     }
 
     /// Gives up depth images and masks beyond need of any color image.
-    fn prune(&mut self) {
+    fn prune_images(&mut self) {
         // Before the first color image anything could still be wanted.
         let Some(newest) = self.newest[0] else { return };
         let oldest = self.queues[0].iter().map(|e| e.0).min().unwrap_or(newest).min(newest);

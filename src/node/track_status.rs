@@ -45,14 +45,14 @@ pub(crate) struct TrackWatch {
 
 impl TrackWatch {
     /// A view was handed to the tracker, or found it busy.
-    pub(crate) fn offer(&mut self, taken: bool, now: Instant) {
+    pub(crate) fn count_offered(&mut self, taken: bool, now: Instant) {
         self.offered.push_back(now);
         self.dropped += u64::from(!taken);
-        forget(&mut self.offered, now);
+        forget_old(&mut self.offered, now);
     }
 
     /// A view was looked at.
-    pub(crate) fn see(&mut self, tracked: &Tracked, now: Instant) {
+    pub(crate) fn count_tracked(&mut self, tracked: &Tracked, now: Instant) {
         self.keyframes = tracked.keyframes;
         match &tracked.outcome {
             Outcome::Placed(placed) => {
@@ -75,15 +75,15 @@ impl TrackWatch {
     }
 
     /// Another map begins.
-    pub(crate) fn begin(&mut self) {
+    pub(crate) fn begin_map(&mut self) {
         (self.last, self.why, self.keyframes) = (None, None, (0, false));
         (self.placed, self.offered) = Default::default();
     }
 
     /// How well the camera is followed now; `None` where no view was tracked yet.
     pub(crate) fn status(&mut self, now: Instant) -> Option<TrackStatus> {
-        forget(&mut self.placed, now);
-        forget(&mut self.offered, now);
+        forget_old(&mut self.placed, now);
+        forget_old(&mut self.offered, now);
         let (inliers, error_m) = match (&self.last, &self.why) {
             (Some((_, found)), None) => (found.inliers, found.error_m),
             (_, Some(_)) => (0.0, f64::INFINITY),
@@ -96,11 +96,11 @@ impl TrackWatch {
             lost: self.lost,
             dropped: self.dropped,
             keyframes: self.keyframes.0,
-            hint: self.hint(),
+            hint: self.advice_for_carrier(),
         })
     }
 
-    fn hint(&self) -> String {
+    fn advice_for_carrier(&self) -> String {
         let busy = (self.placed.len() as f64) < (1.0 - DROPPED_SHARE) * self.offered.len() as f64;
         match (&self.why, &self.last) {
             (Some((stamp, why)), Some((seen, _))) => {
@@ -122,7 +122,7 @@ impl TrackWatch {
 }
 
 /// Forgets counts beyond the time span.
-fn forget(times: &mut VecDeque<Instant>, now: Instant) {
+fn forget_old(times: &mut VecDeque<Instant>, now: Instant) {
     while times.front().is_some_and(|t| now.duration_since(*t).as_secs_f64() > RATE_SECS) {
         times.pop_front();
     }
@@ -162,26 +162,26 @@ mod tests {
         let at = |secs: f64| begin + Duration::from_secs_f64(secs);
         assert_eq!(watch.status(begin), None);
         for k in 0..20 {
-            watch.offer(true, at(0.1 * f64::from(k)));
-            watch.see(&placed(100.0 + 0.1 * f64::from(k), false), at(0.1 * f64::from(k)));
+            watch.count_offered(true, at(0.1 * f64::from(k)));
+            watch.count_tracked(&placed(100.0 + 0.1 * f64::from(k), false), at(0.1 * f64::from(k)));
         }
         let good = watch.status(at(1.9)).unwrap();
         assert_eq!((good.views_hz, good.inliers, good.hint.as_str(), good.keyframes), (10.0, 0.97, "", 3));
-        watch.see(&placed(102.0, true), at(2.0));
+        watch.count_tracked(&placed(102.0, true), at(2.0));
         assert_eq!(watch.status(at(2.0)).unwrap().hint, "move slower");
-        (0..40).for_each(|_| watch.offer(false, at(2.05)));
+        (0..40).for_each(|_| watch.count_offered(false, at(2.05)));
         let busy = watch.status(at(2.05)).unwrap();
         assert!(busy.hint.contains("not looked at in time") && busy.dropped == 40, "{busy:?}");
-        watch.see(&tracked(103.5, Outcome::Lost(Lost::Dark)), at(2.1));
+        watch.count_tracked(&tracked(103.5, Outcome::Lost(Lost::Dark)), at(2.1));
         let lost = watch.status(at(2.1)).unwrap();
         assert_eq!(lost.hint, "lost: give more light; look back at what was in view 1.5 s ago");
         assert!(lost.error_m.is_infinite() && lost.lost == 1);
-        watch.begin();
+        watch.begin_map();
         assert_eq!(watch.status(at(2.2)), None);
-        watch.see(&tracked(104.0, Outcome::Lost(Lost::Blank)), at(2.3));
+        watch.count_tracked(&tracked(104.0, Outcome::Lost(Lost::Blank)), at(2.3));
         assert!(watch.status(at(2.3)).unwrap().hint.starts_with("not begun: keep corners"));
         // Nothing comes any more.
-        watch.see(&placed(105.0, false), at(2.4));
+        watch.count_tracked(&placed(105.0, false), at(2.4));
         assert_eq!(watch.status(at(10.0)).unwrap().views_hz, 0.0);
     }
 }

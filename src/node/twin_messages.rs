@@ -91,7 +91,7 @@ pub(crate) fn joint_markers(twin: &RunSummary, state: usize, world_frame: &str, 
         let drawn =
             Drawn { joint, position: positions.get(k).copied().unwrap_or_default(), world_from_joint };
         let first = MARKERS_PER_JOINT * k as i32;
-        markers.extend(drawn.markers().into_iter().zip(first..).map(|(m, id)| Marker {
+        markers.extend(drawn.joint_markers().into_iter().zip(first..).map(|(m, id)| Marker {
             header: header.clone(),
             ns: NAMESPACE.into(),
             id,
@@ -127,7 +127,7 @@ struct Drawn<'a> {
 }
 
 impl Drawn<'_> {
-    fn markers(&self) -> [Marker; MARKERS_PER_JOINT as usize] {
+    fn joint_markers(&self) -> [Marker; MARKERS_PER_JOINT as usize] {
         let axis = self.joint.axis.into_inner();
         let half = 0.5 * AXIS_LENGTH_M * axis;
         let arrow = Marker {
@@ -135,7 +135,7 @@ impl Drawn<'_> {
             // Shaft, head, head length.
             scale: [0.006, 0.014, 0.03].into(),
             color: Color { r: 0.1, g: 0.4, b: 1.0, a: 1.0 },
-            points: self.points(&[-half, half]),
+            points: self.points_in_world(&[-half, half]),
             ..Marker::default()
         };
         let at = self.world_from_joint * Point3::from(1.2 * half);
@@ -144,11 +144,12 @@ impl Drawn<'_> {
             scale: [0.0, 0.0, 0.03].into(),
             color: Color { r: 1.0, g: 1.0, b: 1.0, a: 1.0 },
             pose: Transform { translation: <[f64; 3]>::from(at.coords).into(), ..Transform::default() },
-            text: self.label(),
+            text: self.label_text(),
             ..Marker::default()
         };
-        let range = self.line_marker(&self.range(), Color { r: 0.1, g: 0.8, b: 0.2, a: 1.0 });
-        let uncertain = self.line_marker(&self.uncertainty(), Color { r: 1.0, g: 0.5, b: 0.0, a: 0.8 });
+        let range = self.line_marker(&self.range_points(), Color { r: 0.1, g: 0.8, b: 0.2, a: 1.0 });
+        let uncertain =
+            self.line_marker(&self.uncertainty_circle(), Color { r: 1.0, g: 0.5, b: 0.0, a: 0.8 });
         [arrow, range, uncertain, label]
     }
 
@@ -157,12 +158,12 @@ impl Drawn<'_> {
             kind: kind::LINE_STRIP,
             scale: [0.003, 0.0, 0.0].into(),
             color,
-            points: self.points(in_joint),
+            points: self.points_in_world(in_joint),
             ..Marker::default()
         }
     }
 
-    fn points(&self, in_joint: &[Vector3<f64>]) -> Vec<io::ros2msg::Vector3> {
+    fn points_in_world(&self, in_joint: &[Vector3<f64>]) -> Vec<io::ros2msg::Vector3> {
         in_joint
             .iter()
             .map(|p| <[f64; 3]>::from((self.world_from_joint * Point3::from(*p)).coords).into())
@@ -170,14 +171,14 @@ impl Drawn<'_> {
     }
 
     /// From the lowest to the highest position: an arc about the axis, or a piece of it.
-    fn range(&self) -> Vec<Vector3<f64>> {
+    fn range_points(&self) -> Vec<Vector3<f64>> {
         let [low, high] = self.joint.limits;
         let axis = self.joint.axis.into_inner();
         match self.joint.kind {
             JointKind::Prismatic => vec![axis * low, axis * high],
             JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => {
                 let pitch_m_per_rad = self.joint.kind.pitch_m_per_rad().unwrap_or(0.0);
-                let radius = 0.4 * AXIS_LENGTH_M * across(&axis);
+                let radius = 0.4 * AXIS_LENGTH_M * unit_across(&axis);
                 let turns = (0..ARC_POINTS).map(|k| low + (high - low) * k as f64 / (ARC_POINTS - 1) as f64);
                 turns
                     .map(|turn| {
@@ -190,7 +191,7 @@ impl Drawn<'_> {
     }
 
     /// A circle about the tip of the axis: where the tip may be, direction and place together.
-    fn uncertainty(&self) -> Vec<Vector3<f64>> {
+    fn uncertainty_circle(&self) -> Vec<Vector3<f64>> {
         let axis = self.joint.axis.into_inner();
         let reach = 0.5 * AXIS_LENGTH_M;
         // NaN is an undetermined deviation; the label says so, a circle cannot.
@@ -200,12 +201,12 @@ impl Drawn<'_> {
         let turns = (0..ARC_POINTS).map(|k| std::f64::consts::TAU * k as f64 / (ARC_POINTS - 1) as f64);
         turns
             .map(|turn| {
-                axis * reach + UnitQuaternion::from_scaled_axis(axis * turn) * (radius * across(&axis))
+                axis * reach + UnitQuaternion::from_scaled_axis(axis * turn) * (radius * unit_across(&axis))
             })
             .collect()
     }
 
-    fn label(&self) -> String {
+    fn label_text(&self) -> String {
         let j = self.joint;
         let [low, high] = j.limits;
         let axis = if j.axis_std_rad.is_finite() {
@@ -235,7 +236,7 @@ impl Drawn<'_> {
 }
 
 /// A unit vector at right angles to an axis.
-fn across(axis: &Vector3<f64>) -> Vector3<f64> {
+fn unit_across(axis: &Vector3<f64>) -> Vector3<f64> {
     // Far from the axis: a product of nearly parallel vectors is mostly rounding.
     let helper = if axis.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
     axis.cross(&helper).normalize()

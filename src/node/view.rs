@@ -58,7 +58,7 @@ impl View {
     /// are for messages.
     ///
     /// # Errors The image and its fault.
-    pub(crate) fn decode(
+    pub(crate) fn decoded_pixels(
         &self,
         info: &CameraInfo,
         info_topic: &str,
@@ -68,13 +68,16 @@ impl View {
         let (intrinsics, _) = pinhole(info, info_topic, topics[0])?;
         let [Some(color), Some(depth), mask] = &self.images else { return Err(ViewError::Missing) };
         // All of a view or nothing: a view without depth cannot be used later.
-        let color = self.checked(topics[0], &intrinsics, color.color())?;
-        let depth = self.checked(topics[1], &intrinsics, depth.depth())?;
-        let mask = mask.as_ref().map(|m| self.checked(topics[2], &intrinsics, m.mask())).transpose()?;
+        let color = self.checked_raster(topics[0], &intrinsics, color.color_raster())?;
+        let depth = self.checked_raster(topics[1], &intrinsics, depth.depth_raster())?;
+        let mask = mask
+            .as_ref()
+            .map(|m| self.checked_raster(topics[2], &intrinsics, m.mask_raster()))
+            .transpose()?;
         Ok(Pixels { intrinsics, color, depth, mask })
     }
 
-    fn checked<T>(
+    fn checked_raster<T>(
         &self,
         topic: &str,
         camera: &Intrinsics,

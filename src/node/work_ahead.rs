@@ -25,7 +25,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(200);
 ///
 /// # Errors
 /// If the system has no thread.
-pub(crate) fn start(shared: &Arc<Shared>, config: &Config) -> Result<Arc<Ahead>, NodeError> {
+pub(crate) fn start_thread(shared: &Arc<Shared>, config: &Config) -> Result<Arc<Ahead>, NodeError> {
     let failed = |source| NodeError::System { what: "starting the work ahead", source };
     let ahead = Arc::new(Ahead::new());
     let found = Arc::clone(&ahead);
@@ -35,11 +35,13 @@ pub(crate) fn start(shared: &Arc<Shared>, config: &Config) -> Result<Arc<Ahead>,
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
     let pool = pool.map_err(|error| failed(io::Error::other(error)))?;
     let thread = Builder::new().name("ahead".into());
-    thread.spawn(move || pool.install(|| work(&shared, &capture, seed, &found))).map_err(failed)?;
+    thread
+        .spawn(move || pool.install(|| work_while_shared(&shared, &capture, seed, &found)))
+        .map_err(failed)?;
     Ok(ahead)
 }
 
-fn work(shared: &Weak<Shared>, config: &CaptureConfig, seed: u64, ahead: &Ahead) {
+fn work_while_shared(shared: &Weak<Shared>, config: &CaptureConfig, seed: u64, ahead: &Ahead) {
     let mut states: [Option<GrowingState>; 2] = [None, None];
     let mut collecting = None;
     while let Some(shared) = shared.upgrade() {
@@ -53,7 +55,7 @@ fn work(shared: &Weak<Shared>, config: &CaptureConfig, seed: u64, ahead: &Ahead)
             collecting.and_then(|state| states.get_mut(state)).into_iter().for_each(|s| *s = None);
         }
         for (state, known) in states.iter_mut().enumerate().filter(|_| !busy) {
-            let Some(path) = recording(&snapshot, state) else { continue };
+            let Some(path) = recording_of_state(&snapshot, state) else { continue };
             if known.as_ref().is_none_or(|k| k.path() != path) {
                 *known = Some(GrowingState::new(&path, state));
             }
@@ -68,7 +70,7 @@ fn work(shared: &Weak<Shared>, config: &CaptureConfig, seed: u64, ahead: &Ahead)
 }
 
 /// Where a state is recorded, or was.
-fn recording(snapshot: &Snapshot, state: usize) -> Option<PathBuf> {
+fn recording_of_state(snapshot: &Snapshot, state: usize) -> Option<PathBuf> {
     let finished = snapshot.recordings[state].clone();
     let is_growing = snapshot.collecting == Some(state);
     finished.or_else(|| is_growing.then(|| snapshot.session.join(format!("state{state}"))))

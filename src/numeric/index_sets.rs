@@ -11,7 +11,7 @@ impl IndexSets {
     }
 
     /// The smallest index of the set of `i`.
-    pub fn root(&mut self, mut i: usize) -> usize {
+    pub fn root_of(&mut self, mut i: usize) -> usize {
         while self.0[i] != i {
             // Halves the path for the next search.
             self.0[i] = self.0[self.0[i]];
@@ -22,8 +22,8 @@ impl IndexSets {
 
     /// Makes the sets of two indices one.
     pub fn join(&mut self, a: usize, b: usize) {
-        let a = self.root(a);
-        let b = self.root(b);
+        let a = self.root_of(a);
+        let b = self.root_of(b);
         // The smallest index is the root: a set's name does not depend on the order of joining.
         self.0[a.max(b)] = a.min(b);
     }

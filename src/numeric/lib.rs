@@ -1,6 +1,6 @@
 //! Numbers: random streams, robust statistics, lists and sets by number, loops for the processor's vectors.
 //!
-//! ```ignore
+//! ```
 //! use numeric::{random::{normal, stage_rng}, statistics::median};
 //!
 //! // The same draws in every run: a stream for each stage and step.

@@ -12,7 +12,7 @@ pub struct Lists<T> {
 impl<T: Copy + Default + Ord> Lists<T> {
     /// So many lists, of entries with the number of the list of each; those of a list ascend. Lists are
     /// short: entries are counted, not sorted.
-    pub fn of(count: usize, entries: impl Iterator<Item = (u32, T)> + Clone) -> Self {
+    pub fn of_entries(count: usize, entries: impl Iterator<Item = (u32, T)> + Clone) -> Self {
         let mut first = vec![0u32; count + 1];
         entries.clone().for_each(|(list, _)| first[list as usize + 1] += 1);
         for list in 0..count {
@@ -26,17 +26,17 @@ impl<T: Copy + Default + Ord> Lists<T> {
         }
         let mut lists = Self { first, all };
         for list in 0..count {
-            let range = lists.range(list as u32);
+            let range = lists.range_of(list as u32);
             lists.all[range].sort_unstable();
         }
         lists
     }
 
     /// The lists without repeated entries.
-    pub fn unique(mut self) -> Self {
+    pub fn without_repeats(mut self) -> Self {
         let mut kept = 0;
         for list in 0..self.first.len() - 1 {
-            let range = self.range(list as u32);
+            let range = self.range_of(list as u32);
             let start = kept;
             for i in range {
                 if kept == start || self.all[i] != self.all[kept - 1] {
@@ -53,12 +53,12 @@ impl<T: Copy + Default + Ord> Lists<T> {
         self
     }
 
-    fn range(&self, list: u32) -> Range<usize> {
-        self.span(list, list)
+    fn range_of(&self, list: u32) -> Range<usize> {
+        self.range_of_lists(list, list)
     }
 
     /// Range of the entries of the lists from the first to the last among [`Self::entries`].
-    pub fn span(&self, first: u32, last: u32) -> Range<usize> {
+    pub fn range_of_lists(&self, first: u32, last: u32) -> Range<usize> {
         self.first[first as usize] as usize..self.first[last as usize + 1] as usize
     }
 
@@ -68,13 +68,13 @@ impl<T: Copy + Default + Ord> Lists<T> {
     }
 
     /// Entries of a list, ascending.
-    pub fn at(&self, list: u32) -> &[T] {
-        &self.all[self.range(list)]
+    pub fn list_at(&self, list: u32) -> &[T] {
+        &self.all[self.range_of(list)]
     }
 
     /// All lists with their numbers, in their order.
     pub fn all(&self) -> impl Iterator<Item = (u32, &[T])> {
-        (0..self.first.len() as u32 - 1).map(|list| (list, self.at(list)))
+        (0..self.first.len() as u32 - 1).map(|list| (list, self.list_at(list)))
     }
 }
 
@@ -91,10 +91,10 @@ mod tests {
             let all = |lists: &Lists<u32>| -> Vec<(u32, u32)> {
                 lists.all().flat_map(|(list, of)| of.iter().map(move |e| (list, *e))).collect()
             };
-            let lists = Lists::of(9, pairs.iter().copied());
+            let lists = Lists::of_entries(9, pairs.iter().copied());
             prop_assert_eq!(&all(&lists), &sorted);
             sorted.dedup();
-            prop_assert_eq!(all(&lists.unique()), sorted);
+            prop_assert_eq!(all(&lists.without_repeats()), sorted);
         }
     }
 }

@@ -13,8 +13,8 @@ pub fn stage_rng(seed: u64, stage: &str, step: u64) -> Pcg64Mcg {
     let name = hash_of(stage);
     let mut bytes = [0; 16];
     // Both halves are mixed: neighboring seeds and steps have unrelated streams.
-    bytes[..8].copy_from_slice(&mix(seed ^ mix(name)).to_le_bytes());
-    bytes[8..].copy_from_slice(&mix(name ^ mix(step)).to_le_bytes());
+    bytes[..8].copy_from_slice(&split_mix(seed ^ split_mix(name)).to_le_bytes());
+    bytes[8..].copy_from_slice(&split_mix(name ^ split_mix(step)).to_le_bytes());
     Pcg64Mcg::from_seed(bytes)
 }
 
@@ -27,7 +27,7 @@ pub fn hash_of(text: &str) -> u64 {
 pub const STREAM_STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// The number of SplitMix64 in a state.
-pub fn mix(mut x: u64) -> u64 {
+pub fn split_mix(mut x: u64) -> u64 {
     x = x.wrapping_add(STREAM_STEP);
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -40,43 +40,43 @@ pub fn unit_of(bits: u64) -> f64 {
 }
 
 /// Uniform in `[0, 1)`.
-pub fn unit(rng: &mut impl Rng) -> f64 {
+pub fn unit_uniform(rng: &mut impl Rng) -> f64 {
     unit_of(rng.next_u64())
 }
 
 /// Uniform in `[low, high)`.
-pub fn range(rng: &mut impl Rng, low: f64, high: f64) -> f64 {
-    low + (high - low) * unit(rng)
+pub fn uniform_in(rng: &mut impl Rng, low: f64, high: f64) -> f64 {
+    low + (high - low) * unit_uniform(rng)
 }
 
 /// Uniform in `0..n`; 0 for `n = 0`.
-pub fn below(rng: &mut impl Rng, n: usize) -> usize {
+pub fn index_below(rng: &mut impl Rng, n: usize) -> usize {
     // The product may round up to n.
-    ((unit(rng) * n as f64) as usize).min(n.saturating_sub(1))
+    ((unit_uniform(rng) * n as f64) as usize).min(n.saturating_sub(1))
 }
 
 /// True with the given probability.
-pub fn chance(rng: &mut impl Rng, probability: f64) -> bool {
-    unit(rng) < probability
+pub fn is_chosen(rng: &mut impl Rng, probability: f64) -> bool {
+    unit_uniform(rng) < probability
 }
 
 /// Standard normal (Box and Muller 1958).
-pub fn normal(rng: &mut impl Rng) -> f64 {
+pub fn standard_normal(rng: &mut impl Rng) -> f64 {
     // In (0, 1]: the logarithm of 0 is not finite.
-    let radius = (-2.0 * (1.0 - unit(rng)).ln()).sqrt();
-    radius * (TAU * unit(rng)).cos()
+    let radius = (-2.0 * (1.0 - unit_uniform(rng)).ln()).sqrt();
+    radius * (TAU * unit_uniform(rng)).cos()
 }
 
 /// A vector of three independent normals with the root mean square length `rms`.
-pub fn isotropic(rng: &mut impl Rng, rms: f64) -> Vector3<f64> {
-    Vector3::from_fn(|_, _| normal(rng)) * (rms / 3f64.sqrt())
+pub fn isotropic_normal(rng: &mut impl Rng, rms: f64) -> Vector3<f64> {
+    Vector3::from_fn(|_, _| standard_normal(rng)) * (rms / 3f64.sqrt())
 }
 
 /// A unit direction, uniform on the sphere.
-pub fn direction(rng: &mut impl Rng) -> Unit<Vector3<f64>> {
+pub fn random_direction(rng: &mut impl Rng) -> Unit<Vector3<f64>> {
     // The area between two heights on a sphere goes with their difference (Archimedes).
-    let z = range(rng, -1.0, 1.0);
-    let azimuth = range(rng, 0.0, TAU);
+    let z = uniform_in(rng, -1.0, 1.0);
+    let azimuth = uniform_in(rng, 0.0, TAU);
     let across = (1.0 - z * z).sqrt();
     Unit::new_normalize(Vector3::new(across * azimuth.cos(), across * azimuth.sin(), z))
 }
@@ -103,14 +103,14 @@ mod tests {
     fn moments_are_right() {
         let rng = &mut stage_rng(3, "draw", 0);
         let n = 40_000;
-        let normals: Vec<f64> = (0..n).map(|_| normal(rng)).collect();
+        let normals: Vec<f64> = (0..n).map(|_| standard_normal(rng)).collect();
         let mean = normals.iter().sum::<f64>() / f64::from(n);
         let variance = normals.iter().map(|x| x * x).sum::<f64>() / f64::from(n);
         assert!(mean.abs() < 0.02 && (variance - 1.0).abs() < 0.03);
-        let square = (0..n).map(|_| isotropic(rng, 0.5).norm_squared()).sum::<f64>() / f64::from(n);
+        let square = (0..n).map(|_| isotropic_normal(rng, 0.5).norm_squared()).sum::<f64>() / f64::from(n);
         assert!((square.sqrt() - 0.5).abs() < 0.01);
-        let sum: Vector3<f64> = (0..n).map(|_| direction(rng).into_inner()).sum();
+        let sum: Vector3<f64> = (0..n).map(|_| random_direction(rng).into_inner()).sum();
         assert!((sum / f64::from(n)).norm() < 0.02);
-        assert!((0..n).all(|_| below(rng, 3) < 3) && below(rng, 0) == 0);
+        assert!((0..n).all(|_| index_below(rng, 3) < 3) && index_below(rng, 0) == 0);
     }
 }

@@ -9,7 +9,7 @@ use super::{
     scene::bounds,
     stage::stage_of,
 };
-use articulate::{AlignedBy, LiftedMatch, StateAlignment, align_states, lift, standing_share};
+use articulate::{AlignedBy, LiftedMatch, StateAlignment, align_states, lifted_matches, standing_share};
 use capture::{Capture, NoiseConfig, PoseNoise, RgbdFrame, align_worlds, match_states};
 use common::{
     note::{Note, NoteCode},
@@ -97,7 +97,7 @@ fn align_state(
     let found = |m: &Monitor| pixel_matches(frames, &capture.matches, matcher, &config.matching, m);
     let matches = stages.kept(&stage_of("match", state, count), steps, found)?;
     // Pixels are kept, not points: points follow from pixels and frames.
-    let mut matches = lift(frames, &matches, &capture.noise);
+    let mut matches = lifted_matches(frames, &matches, &capture.noise);
     let drift = stages.kept(&stage_of("align", state, count), None, |monitor| {
         drift(state, frames, &matches, scene, &capture.noise, config, &monitor.stop())
     })?;
@@ -125,7 +125,7 @@ fn drift(
     let around = || {
         let turned = frames.map(|f| f.iter().map(surroundings).collect::<Vec<_>>());
         let states = [&turned[0][..], &turned[1][..]];
-        lift(states, &match_states(states, &config.matching), noise)
+        lifted_matches(states, &match_states(states, &config.matching), noise)
     };
     let mut rng = stage_rng(config.run.seed, "align", state as u64 - 1);
     let standing = |motion: &Pose| standing_share(frames, motion, noise);

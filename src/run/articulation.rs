@@ -48,7 +48,7 @@ impl Articulation {
 /// Which places are empty in a state.
 fn empty_in(surface: &StateSurface) -> impl Fn(&nalgebra::Point3<f64>) -> bool + Sync {
     let grid = &surface.free;
-    move |p| grid.nearest(p).is_some_and(|i| grid.values[i])
+    move |p| grid.nearest_node(p).is_some_and(|i| grid.values[i])
 }
 
 /// Registration of matches and surfaces of state 0 and number `state`, of so many `parts`, where that is
@@ -82,7 +82,7 @@ pub(super) fn register_state(
     if let Some(saved) = checkpoint.and_then(|c| c.load(&file, monitor)) {
         search.restore(saved);
     }
-    while search.done() < search.total() {
+    while search.done_steps() < search.total_steps() {
         // Kept where it was stopped: what was found does not have to be found again.
         if let Err(stopped) = monitor.check() {
             checkpoint.map_or(Ok(()), |c| c.save(&file, search.checkpoint()))?;
@@ -179,7 +179,7 @@ fn optimise(
     let failed = |e| RunError::stage("articulate", e);
     let mut trainer =
         ArticulationTrainer::new(&problem, from, &config.articulation, config.run.seed).map_err(failed)?;
-    stages.run("articulate", Some(trainer.total()), |monitor| {
+    stages.run("articulate", Some(trainer.total_steps()), |monitor| {
         if let Some(saved) = checkpoint.and_then(|c| c.load(CHECKPOINT, monitor)) {
             trainer.restore(saved).map_err(failed)?;
         }
@@ -202,7 +202,7 @@ fn run(
     checkpoint: Option<&StageStore>,
     monitor: &Monitor,
 ) -> Result<(), RunError> {
-    while !trainer.done() {
+    while !trainer.is_done() {
         // Kept where it was stopped: the steps do not start anew.
         if let Err(stopped) = monitor.check() {
             if let Some(c) = checkpoint {
@@ -212,7 +212,7 @@ fn run(
         }
         let losses = trainer.step();
         let done = trainer.steps();
-        let total = trainer.total();
+        let total = trainer.total_steps();
         monitor.report(Event::Step { stage: CHECKPOINT.to_owned(), done, total, loss: losses.total });
     }
     Ok(())
@@ -240,7 +240,7 @@ fn surface_ray(index: usize, frame: &RgbdFrame, pixel: usize, noise: &NoiseConfi
     SurfaceRay {
         origin: frame.world_from_camera.translation.vector.into(),
         // Of unit depth, not of unit length: depth is along the optical axis.
-        direction: frame.world_from_camera * frame.intrinsics.ray(u as f64, v as f64),
+        direction: frame.world_from_camera * frame.intrinsics.ray_at(u as f64, v as f64),
         depth_m,
         sigma_m: frame.sigma_m(pixel, noise),
         frame: index,

@@ -12,7 +12,7 @@ use super::{
 };
 use articulate::{JointEstimate, LabelledState, NO_LABEL, TreeJointEstimate, label_grid, part_tsdf};
 use geometry::{Grid3, NearestPoints, Pose};
-use model::{ArticulatedModel, MovingPart, build};
+use model::{ArticulatedModel, MovingPart, build_model};
 use surface::{DepthView, Mended, Readings, TriangleMesh, keep_components, marching_cubes, mend_borders};
 
 /// The model: a surface for every part from all states but for what is `left_out` of them, links, joints.
@@ -82,7 +82,7 @@ pub(super) fn assemble(
             field: Some(field),
         });
     }
-    let mut model = build(name, base, parts, &scene.config.model);
+    let mut model = build_model(name, base, parts, &scene.config.model);
     for (link, assumed_m2) in model.links.iter_mut().zip(assumed) {
         link.assumed_m2 = assumed_m2;
     }
@@ -141,13 +141,13 @@ impl<'a> ColorLookup<'a> {
     }
 
     fn color(&self, place: &Point3<f64>) -> Option<[u8; 3]> {
-        self.vertices.nearest(place).and_then(|(i, _)| self.mesh.colors.get(i)).copied()
+        self.vertices.nearest_one(place).and_then(|(i, _)| self.mesh.colors.get(i)).copied()
     }
 }
 
 /// How often and how well a state's views saw a place, by fusion's weight; 0 away from every surface.
 fn seen(state: &LabelledState, place: &Point3<f64>) -> f32 {
-    let node = state.labels.nearest(place).filter(|&i| state.labels.values[i] != NO_LABEL);
+    let node = state.labels.nearest_node(place).filter(|&i| state.labels.values[i] != NO_LABEL);
     node.map_or(0.0, |i| state.weight.values[i])
 }
 
@@ -173,12 +173,12 @@ mod tests {
 
     #[test]
     fn a_place_is_empty_where_a_state_saw_it_or_the_field_is_far() {
-        let scene = SceneBox::around(&Point3::new(-0.5, -0.5, -0.5), &Point3::new(0.5, 0.5, 0.5));
-        let mut field = Grid3::over(&scene, 41, f32::NAN);
-        let mut still = Grid3::over(&scene, 41, false);
-        let mut moved = Grid3::over(&scene, 41, false);
+        let scene = SceneBox::around_box(&Point3::new(-0.5, -0.5, -0.5), &Point3::new(0.5, 0.5, 0.5));
+        let mut field = Grid3::over_scene(&scene, 41, f32::NAN);
+        let mut still = Grid3::over_scene(&scene, 41, false);
+        let mut moved = Grid3::over_scene(&scene, 41, false);
         for i in 0..field.values.len() {
-            let p = field.position(i);
+            let p = field.position_of_index(i);
             if p.x > 0.2 {
                 field.values[i] = (0.3 - p.y) as f32;
             }

@@ -19,22 +19,22 @@ use export::{
     diagnosis_page,
 };
 use gap::{
-    fit::actuation::actuated,
+    fit::actuation::actuated_plant,
     judge::{
-        assess::{Examined, Runs, conclude, examine},
+        assess::{Examined, Runs, examined_joint, proven_report},
         format_model::FormatModel,
         format_note::format_note,
         multibody::fit_chains,
-        refused::refused,
+        refused::refused_report,
         report::{self, ExportNote, JointReport, Report},
         verdict::Verdict,
     },
     model::{effects::catalogue, format::Format, joint_model::Catalogue, plant::Plant},
     record::{
-        chain::{carried, motions},
+        chain::{carried_by_stamp, joint_motions},
         command::Told,
         drive::Hold,
-        inputs::complete,
+        inputs::complete_run,
         log::JointLog,
         off_axis::OffAxis,
         recording::{Recording, RecordingError},
@@ -189,7 +189,7 @@ fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> R
         let about =
             |e: &dyn std::fmt::Display| failed("recording", &format!("run '{}': {e}", path.display()));
         // Positions from poses and efforts from wrenches, before anything looks at the joints.
-        read.off_axis.push(complete(&mut recording, tree, request.hold).map_err(|e| about(&e))?);
+        read.off_axis.push(complete_run(&mut recording, tree, request.hold).map_err(|e| about(&e))?);
         read.warnings.extend(recording.warnings.iter().cloned());
         read.recordings.push((recording, is_held(path)));
     }
@@ -273,9 +273,9 @@ fn assessed(
                 };
                 let mut rng = stage_rng(request.seed, &stage, 0);
                 if let Some(doubt) = doubts.get(&j) {
-                    joints.insert(j, refused(effects, &plant, doubt, runs));
+                    joints.insert(j, refused_report(effects, &plant, doubt, runs));
                 } else {
-                    examined.push((j, examine(effects, &plant, &name, runs, &mut rng), rng));
+                    examined.push((j, examined_joint(effects, &plant, &name, runs, &mut rng), rng));
                 }
             }
             Err(why) => left_out.push(why),
@@ -285,7 +285,7 @@ fn assessed(
     fit_chains(tree, &mut own);
     for (j, examined, mut rng) in examined {
         monitor.check()?;
-        joints.insert(j, conclude(examined, &mut rng));
+        joints.insert(j, proven_report(examined, &mut rng));
     }
     let joints: Vec<JointReport> =
         joints.into_iter().map(|(j, report)| beside_axis(report, &off_axis, j)).collect();
@@ -333,8 +333,8 @@ pub(super) fn find(
     Ok(Found {
         files,
         report: json,
-        verdict: report::overall(&joints),
-        summary: report::summary(&joints),
+        verdict: report::overall_verdict(&joints),
+        summary: report::summary_of_joints(&joints),
         warnings,
     })
 }
@@ -342,7 +342,10 @@ pub(super) fn find(
 /// A report with what poses show beside the joint: of all runs the one whose poses leave it farthest.
 fn beside_axis(report: JointReport, off_axis: &[BTreeMap<usize, OffAxis>], joint: usize) -> JointReport {
     let measured = off_axis.iter().filter_map(|e| e.get(&joint).copied());
-    JointReport { off_axis: measured.max_by(|a, b| a.excess().total_cmp(&b.excess())), ..report }
+    JointReport {
+        off_axis: measured.max_by(|a, b| a.largest_excess().total_cmp(&b.largest_excess())),
+        ..report
+    }
 }
 
 /// The page; the twin comes with its URDF.
@@ -365,12 +368,12 @@ fn ready(
     names: &[String],
     warnings: &mut Vec<Note>,
 ) -> Result<(Plant, Split), String> {
-    let plant = Plant::of(tree, joint).map_err(|e| e.to_string())?;
+    let plant = Plant::of_joint(tree, joint).map_err(|e| e.to_string())?;
     let split = split(recordings, tree, joint, (request.hold, &request.told), names, warnings);
     let mut split = split.map_err(|e| e.to_string())?;
     let fitted = &mut split.fitted;
     let held_out = &mut split.held_out;
-    let plant = actuated(&tree.joints[joint].name, &plant, fitted, held_out, &request.told)
+    let plant = actuated_plant(&tree.joints[joint].name, &plant, fitted, held_out, &request.told)
         .map_err(|e| e.to_string())?;
     Ok((plant, split))
 }
@@ -468,7 +471,7 @@ fn split(
     warnings: &mut Vec<Note>,
 ) -> Result<Split, SplitError> {
     let name = &tree.joints[joint].name;
-    let chain = tree.chain(joint);
+    let chain = tree.chain_joints(joint);
     let moving: Vec<usize> = (0..tree.joints.len()).filter(|j| *j == joint || chain.contains(j)).collect();
     let mut fitted = Vec::new();
     let mut held_out = Vec::new();
@@ -476,10 +479,10 @@ fn split(
         let mut log = recording.joint(name, names, told, warnings)?;
         // The others of a chain load this joint by their recorded motion.
         if !chain.is_empty() {
-            let mut all = motions(tree, &moving, recording, hold, told)
+            let mut all = joint_motions(tree, &moving, recording, hold, told)
                 .map_err(|source| SplitError::Chain { joint: name.clone(), source })?;
             all.retain(|(j, _)| chain.contains(j));
-            log.carried = carried(tree, joint, &all, &log.time_s);
+            log.carried = carried_by_stamp(tree, joint, &all, &log.time_s);
         }
         if *held { held_out.push(log) } else { fitted.push(log) }
     }
@@ -487,8 +490,8 @@ fn split(
         for log in std::mem::take(&mut fitted) {
             // By time, not at random: neighboring samples are alike, and the proof would see what was fitted.
             let cut = log.time_s.len() * 2 / 3;
-            fitted.push(log.part(0, cut));
-            held_out.push(log.part(cut, log.time_s.len()));
+            fitted.push(log.part_between(0, cut));
+            held_out.push(log.part_between(cut, log.time_s.len()));
         }
     }
     Ok(Split { fitted, held_out })

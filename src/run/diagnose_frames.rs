@@ -14,8 +14,8 @@ use common::note::{Note, NoteCode};
 use export::{Picture, PictureKind, diagnosed::seen_urdf};
 use gap::{
     camera::{
-        fit::predict::{predict, true_camera},
-        judge::{assess::assess, diagnosis::FrameDiagnosis, report},
+        fit::predict::{rendered_twin, true_camera},
+        judge::{assess::frame_diagnosis, diagnosis::FrameDiagnosis, report},
         model::{
             hypothesis::Hypothesis,
             own_error::{JointError, OwnErrors},
@@ -77,7 +77,7 @@ pub fn diagnose_frames(
             other => failed("frames", &other),
         })?);
     }
-    let mut diagnosis = assess(&twin, &runs, options).map_err(|e| failed("diagnose", &e))?;
+    let mut diagnosis = frame_diagnosis(&twin, &runs, options).map_err(|e| failed("diagnose", &e))?;
     monitor.check()?;
     if !twin.own.is_exact() {
         // First, as all names are to be read with it.
@@ -86,7 +86,7 @@ pub fn diagnose_frames(
     let (urdf, exports) =
         seen_urdf::urdf(&text, &diagnosis, &twin.joints, "twin.urdf").map_err(|e| failed("twin", &e))?;
     let mut json = report::report(&twin, &diagnosis, &exports);
-    let mut summary = report::summary(&twin, &diagnosis);
+    let mut summary = report::summary_of_frames(&twin, &diagnosis);
     let mut verdict = diagnosis.verdict;
     let mut files: Vec<(String, String)> = Vec::new();
     if !request.runs.is_empty() {
@@ -94,7 +94,10 @@ pub fn diagnose_frames(
         let motion = find(request, &tree, &text, monitor)?;
         files.extend(motion.files.into_iter().map(|(path, content)| (format!("motion/{path}"), content)));
         // One report with the findings of both: who reads it need not know how each was found.
-        json = report::merged(serde_json::from_str(&motion.report).map_err(|e| failed("report", &e))?, &json);
+        json = report::merged_reports(
+            serde_json::from_str(&motion.report).map_err(|e| failed("report", &e))?,
+            &json,
+        );
         // Where frames show no gap, the motion decides.
         if verdict == Verdict::None {
             verdict = motion.verdict;
@@ -164,7 +167,7 @@ fn page(summary: &str, twin: &SeenTwin, runs: &[FrameRun], d: &FrameDiagnosis) -
             let f = s * run.frames.len() / SHOWN + run.frames.len() / (2 * SHOWN);
             page.push_str("<section>");
             for picture in pictures(twin, run, (r, f), d) {
-                page.push_str(&picture.figure().map_err(|e| RunError::stage("report", e.to_string()))?);
+                page.push_str(&picture.figure_html().map_err(|e| RunError::stage("report", e.to_string()))?);
             }
             page.push_str("</section>");
         }
@@ -184,8 +187,8 @@ fn pictures(twin: &SeenTwin, run: &FrameRun, (r, f): (usize, usize), d: &FrameDi
         caption: caption.to_owned(),
         arrows: Vec::new(),
     };
-    let poses = d.after.poses(&d.twin, r).0;
-    let drawn = predict(&d.twin, &poses, k, &true_camera(run, f, &d.after.camera), true);
+    let poses = d.after.part_and_joint_poses(&d.twin, r).0;
+    let drawn = rendered_twin(&d.twin, &poses, k, &true_camera(run, f, &d.after.camera), true);
     vec![
         picture(frame.rgb.as_flattened().to_vec(), PictureKind::Photo, "photo"),
         picture(drawn.rgb.as_flattened().to_vec(), PictureKind::Photo, "updated twin"),
@@ -216,8 +219,8 @@ fn residual(
     hypothesis: &Hypothesis,
     full_m: f64,
 ) -> Vec<u8> {
-    let poses = hypothesis.poses(twin, run).0;
-    let image = predict(twin, &poses, &frame.intrinsics, camera, false);
+    let poses = hypothesis.part_and_joint_poses(twin, run).0;
+    let image = rendered_twin(twin, &poses, &frame.intrinsics, camera, false);
     let color = |i: usize| -> [u8; 3] {
         let reading = f64::from(frame.depth_m[i]);
         // The camera's error under the hypothesis is taken out, as in (15.3).

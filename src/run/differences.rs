@@ -18,9 +18,9 @@ pub fn compare(capture: &Capture, model: &ArticulatedModel, looks: &[Look]) -> V
             let mut view = Tally::default();
             let mut links = vec![Tally::default(); model.links.len()];
             for (difference, item) in differ(capture, state, frame, &twin).into_iter().zip(&twin.item) {
-                view.count(difference);
+                view.count_reading(difference);
                 if let Some(tally) = item.and_then(|i| links.get_mut(usize::from(i))) {
-                    tally.count(difference);
+                    tally.count_reading(difference);
                 }
             }
             Some(((frame.id.clone(), view), links))
@@ -28,7 +28,7 @@ pub fn compare(capture: &Capture, model: &ArticulatedModel, looks: &[Look]) -> V
         let (views, of_links): (Vec<_>, Vec<_>) = frames.par_iter().filter_map(of_view).unzip();
         let mut links = vec![Tally::default(); model.links.len()];
         for of_view in of_links {
-            links.iter_mut().zip(&of_view).for_each(|(all, own)| all.add(own));
+            links.iter_mut().zip(&of_view).for_each(|(all, own)| all.add_tally(own));
         }
         let links: Vec<_> = model.links.iter().map(|l| l.name.clone()).zip(links).collect();
         (!views.is_empty()).then(|| StateDifference::new(state, &views, &links))

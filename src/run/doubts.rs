@@ -6,7 +6,7 @@ use super::{run_motion::motions, signs::settle_signs};
 use common::note::Note;
 use gap::{
     fit::stretch::RunMotion,
-    judge::doubt::{Doubt, Scene, doubts},
+    judge::doubt::{Doubt, Scene, doubts_of_scene},
     record::{
         command::{EffortUnit, Told},
         drive::Hold,
@@ -43,9 +43,12 @@ fn doubts_of(
         return BTreeMap::new();
     }
     // Joints that follow others have no efforts of their own.
-    let joints: Vec<usize> =
-        moving.iter().copied().filter(|j| tree.chain(*j).iter().all(|k| !tree.joints[*k].is_mimic)).collect();
+    let joints: Vec<usize> = moving
+        .iter()
+        .copied()
+        .filter(|j| tree.chain_joints(*j).iter().all(|k| !tree.joints[*k].is_mimic))
+        .collect();
     let fitted = recordings.iter().filter(|(_, held)| !held).map(|(recording, _)| recording);
     let runs: Vec<RunMotion> = fitted.map(|r| motions(r, tree, &joints, told)).collect();
-    doubts(&Scene { tree, runs: &runs, joints: &joints, hold })
+    doubts_of_scene(&Scene { tree, runs: &runs, joints: &joints, hold })
 }

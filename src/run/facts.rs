@@ -52,13 +52,16 @@ pub(super) fn facts(
         renderings: images.states.iter().filter_map(rendering).collect(),
         part_count: Some(twin.part_count.clone()),
         object_box_m: capture.object_box_m,
-        camera_tracking: CameraTrackingReport::of(&capture.tracking),
-        camera_poses: CameraPosesReport::of(&capture.poses.states),
+        camera_tracking: CameraTrackingReport::of_findings(&capture.tracking),
+        camera_poses: CameraPosesReport::of_corrections(&capture.poses.states),
         world_frame: twin.model.links.first().and_then(|root| {
             let middle = root.inertial.center_of_mass;
-            capture.poses.frame_deviation(capture.states.first()?, &middle).map(WorldFrameReport::of)
+            capture
+                .poses
+                .frame_deviation(capture.states.first()?, &middle)
+                .map(WorldFrameReport::of_uncertainty)
         }),
-        depth_sensor: capture.poses.sensor.as_ref().map(DepthSensorReport::of),
+        depth_sensor: capture.poses.sensor.as_ref().map(DepthSensorReport::of_calibration),
         stages: stages
             .seconds
             .iter()
@@ -84,7 +87,7 @@ pub(super) fn facts(
             .chain(twin.warnings.iter().cloned())
             // Warnings hold the cautions too: a program that reads one list misses nothing.
             .chain(cautions(&twin.model))
-            .chain(images.differences.iter().filter_map(StateDifference::warning))
+            .chain(images.differences.iter().filter_map(StateDifference::difference_warning))
             .collect(),
     }
 }

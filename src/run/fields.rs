@@ -105,10 +105,10 @@ impl Training<'_> {
                 Ok(stopped) => break stopped,
                 // No further engine is left, and the same steps would fail again.
                 Err(_) if self.on_cpu() => {
-                    return Err(failed(FieldError::NotFinite { step: trainer.done() }));
+                    return Err(failed(FieldError::NotFinite { step: trainer.steps_done() }));
                 }
                 Err(why) => {
-                    self.replace(format!("{why}; {} of {} steps are kept", kept.done, trainer.total()));
+                    self.replace(format!("{why}; {} of {} steps are kept", kept.done, trainer.total_steps()));
                     trainer.restore(kept.clone(), &factory).map_err(failed)?;
                 }
             }
@@ -118,7 +118,7 @@ impl Training<'_> {
             c.save(&file, &kept)?;
         }
         stopped.map_or(Ok(()), Err)?;
-        Ok(TrainedField { field: trainer.field(), replaced: self.replaced.into_inner() })
+        Ok(TrainedField { field: trainer.trained_field(), replaced: self.replaced.into_inner() })
     }
 
     /// Trains to the end or until asked to stop; `kept` is what was reached then, or before the error.
@@ -130,28 +130,28 @@ impl Training<'_> {
         trainer: &mut FieldTrainer,
         kept: &mut TrainerCheckpoint,
     ) -> Result<Option<Cancelled>, EngineFault> {
-        let total = trainer.total();
+        let total = trainer.total_steps();
         let mut recent = 0.0;
-        while trainer.done() < total {
+        while trainer.steps_done() < total {
             // Between steps, when the state can be read back whole.
             if let Err(stopped) = self.monitor.check() {
                 *kept = sound(trainer)?;
                 return Ok(Some(stopped));
             }
-            for _ in 0..REPORT_EVERY.min(total - trainer.done()) {
-                let losses = trainer.step();
+            for _ in 0..REPORT_EVERY.min(total - trainer.steps_done()) {
+                let losses = trainer.train_step();
                 recent = losses.sdf + losses.color;
                 if !recent.is_finite() {
                     return Err(failure(trainer));
                 }
             }
             // A device can be lost with what it holds; the CPU engine cannot.
-            if !self.on_cpu() && trainer.done() >= kept.done + KEEP_EVERY {
+            if !self.on_cpu() && trainer.steps_done() >= kept.done + KEEP_EVERY {
                 *kept = sound(trainer)?;
             }
             self.monitor.report(Event::Step {
                 stage: self.stage.clone(),
-                done: trainer.done(),
+                done: trainer.steps_done(),
                 total,
                 loss: recent,
             });
@@ -195,7 +195,7 @@ fn sound(trainer: &FieldTrainer) -> Result<TrainerCheckpoint, EngineFault> {
 }
 
 fn failure(trainer: &FieldTrainer) -> EngineFault {
-    trainer.failure().map_or(EngineFault::NotFinite(trainer.done()), |error| error.clone().into())
+    trainer.failure().map_or(EngineFault::NotFinite(trainer.steps_done()), |error| error.clone().into())
 }
 
 #[cfg(test)]

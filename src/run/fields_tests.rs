@@ -30,21 +30,21 @@ struct Failing {
 }
 
 impl FieldEngine for Failing {
-    fn step(&mut self, batch: &SampleBatch, learning_rate: f32) -> FieldLosses {
+    fn train_step(&mut self, batch: &SampleBatch, learning_rate: f32) -> FieldLosses {
         if self.left == 0 && !matches!(self.fault, Fault::Unreadable) {
             return FieldLosses { sdf: f64::NAN, color: 0.0 };
         }
         self.left = self.left.saturating_sub(1);
-        self.engine.step(batch, learning_rate)
+        self.engine.train_step(batch, learning_rate)
     }
 
-    fn gradient(&mut self, batch: &SampleBatch) -> (FieldLosses, Vec<f32>) {
-        self.engine.gradient(batch)
+    fn loss_gradient(&mut self, batch: &SampleBatch) -> (FieldLosses, Vec<f32>) {
+        self.engine.loss_gradient(batch)
     }
 
-    fn state(&self) -> EngineState {
+    fn training_state(&self) -> EngineState {
         // What a lost device still knows is the state that it was given.
-        if self.left == 0 { self.first.clone() } else { self.engine.state() }
+        if self.left == 0 { self.first.clone() } else { self.engine.training_state() }
     }
 
     fn failure(&self) -> Option<&EngineError> {
@@ -77,7 +77,7 @@ fn settings() -> TrainConfig {
 /// The field of the wall and the warnings; `None`: the CPU engine.
 fn field(start: Option<Start>, settings: &TrainConfig) -> (Result<TrainedField, RunError>, Vec<String>) {
     let frames = wall();
-    let scene = SceneBox::around(&Point3::new(-0.4, -0.3, 0.5), &Point3::new(0.4, 0.3, 0.7));
+    let scene = SceneBox::around_box(&Point3::new(-0.4, -0.3, 0.5), &Point3::new(0.4, 0.3, 0.7));
     let points: Vec<_> =
         frames.iter().flat_map(|f| (0..f.depth_m.len()).filter_map(|p| f.world_point(p))).collect();
     let occupancy = Occupancy::new(&scene, &points, 0.05, 2);
@@ -156,14 +156,14 @@ fn losses_that_are_no_numbers_on_the_cpu_end_the_run_with_a_message() {
 #[test]
 fn a_residual_starts_as_the_fused_distances_and_keeps_to_the_side_that_was_seen() {
     let frames = wall();
-    let scene = SceneBox::around(&Point3::new(-0.4, -0.3, 0.5), &Point3::new(0.4, 0.3, 0.7));
+    let scene = SceneBox::around_box(&Point3::new(-0.4, -0.3, 0.5), &Point3::new(0.4, 0.3, 0.7));
     let points: Vec<_> =
         frames.iter().flat_map(|f| (0..f.depth_m.len()).filter_map(|p| f.world_point(p))).collect();
     let occupancy = Occupancy::new(&scene, &points, 0.05, 2);
     // A wall of 1 cm at 0.6 m, known from both sides; the cameras see one.
-    let mut fused = Grid3::over(&scene, 81, 0.0f32);
+    let mut fused = Grid3::over_scene(&scene, 81, 0.0f32);
     for i in 0..fused.values.len() {
-        let z = fused.position(i).z;
+        let z = fused.position_of_index(i).z;
         fused.values[i] = f64::max(0.6 - z, z - 0.61).min(0.03) as f32;
     }
     let input = TrainInput { frames: &frames, scene, occupancy: &occupancy, fused: Some(&fused) };
@@ -179,17 +179,17 @@ fn a_residual_starts_as_the_fused_distances_and_keeps_to_the_side_that_was_seen(
     let trained = |settings: &TrainConfig, steps: usize| {
         let mut trainer = FieldTrainer::new(&input, settings, 7, "field/state0").unwrap();
         (0..steps).for_each(|_| {
-            trainer.step();
+            trainer.train_step();
         });
-        trainer.field()
+        trainer.trained_field()
     };
     let about: Vec<Point3<f64>> = (0..60)
         .map(|k| Point3::new(0.004 * f64::from(k % 10) - 0.02, 0.01, 0.58 + 0.001 * f64::from(k)))
         .collect();
     let off = |settings: &TrainConfig, steps: usize, near: fn(f64) -> bool| {
-        let found = trained(settings, steps).tsdf(&about);
+        let found = trained(settings, steps).signed_distances_m(&about);
         let errors = about.iter().zip(found).filter(|(p, _)| near(p.z));
-        errors.map(|(p, d)| (d - fused.sample(p)).abs()).fold(0.0, f32::max)
+        errors.map(|(p, d)| (d - fused.value_at(p)).abs()).fold(0.0, f32::max)
     };
     assert!(off(&settings, 0, |_| true) < 1e-7, "{}", off(&settings, 0, |_| true));
     // Behind the middle of the wall the cameras know nothing: their readings would go on into it.

@@ -118,7 +118,7 @@ impl Follower<'_> {
         let Ok(Some(grown)) = grown else { return };
         // Frames that were tracked have no place yet.
         let frames = grown.frames.iter().filter(|_| grown.is_posed);
-        frames.for_each(|frame| _ = self.map.add(frame));
+        frames.for_each(|frame| _ = self.map.add_view(frame));
         if self.said.is_none_or(|(when, views)| when.elapsed() > SAY_EVERY && views != grown.views) {
             self.said = Some((Instant::now(), grown.views));
             let map = self.map_text();
@@ -133,14 +133,14 @@ impl Follower<'_> {
     /// What of the object was not seen yet, from where to look next, and what moved; empty without a map.
     fn map_text(&mut self) -> String {
         self.map.refresh();
-        let Some((unseen, next)) = self.map.look() else { return String::new() };
+        let Some((unseen, next)) = self.map.unseen_and_next() else { return String::new() };
         let mut text =
-            format!("; {:.0} % of the surface that they look at is unseen", 100.0 * unseen.share());
+            format!("; {:.0} % of the surface that they look at is unseen", 100.0 * unseen.unseen_share());
         if let Some(next) = next {
             let p = next.world_from_camera.translation.vector;
             text += &format!(", most of it from ({:.2}, {:.2}, {:.2}) m", p.x, p.y, p.z);
         }
-        if let Some(moved) = self.map.moved() {
+        if let Some(moved) = self.map.moved_surface() {
             let area_m2 = moved.areas_m2().iter().fold(0.0, |most: f64, a| most.max(*a));
             text += &format!("; {:.0} cm2 of surface moved", 1e4 * area_m2);
         }

@@ -35,8 +35,9 @@ pub(super) fn joints(
     // so is all that it carries.
     let labels = &articulation.states[0].labels;
     let base: Vec<usize> = (0..labels.len()).filter(|&i| labels[i] == 0).collect();
-    let frame = draws[0].rigid(&states[0].surface.samples.points, &base);
-    let in_frame = |(draws, s): (SurfaceDraws, &State)| draws.without(&frame, &s.surface.samples.points);
+    let frame = draws[0].rigid_motions(&states[0].surface.samples.points, &base);
+    let in_frame =
+        |(draws, s): (SurfaceDraws, &State)| draws.without_motions(&frame, &s.surface.samples.points);
     let draws: Vec<SurfaceDraws> = draws.into_iter().zip(states).map(in_frame).collect();
     let evidence = Evidence::new(states, &draws, articulation, scene);
     let parts = (1..articulation.parts()).into_par_iter().filter_map(|part| evidence.part(part));
@@ -124,8 +125,8 @@ impl<'a> Evidence<'a> {
     /// The motion of the static part to number `state`: none, unless that state's frames were moved, which
     /// leaves it a world frame that is a little its own.
     fn root(&self, number: usize, state: &State, poses: &PoseFindings) -> ParentMotion {
-        if state.drift.is_none() && !poses.changed() {
-            return ParentMotion::still();
+        if state.drift.is_none() && !poses.has_changes() {
+            return ParentMotion::static_part();
         }
         let own = self.pair(0, number).free_motion(&self.scene.config.joint);
         // How well all that stands still was brought to rest in the state.
@@ -149,7 +150,7 @@ struct Labelled<'a> {
 
 impl Labelled<'_> {
     fn part(&self, point: &nalgebra::Point3<f64>) -> Option<usize> {
-        self.nearest.nearest(point).map(|(i, _)| usize::from(self.labels[i]))
+        self.nearest.nearest_one(point).map(|(i, _)| usize::from(self.labels[i]))
     }
 }
 

@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 
 use super::{articulation::Articulation, scene::Scene, state::State};
-use articulate::{OtherState, contradicted};
+use articulate::{OtherState, contradicted_points};
 use common::note::{Note, NoteCode};
 use geometry::{Pose, bounding_box};
 
@@ -29,7 +29,12 @@ pub(super) fn left_out(states: &[State], articulation: &Articulation, scene: &Sc
                 .collect(),
         };
         let others: Vec<OtherState<'_>> = (0..states.len()).filter(|t| *t != s).map(other).collect();
-        contradicted(&states[s].surface.samples.points, &articulation.states[s].labels, &others, error_m)
+        contradicted_points(
+            &states[s].surface.samples.points,
+            &articulation.states[s].labels,
+            &others,
+            error_m,
+        )
     };
     (0..states.len()).map(of).collect()
 }

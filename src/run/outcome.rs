@@ -208,7 +208,7 @@ impl JointSummary {
                 kind: joint.kind,
                 axis_in_world: (world_from_joint.rotation * joint.axis).into_inner().into(),
                 point_in_world_m: world_from_joint.translation.vector.into(),
-                motion: model.motion(j),
+                motion: model.motion_of_joint(j),
                 positions: model.states.iter().map(|s| s[j]).collect(),
             }
         };

@@ -20,7 +20,7 @@ const SURPLUS: [u8; 3] = [130, 40, 200];
 /// All pictures of the report; `looks` in the order of the links.
 pub(super) fn pictures(capture: &Capture, model: &ArticulatedModel, looks: &[Look]) -> ReportPictures {
     let mut out = ReportPictures { differences: compare(capture, model, looks), ..ReportPictures::default() };
-    let unwelded: Vec<_> = looks.iter().map(Look::unwelded).collect();
+    let unwelded: Vec<_> = looks.iter().map(Look::unwelded_mesh).collect();
     let seen: Vec<(&TriangleMesh, Paint)> = looks
         .iter()
         .zip(&unwelded)
@@ -44,7 +44,7 @@ pub(super) fn pictures(capture: &Capture, model: &ArticulatedModel, looks: &[Loo
                 picture(draw(model, state, frame, &tinted), PictureKind::Drawing, caption("parts and axes"));
             parts.arrows = axis_arrows(model, state, &frame.intrinsics, &frame.world_from_camera);
             let ends: Vec<[f64; 2]> = parts.arrows.iter().flat_map(|a| [a.from, a.to]).collect();
-            (parts.cropped(&window(frame, &ends)), photo(frame, true, caption("kept as the object")))
+            (parts.cropped_to(&window(frame, &ends)), photo(frame, true, caption("kept as the object")))
         });
         (pair, of_state)
     };
@@ -75,14 +75,14 @@ fn photo_and_twin(
     let rendered = draw(model, state, frame, seen);
     let difference = frame.mask.is_some().then(|| {
         let found = differ(capture, state, frame, &rendered);
-        marked(frame, &found, &caption("difference")).cropped(&window)
+        marked(frame, &found, &caption("difference")).cropped_to(&window)
     });
     let mut twin = picture(rendered, PictureKind::Photo, caption("twin"));
     let psnr_db = psnr_db(frame, &twin.rgb);
     if let Some(db) = psnr_db {
         twin.caption = format!("{}, {db:.1} dB", twin.caption);
     }
-    let recorded = photo(frame, false, caption("photo")).cropped(&window);
+    let recorded = photo(frame, false, caption("photo")).cropped_to(&window);
     let cutout = frame.mask.is_some().then(|| {
         let k = frame.intrinsics;
         let is_object = |i| frame.is_object(i);
@@ -96,7 +96,7 @@ fn photo_and_twin(
         view: frame.id.clone(),
         psnr_db,
         photo: recorded,
-        twin: twin.cropped(&window),
+        twin: twin.cropped_to(&window),
         difference,
         cutout,
     }
@@ -135,7 +135,7 @@ fn window(frame: &RgbdFrame, points: &[[f64; 2]]) -> Window {
             shown[*v as usize * width + *u as usize] = true;
         }
     }
-    Window::around(&[&shown], width, height)
+    Window::around_marks(&[&shown], width, height)
 }
 
 /// The frames that show most of the object, no two of them neighbors in time.
@@ -179,8 +179,8 @@ fn picture(drawn: Rendered, kind: PictureKind, caption: String) -> Picture {
 /// The photo in pale gray, and in color where the twin differs from what was read.
 fn marked(frame: &RgbdFrame, found: &[Difference], caption: &str) -> Picture {
     let mut tally = Tally::default();
-    found.iter().for_each(|d| tally.count(*d));
-    let caption = format!("{caption}, {:.1} % of what was read", 100.0 * tally.share());
+    found.iter().for_each(|d| tally.count_reading(*d));
+    let caption = format!("{caption}, {:.1} % of what was read", 100.0 * tally.unexplained_share());
     let mut marked = photo(frame, false, caption);
     for (pixel, difference) in marked.rgb.chunks_exact_mut(3).zip(found) {
         let gray = (pixel.iter().map(|c| usize::from(*c)).sum::<usize>() / 3) as u8;

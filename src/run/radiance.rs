@@ -8,7 +8,7 @@ use articulate::{JointEstimate, TreeJointEstimate, published_joint};
 use capture::RgbdFrame;
 use field::{FieldError, HalfMotion, RadianceConfig, RadianceInput, RadianceModel, RadianceTrainer};
 use geometry::Pose;
-use model::{ArticulatedModel, MovingPart, build};
+use model::{ArticulatedModel, MovingPart, build_model};
 use surface::{TriangleMesh, keep_components};
 
 /// Steps between two looks at the stop flag and the bar.
@@ -50,7 +50,7 @@ pub(super) fn radiance_model(
 pub(super) fn published_starts(scene: &Scene) -> Vec<Pose> {
     // Two without a number, which `checked_name` asks for where there may be more.
     let parts = scene.config.run.parts.filter(|_| scene.config.radiance.many_parts).unwrap_or(2);
-    vec![HalfMotion::free().state1_from_state0(&scene.bounds); parts - 1]
+    vec![HalfMotion::free_start().state1_from_state0(&scene.bounds); parts - 1]
 }
 
 /// What a trainer finds in a stage, taken up where a checkpoint left it. A stop request writes a checkpoint.
@@ -80,22 +80,22 @@ fn train(
     if let Some(saved) = checkpoint.and_then(|c| c.load(&file, monitor)) {
         trainer.restore(saved).map_err(failed)?;
     }
-    let total = trainer.total();
-    while trainer.done() < total {
+    let total = trainer.total_steps();
+    while trainer.steps_done() < total {
         if let Err(stopped) = monitor.check() {
             checkpoint.map_or(Ok(()), |c| c.save(&file, &trainer.checkpoint()))?;
             return Err(stopped.into());
         }
         let mut loss = 0.0;
-        for _ in 0..REPORT_EVERY.min(total - trainer.done()) {
-            loss = trainer.step().total();
+        for _ in 0..REPORT_EVERY.min(total - trainer.steps_done()) {
+            loss = trainer.train_step().total_loss();
             if !loss.is_finite() {
-                return Err(failed(FieldError::NotFinite { step: trainer.done() }));
+                return Err(failed(FieldError::NotFinite { step: trainer.steps_done() }));
             }
         }
-        monitor.report(Event::Step { stage: stage.to_owned(), done: trainer.done(), total, loss });
+        monitor.report(Event::Step { stage: stage.to_owned(), done: trainer.steps_done(), total, loss });
     }
-    Ok(trainer.model())
+    Ok(trainer.trained_model())
 }
 
 /// Surfaces of the parts by their densities, joints by their motions.
@@ -106,7 +106,8 @@ fn assemble(
     scene: &Scene,
 ) -> Result<ArticulatedModel, RunError> {
     let surface = |part: usize| {
-        let mesh = keep_components(&found.mesh(part, config.mesh_nodes), scene.config.surface.min_component);
+        let mesh =
+            keep_components(&found.part_mesh(part, config.mesh_nodes), scene.config.surface.min_component);
         if mesh.is_empty() {
             let message = format!("part {part} has no surface: its density is nowhere above the threshold");
             return Err(RunError::stage("assemble", message));
@@ -122,7 +123,7 @@ fn assemble(
         // The fields say nothing of what no view saw.
         parts.push(MovingPart { parent, kind, axis, point, positions, evidence, surface, field: None });
     }
-    Ok(build(name, base, parts, &scene.config.model))
+    Ok(build_model(name, base, parts, &scene.config.model))
 }
 
 /// Mean of a surface's vertices.
@@ -183,7 +184,7 @@ mod tests {
         // What a stop leaves after the first ten steps.
         let mut part = trainer();
         (0..10).for_each(|_| {
-            part.step();
+            part.train_step();
         });
         checkpoint.save("radiance-free-training", &part.checkpoint()).unwrap();
         let stopped = run(&Arc::new(AtomicBool::new(true)), Some(&checkpoint)).0;

@@ -13,7 +13,7 @@ use super::{
     stage_store::StageStore,
     write::write,
 };
-use export::{Report, StateDifference, check_folder, looks, package};
+use export::{Report, StateDifference, check_folder, link_looks, package};
 
 /// Reconstructs the object of a request: writes `out/<name>/` and gives back what was found.
 ///
@@ -75,11 +75,11 @@ fn reconstruct_files(
     // Frames to a model.
     let twin = reconstruct_twin(name, &mut capture, matcher, config, &mut stages)?;
     let (looks, images) = stages.run("pictures", None, |_| {
-        let looks = looks(&twin.model, &capture, &config.look);
+        let looks = link_looks(&twin.model, &capture, &config.look);
         let images = pictures(&capture, &twin.model, &looks);
         Ok::<_, RunError>((looks, images))
     })?;
-    images.differences.iter().filter_map(StateDifference::warning).for_each(|w| monitor.warn(&w));
+    images.differences.iter().filter_map(StateDifference::difference_warning).for_each(|w| monitor.warn(&w));
     // The model to files in memory.
     let files =
         stages.kept("export", None, |_| Ok::<_, RunError>(package(&twin.model, &looks, &config.export)))?;

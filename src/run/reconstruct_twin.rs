@@ -19,7 +19,7 @@ use config::{Config, Init, Method};
 use export::{PartCountReport, screw_notes};
 use geometry::Pose;
 use io::OnnxMatcher;
-use model::{ArticulatedModel, Link, named, validate};
+use model::{ArticulatedModel, Link, renamed_model, validate};
 use surface::{SolidFit, TriangleMesh};
 
 /// A model and what the report says about how it came about.
@@ -107,7 +107,7 @@ fn radiance_twin(
 fn sound(model: ArticulatedModel, config: &Config) -> Result<ArticulatedModel, RunError> {
     let findings = validate(&model);
     if findings.is_empty() {
-        return Ok(named(model, config.export.names, &config.export.prefix));
+        return Ok(renamed_model(model, config.export.names, &config.export.prefix));
     }
     let list = findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
     Err(RunError::stage("validate", format!("the model is not sound: {list}")))
@@ -167,7 +167,7 @@ pub(super) fn cautions(model: &ArticulatedModel) -> impl Iterator<Item = Note> {
 /// Parts whose collision solids do not stand where their surface was seen.
 fn solids_off(model: &ArticulatedModel) -> Vec<Note> {
     let note = |link: &Link| {
-        let fit = SolidFit::of(&link.visual, &link.collision).filter(|fit| !fit.is_sound())?;
+        let fit = SolidFit::of_solids(&link.visual, &link.collision).filter(|fit| !fit.is_sound())?;
         Some(Note::new(NoteCode::SolidsOff, format!("{}: the collision solids {fit}", link.name)))
     };
     model.links.par_iter().filter_map(note).collect()

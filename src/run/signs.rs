@@ -34,7 +34,7 @@ pub(super) fn settle_signs(
     let scene = Scene { tree, runs: &runs, joints: moving, hold };
     for j in suspects {
         let name = &tree.joints[j].name;
-        if !is_magnitude(&JointScene::of(&scene, j)) {
+        if !is_magnitude(&JointScene::of_joint(&scene, j)) {
             continue;
         }
         let what = format!(

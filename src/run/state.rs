@@ -99,7 +99,7 @@ fn field(
     stages: &mut Stages,
 ) -> Result<Option<TrainedField>, RunError> {
     let Some(occupancy) = occupancy else { return Ok(None) };
-    let fused = volume.tsdf(scene.band.min_weight);
+    let fused = volume.distance_grid(scene.band.min_weight);
     let input = TrainInput { frames, scene: scene.bounds, occupancy, fused: Some(&fused) };
     let stage = format!("field/state{state}");
     let checkpoint = stages.checkpoint;

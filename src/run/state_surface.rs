@@ -39,7 +39,7 @@ pub(crate) struct StateSurface {
 /// Fuses the frames of one state into a truncated distance volume.
 #[must_use]
 pub(super) fn fuse(frames: &[RgbdFrame], scene: &Scene) -> TsdfVolume {
-    let grid = Grid3::over(&scene.bounds, scene.config.surface.nodes, ());
+    let grid = Grid3::over_scene(&scene.bounds, scene.config.surface.nodes, ());
     let mut volume = TsdfVolume::new(grid.origin, grid.spacing_m, grid.dims, scene.band.truncation_m);
     let views: Vec<TsdfView> = frames.par_iter().map(|f| TsdfView::of_object(f, &scene.noise)).collect();
     volume.fuse(&views);
@@ -59,9 +59,9 @@ pub(super) fn state_surface(
     let Scene { bounds, band, noise, config, .. } = scene;
     let surface = &config.surface;
     let failed = |e| RunError::stage("surface", e);
-    let mut tsdf = volume.tsdf(band.min_weight);
+    let mut tsdf = volume.distance_grid(band.min_weight);
     // Distances, visibility and free space on one grid (docs/method.md 3.4, 3.5).
-    let nodes = Grid3::over(bounds, surface.distance_nodes, ());
+    let nodes = Grid3::over_scene(bounds, surface.distance_nodes, ());
     let free = free_space_grid(frames, &nodes, &FreeSpaceRule { noise: *noise, ..FreeSpaceRule::default() });
     if let Some(field) = field {
         blend_in_field(&mut tsdf, volume.weights(), field, band.min_weight, &free);
@@ -74,8 +74,8 @@ pub(super) fn state_surface(
     };
     let mut mesh = keep_components(&marching_cubes(&tsdf, 0.0), surface.min_component);
     match field {
-        Some(field) => field.paint(&mut mesh),
-        None => volume.paint(&mut mesh),
+        Some(field) => field.paint_mesh(&mut mesh),
+        None => volume.paint_vertices(&mut mesh),
     }
     let visible = visibility_grid(frames, &nodes, band.truncation_m);
     // What was seen empty is outside, whatever an open mesh says.
@@ -100,10 +100,10 @@ fn blend_in_field(
 ) {
     let limit = field.truncation_m as f32;
     let near: Vec<usize> = (0..tsdf.values.len()).filter(|&i| tsdf.values[i].abs() < 0.999 * limit).collect();
-    let points: Vec<_> = near.iter().map(|&i| tsdf.position(i)).collect();
-    for ((i, p), d) in near.into_iter().zip(&points).zip(field.tsdf(&points)) {
+    let points: Vec<_> = near.iter().map(|&i| tsdf.position_of_index(i)).collect();
+    for ((i, p), d) in near.into_iter().zip(&points).zip(field.signed_distances_m(&points)) {
         let share = if field.base.is_some() { min_weight / (min_weight + weights[i]) } else { 1.0 };
-        let is_carved = d < 0.0 && free.nearest(p).is_some_and(|n| free.values[n]);
+        let is_carved = d < 0.0 && free.nearest_node(p).is_some_and(|n| free.values[n]);
         let d = if is_carved { limit } else { d };
         tsdf.values[i] += share * (d.clamp(-limit, limit) - tsdf.values[i]);
     }

@@ -130,12 +130,18 @@ pub fn trials(request: &TrialsRequest, monitor: &Monitor) -> Result<TrialTable, 
                 runs.push(result_folder(&run, &record));
                 records.push(record);
             }
-            let mut measured = evaluate::trials(&runs, truth, &options);
+            let mut measured = evaluate::evaluate_trials(&runs, truth, &options);
             for (trial, record) in measured.iter_mut().zip(&mut records).filter(|(_, r)| r.failed.is_some()) {
                 trial.failed = record.failed.take();
             }
             let rejected = records.iter_mut().map(|r| r.rejected.take()).collect();
-            table.add(name, &method.name, &measured, rejected, records.iter().map(|r| r.cost).collect());
+            table.add_trials(
+                name,
+                &method.name,
+                &measured,
+                rejected,
+                records.iter().map(|r| r.cost).collect(),
+            );
         }
     }
     put(&tables[0], table.to_json().as_bytes())?;

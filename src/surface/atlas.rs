@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Point2, Vector2, Vector3};
 use super::{
     TriangleMesh,
     outline::{hull_2d, rectangle_direction},
-    patches::{Patch, patches},
+    patches::{Patch, grown_patches},
 };
 
 /// Empty texels around a chart, so that filtering does not mix charts.
@@ -41,16 +41,16 @@ struct Chart {
 /// at `texel_m` a texel or as fine as `max_px` a side allows. Triangles never overlap across charts.
 /// Deterministic.
 #[must_use]
-pub fn unwrap(mesh: &TriangleMesh, texel_m: f64, max_px: usize) -> Atlas {
+pub fn atlas_of_mesh(mesh: &TriangleMesh, texel_m: f64, max_px: usize) -> Atlas {
     let extent_m = mesh.bounds().map_or(0.0, |(lo, hi)| f64::from((hi - lo).norm()));
     let mut charts: Vec<Chart> =
-        patches(mesh, DEPTH_SHARE * extent_m).iter().map(|p| lay_flat(mesh, p)).collect();
+        grown_patches(mesh, DEPTH_SHARE * extent_m).iter().map(|p| lay_flat(mesh, p)).collect();
     // Shelves waste least where heights fall from one to the next.
     charts.sort_by(|a, b| b.size_m.y.total_cmp(&a.size_m.y).then(b.size_m.x.total_cmp(&a.size_m.x)));
     // Not far finer than the largest texture can be: the loop needs few rounds.
     let mut texel_m = texel_m.max(extent_m / (2.0 * max_px as f64)).max(1e-9);
     let (size_px, places) = loop {
-        if let Some(found) = pack(&charts, texel_m, max_px) {
+        if let Some(found) = packed_on_shelves(&charts, texel_m, max_px) {
             break found;
         }
         texel_m *= COARSER;
@@ -74,7 +74,7 @@ pub fn unwrap(mesh: &TriangleMesh, texel_m: f64, max_px: usize) -> Atlas {
 impl Atlas {
     /// Texture coordinates of a triangle's corners in `[0, 1]`, v up.
     #[must_use]
-    pub fn uv(&self, triangle: usize) -> [[f64; 2]; 3] {
+    pub fn texture_coordinates(&self, triangle: usize) -> [[f64; 2]; 3] {
         let size = self.size_px as f64;
         self.corners_px[triangle].map(|p| [(p.x / size).clamp(0.0, 1.0), (1.0 - p.y / size).clamp(0.0, 1.0)])
     }
@@ -111,7 +111,7 @@ fn laid_wide(p: Point2<f64>, size: &Vector2<f64>) -> Point2<f64> {
 
 /// Side of the square and the upper left corner of every chart, pixels, on shelves; `None` where `max_px` is
 /// too small.
-fn pack(charts: &[Chart], texel_m: f64, max_px: usize) -> Option<(usize, Vec<Vector2<f64>>)> {
+fn packed_on_shelves(charts: &[Chart], texel_m: f64, max_px: usize) -> Option<(usize, Vec<Vector2<f64>>)> {
     let size = |c: &Chart| c.size_m.map(|s| (s / texel_m).ceil() + 2.0 * MARGIN_PX);
     let area: f64 = charts.iter().map(|c| size(c).product()).sum();
     let widest = charts.iter().map(|c| size(c).x).fold(16.0, f64::max);
@@ -145,7 +145,7 @@ fn pack(charts: &[Chart], texel_m: f64, max_px: usize) -> Option<(usize, Vec<Vec
 mod tests {
     use super::*;
     use crate::{
-        outline::area,
+        outline::polygon_area,
         shapes::{box_mesh, sphere_mesh},
     };
 
@@ -155,7 +155,7 @@ mod tests {
         let mut twice = 0;
         let mut worst = 1.0f64;
         for (t, c) in atlas.corners_px.iter().enumerate() {
-            let flat = area(c).abs() * atlas.texel_m * atlas.texel_m;
+            let flat = polygon_area(c).abs() * atlas.texel_m * atlas.texel_m;
             worst = worst.min(flat / (0.5 * f64::from(mesh.area_normal(t).norm())));
             let middle = Point2::from((c[0].coords + c[1].coords + c[2].coords) / 3.0);
             let slot = &mut owner[middle.y as usize * atlas.size_px + middle.x as usize];
@@ -168,11 +168,14 @@ mod tests {
     #[test]
     fn a_box_keeps_its_areas_and_every_face_its_place() {
         let mesh = box_mesh(Vector3::new(0.3, 0.2, 0.1));
-        let atlas = unwrap(&mesh, 0.002, 4096);
+        let atlas = atlas_of_mesh(&mesh, 0.002, 4096);
         let (twice, worst) = defects(&mesh, &atlas);
         assert!(twice == 0 && worst > 0.999, "{twice} {worst}");
         assert!((atlas.texel_m - 0.002).abs() < 1e-12 && atlas.size_px < 700, "{}", atlas.size_px);
-        assert!((0..12).all(|t| area(&atlas.corners_px[t]) < 0.0), "seen from outside, pixels go down");
+        assert!(
+            (0..12).all(|t| polygon_area(&atlas.corners_px[t]) < 0.0),
+            "seen from outside, pixels go down"
+        );
         assert!(
             atlas
                 .corners_px
@@ -185,9 +188,9 @@ mod tests {
     #[test]
     fn a_sphere_fits_into_little_space() {
         let mesh = sphere_mesh(0.3, 40);
-        let atlas = unwrap(&mesh, 0.0001, 256);
+        let atlas = atlas_of_mesh(&mesh, 0.0001, 256);
         let (twice, worst) = defects(&mesh, &atlas);
         assert!(atlas.size_px <= 256 && twice == 0 && worst > 0.6, "{twice} {worst}");
-        assert!(unwrap(&TriangleMesh::default(), 0.001, 64).corners_px.is_empty());
+        assert!(atlas_of_mesh(&TriangleMesh::default(), 0.001, 64).corners_px.is_empty());
     }
 }

@@ -4,7 +4,7 @@ use nalgebra::{IsometryMatrix3, Point3, UnitQuaternion, Vector3};
 use rand_core::Rng;
 use rayon::prelude::*;
 
-use super::{Atlas, Light, Shown, TriangleMesh, sample_surface, texture::bilinear};
+use super::{Atlas, Light, Shown, TriangleMesh, sample_surface, texture::bilinear_color};
 use capture::RgbdFrame;
 use geometry::Pose;
 
@@ -37,9 +37,14 @@ pub struct BakeView<'a> {
 
 /// Samples of the photos at `count` spots of a mesh, one list a spot, in the order of the views.
 #[must_use]
-pub fn shown(mesh: &TriangleMesh, views: &[BakeView], count: usize, rng: &mut impl Rng) -> Vec<Vec<Shown>> {
+pub fn samples_of_spots(
+    mesh: &TriangleMesh,
+    views: &[BakeView],
+    count: usize,
+    rng: &mut impl Rng,
+) -> Vec<Vec<Shown>> {
     let spots = sample_surface(mesh, count, rng);
-    let eyes: Vec<Eye> = views.iter().map(Eye::of).collect();
+    let eyes: Vec<Eye> = views.iter().map(Eye::of_view).collect();
     let spots = spots.points.par_iter().zip(&spots.normals).with_min_len(64);
     spots.map(|(point, normal)| samples_of_spot(&eyes, &point.cast(), &normal.cast())).collect()
 }
@@ -48,7 +53,7 @@ pub fn shown(mesh: &TriangleMesh, views: &[BakeView], count: usize, rng: &mut im
 fn samples_of_spot(eyes: &[Eye], point: &Point3<f64>, normal: &Vector3<f64>) -> Vec<Shown> {
     let mut samples = Vec::new();
     for (photo, eye) in eyes.iter().enumerate() {
-        if let Some((weight, color)) = eye.sample(point, normal) {
+        if let Some((weight, color)) = eye.weighted_color(point, normal) {
             samples.push(Shown { photo, weight, color, normal: eye.view.world_from_mesh.rotation * normal });
         }
     }
@@ -67,19 +72,19 @@ struct Texel {
 /// (head-on and near ones count most), without the light; the mesh's own color where there is no view; around
 /// the charts the nearest color. `normals` are unit normals at the corners of every triangle.
 #[must_use]
-pub fn bake(
+pub fn baked_texture(
     mesh: &TriangleMesh,
     atlas: &Atlas,
     normals: &[[Vector3<f64>; 3]],
     views: &[BakeView],
     light: &Light,
 ) -> Vec<[u8; 3]> {
-    let texels = texels(mesh, atlas, normals);
-    let eyes: Vec<Eye> = views.iter().map(Eye::of).collect();
+    let texels = texels_of_triangles(mesh, atlas, normals);
+    let eyes: Vec<Eye> = views.iter().map(Eye::of_view).collect();
     let colors: Vec<[u8; 3]> = texels
         .par_iter()
         .with_min_len(512)
-        .map_init(Vec::new, |samples, t| seen(t, &eyes, light, samples).unwrap_or(t.color))
+        .map_init(Vec::new, |samples, t| color_by_views(t, &eyes, light, samples).unwrap_or(t.color))
         .collect();
     let mut texture: Vec<Option<[u8; 3]>> = vec![None; atlas.size_px * atlas.size_px];
     for (texel, color) in texels.iter().zip(colors) {
@@ -87,13 +92,13 @@ pub fn bake(
     }
     // Fills the margins around charts: filtering reads them.
     for _ in 0..3 {
-        texture = spread(&texture, atlas.size_px);
+        texture = spread_colors(&texture, atlas.size_px);
     }
     texture.into_iter().map(|c| c.unwrap_or(PLAIN)).collect()
 }
 
 /// All texels with their middle in a triangle.
-fn texels(mesh: &TriangleMesh, atlas: &Atlas, normals: &[[Vector3<f64>; 3]]) -> Vec<Texel> {
+fn texels_of_triangles(mesh: &TriangleMesh, atlas: &Atlas, normals: &[[Vector3<f64>; 3]]) -> Vec<Texel> {
     let mut found = Vec::new();
     let size = atlas.size_px;
     for (t, c) in atlas.corners_px.iter().enumerate() {
@@ -137,7 +142,7 @@ fn weighted_level(levels: [u8; 3], weights: &[f64; 3]) -> u8 {
 }
 
 /// Color of a texel by its views; `None` where there is none. `samples` is room for their colors.
-fn seen(
+fn color_by_views(
     texel: &Texel,
     eyes: &[Eye],
     light: &Light,
@@ -147,11 +152,11 @@ fn seen(
     let mut lit: Option<(UnitQuaternion<f64>, Vector3<f32>)> = None;
     samples.clear();
     for eye in eyes {
-        let Some((weight, color)) = eye.sample(&texel.point, &texel.normal) else { continue };
+        let Some((weight, color)) = eye.weighted_color(&texel.point, &texel.normal) else { continue };
         let turn = eye.view.world_from_mesh.rotation;
         let brightness = match lit {
             Some((known, brightness)) if known == turn => brightness,
-            _ => light.on(&(turn * texel.normal)),
+            _ => light.brightness_at(&(turn * texel.normal)),
         };
         lit = Some((turn, brightness));
         samples.push((weight, color.component_div(&brightness)));
@@ -182,13 +187,13 @@ struct Eye<'a> {
 }
 
 impl<'a> Eye<'a> {
-    fn of(view: &'a BakeView<'a>) -> Self {
+    fn of_view(view: &'a BakeView<'a>) -> Self {
         let camera_from_mesh = view.frame.world_from_camera.inverse() * view.world_from_mesh;
         Self { view, camera_from_mesh: nalgebra::convert(camera_from_mesh) }
     }
 
     /// Weight and color of a place on the mesh.
-    fn sample(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> Option<(f32, Vector3<f32>)> {
+    fn weighted_color(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> Option<(f32, Vector3<f32>)> {
         let BakeView { frame, depth_m, gain, .. } = self.view;
         let k = &frame.intrinsics;
         let p = self.camera_from_mesh * point;
@@ -216,13 +221,13 @@ impl<'a> Eye<'a> {
         let x = u as usize;
         let y = v as usize;
         let fraction = [(u - x as f64) as f32, (v - y as f64) as f32];
-        let color = bilinear(|dx, dy| frame.rgb[(y + dy) * k.width + x + dx], fraction);
+        let color = bilinear_color(|dx, dy| frame.rgb[(y + dy) * k.width + x + dx], fraction);
         Some(((cosine / p.z).powi(SHARPNESS) as f32, color.component_div(gain)))
     }
 }
 
 /// The texture with empty texels filled by the mean of the filled ones around them.
-fn spread(texture: &[Option<[u8; 3]>], size: usize) -> Vec<Option<[u8; 3]>> {
+fn spread_colors(texture: &[Option<[u8; 3]>], size: usize) -> Vec<Option<[u8; 3]>> {
     let texels = (0..texture.len()).into_par_iter().with_min_len(4096);
     texels.map(|i| texture[i].or_else(|| mean_around(texture, size, i))).collect()
 }
@@ -248,9 +253,8 @@ fn mean_around(texture: &[Option<[u8; 3]>], size: usize, texel: usize) -> Option
 mod tests {
     use super::*;
     use crate::{
-        Paint, RenderItem, render,
+        Paint, RenderItem, atlas_of_mesh, render,
         shapes::{box_mesh, color_of, cuboid, looking_at_origin, view_of},
-        unwrap,
     };
     use geometry::Intrinsics;
 
@@ -274,11 +278,11 @@ mod tests {
         };
         let depths: &'static Vec<Vec<f32>> = Box::leak(Box::new(depths));
         let views: Vec<BakeView> = frames.iter().zip(depths).map(view).collect();
-        let atlas = unwrap(&mesh, 0.004, 1024);
+        let atlas = atlas_of_mesh(&mesh, 0.004, 1024);
         let normals: Vec<_> =
             (0..mesh.triangles.len()).map(|t| [mesh.area_normal(t).cast::<f64>().normalize(); 3]).collect();
-        let texture = bake(&mesh, &atlas, &normals, &views, &Light::default());
-        let all = texels(&mesh, &atlas, &normals);
+        let texture = baked_texture(&mesh, &atlas, &normals, &views, &Light::default());
+        let all = texels_of_triangles(&mesh, &atlas, &normals);
         let top: Vec<&Texel> = all
             .iter()
             .filter(|t| t.normal.z > 0.9 && t.point.x.abs() < 0.28 && t.point.y.abs() < 0.18)

@@ -29,9 +29,11 @@ pub(super) enum Sight {
 
 /// How the nodes of `ranges` (x, y, z) lie to an image with a depth for each of its rays. No node is in front
 /// of depth 0.
-pub(super) fn sight(tiles: &DepthTiles, camera: &RowCamera, ranges: &[Range<usize>; 3]) -> Sight {
+pub(super) fn sight_of_block(tiles: &DepthTiles, camera: &RowCamera, ranges: &[Range<usize>; 3]) -> Sight {
     let corners: [Vector3<f32>; 8] = std::array::from_fn(|c| {
-        camera.node([0, 1, 2].map(|k| if c >> k & 1 == 0 { ranges[k].start } else { ranges[k].end - 1 }))
+        camera.node_in_camera(
+            [0, 1, 2].map(|k| if c >> k & 1 == 0 { ranges[k].start } else { ranges[k].end - 1 }),
+        )
     });
     let near = corners.iter().map(|p| p.z).fold(f32::INFINITY, f32::min);
     let far = corners.iter().map(|p| p.z).fold(f32::NEG_INFINITY, f32::max);
@@ -47,17 +49,17 @@ pub(super) fn sight(tiles: &DepthTiles, camera: &RowCamera, ranges: &[Range<usiz
         }
     }
     // A pixel on each side, as positions are rounded.
-    let size = tiles.size().map(|n| n as f32);
+    let size = tiles.image_size().map(|n| n as f32);
     if (0..2).any(|k| high[k] < -1.0 || low[k] > size[k] + 1.0) {
         return Sight::Nothing;
     }
     let whole = (0..2).all(|k| low[k] >= 1.0 && high[k] <= size[k] - 1.0);
     let covered =
         [0, 1].map(|k| [low[k] - 1.0, high[k] + 1.0].map(|at| at.clamp(0.0, size[k] - 1.0) as usize));
-    if DepthTiles::count(covered) > MOST_TILES {
+    if DepthTiles::tile_count(covered) > MOST_TILES {
         return Sight::Mixed;
     }
-    let [nearest_m, farthest_m] = tiles.over(covered);
+    let [nearest_m, farthest_m] = tiles.depths_over(covered);
     if near >= farthest_m + ROUNDING * (near + farthest_m) {
         return Sight::Nothing;
     }
@@ -68,7 +70,7 @@ pub(super) fn sight(tiles: &DepthTiles, camera: &RowCamera, ranges: &[Range<usiz
 }
 
 /// `0..count` cut into blocks.
-pub(super) fn blocks(count: usize) -> impl Iterator<Item = Range<usize>> + Clone {
+pub(super) fn block_ranges(count: usize) -> impl Iterator<Item = Range<usize>> + Clone {
     (0..count).step_by(BLOCK).map(move |start| start..(start + BLOCK).min(count))
 }
 
@@ -98,21 +100,21 @@ mod tests {
             let spacing_m = 0.01;
             let origin = Point3::new(-0.32, -0.3, -0.34);
             let camera = RowCamera::new(&k, &frame.world_from_camera.inverse(), &origin, spacing_m);
-            let tiles = DepthTiles::of(k.width, k.height, |i| [depth(i); 2]);
-            for (z, y, x) in blocks(n).flat_map(|z| {
-                blocks(n).flat_map(move |y| {
+            let tiles = DepthTiles::of_image(k.width, k.height, |i| [depth(i); 2]);
+            for (z, y, x) in block_ranges(n).flat_map(|z| {
+                block_ranges(n).flat_map(move |y| {
                     let z = z.clone();
-                    blocks(n).map(move |x| (z.clone(), y.clone(), x))
+                    block_ranges(n).map(move |x| (z.clone(), y.clone(), x))
                 })
             }) {
-                let sight = sight(&tiles, &camera, &[x.clone(), y.clone(), z.clone()]);
+                let sight = sight_of_block(&tiles, &camera, &[x.clone(), y.clone(), z.clone()]);
                 let mut all_in_front = true;
                 let mut none_says = true;
                 for (z, y) in z.flat_map(|z| y.clone().map(move |y| (z, y))) {
-                    let row = camera.row(y, z, n);
+                    let row = camera.row_in_image(y, z, n);
                     for x in x.clone() {
                         let p = row.at(x);
-                        let read = row.range.contains(&x).then(|| depth(camera.pixel(&p)));
+                        let read = row.range.contains(&x).then(|| depth(camera.pixel_of(&p)));
                         all_in_front &= read.is_some_and(|d| p.z < d);
                         none_says &= read.is_none_or(|d| p.z >= d);
                     }

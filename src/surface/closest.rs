@@ -47,7 +47,7 @@ impl MeshDistance {
         }
         let mut order: Vec<u32> = (0..all.len() as u32).collect();
         let mut tree =
-            Self { nodes: vec![bounds(&all, &order, 0)], corners: Vec::new(), triangles: Vec::new() };
+            Self { nodes: vec![leaf_around(&all, &order, 0)], corners: Vec::new(), triangles: Vec::new() };
         // Node to split and its range of `order`.
         let mut open = vec![(0, 0..order.len())];
         while let Some((node, range)) = open.pop() {
@@ -71,8 +71,8 @@ impl MeshDistance {
             tree.nodes[node].first = tree.nodes.len() as u32;
             tree.nodes[node].count = 0;
             open.extend([(tree.nodes.len(), left.clone()), (tree.nodes.len() + 1, right.clone())]);
-            tree.nodes.push(bounds(&all, &order[left.clone()], left.start));
-            tree.nodes.push(bounds(&all, &order[right.clone()], right.start));
+            tree.nodes.push(leaf_around(&all, &order[left.clone()], left.start));
+            tree.nodes.push(leaf_around(&all, &order[right.clone()], right.start));
         }
         // In the order of the leaves: a leaf reads one piece of memory.
         tree.corners = order.iter().map(|&t| all[t as usize]).collect();
@@ -82,7 +82,7 @@ impl MeshDistance {
 
     /// The closest point of the mesh; of equally close ones any, but always the same.
     #[must_use]
-    pub fn closest(&self, query: &Point3<f32>) -> ClosestPoint {
+    pub fn closest_point(&self, query: &Point3<f32>) -> ClosestPoint {
         let p = &query.coords;
         let mut best = (f32::INFINITY, Vector3::zeros(), 0);
         let mut open: Vec<(f32, u32)> = Vec::with_capacity(64);
@@ -95,7 +95,7 @@ impl MeshDistance {
             }
             if node.count == 0 {
                 let [near, far] =
-                    [node.first, node.first + 1].map(|i| (self.nodes[i as usize].distance2(p), i));
+                    [node.first, node.first + 1].map(|i| (self.nodes[i as usize].squared_distance(p), i));
                 let (near, far) = if near.0 <= far.0 { (near, far) } else { (far, near) };
                 // The nearer box is opened first; its content may spare the other.
                 open.extend([far, near]);
@@ -115,19 +115,19 @@ impl MeshDistance {
     /// Distances of many points, meters, in parallel.
     #[must_use]
     pub fn distances_m(&self, points: &[Point3<f32>]) -> Vec<f32> {
-        points.par_iter().with_min_len(256).map(|p| self.closest(p).distance_m).collect()
+        points.par_iter().with_min_len(256).map(|p| self.closest_point(p).distance_m).collect()
     }
 }
 
 impl Node {
     /// Squared distance of a point to the box.
-    fn distance2(&self, p: &Vector3<f32>) -> f32 {
+    fn squared_distance(&self, p: &Vector3<f32>) -> f32 {
         (self.low - p).sup(&(p - self.high)).sup(&Vector3::zeros()).norm_squared()
     }
 }
 
 /// The leaf around the given triangles, from `first` on.
-fn bounds(all: &[[Vector3<f32>; 3]], triangles: &[u32], first: usize) -> Node {
+fn leaf_around(all: &[[Vector3<f32>; 3]], triangles: &[u32], first: usize) -> Node {
     let low = Vector3::repeat(f32::INFINITY);
     let high = Vector3::repeat(f32::NEG_INFINITY);
     let corners = triangles.iter().flat_map(|&t| &all[t as usize]);
@@ -139,7 +139,7 @@ fn bounds(all: &[[Vector3<f32>; 3]], triangles: &[u32], first: usize) -> Node {
 mod tests {
     use super::*;
     use crate::{
-        merge, sample_surface,
+        merged_mesh, sample_surface,
         shapes::{box_mesh, cuboid, sphere_mesh},
     };
     use numeric::random::stage_rng;
@@ -151,7 +151,9 @@ mod tests {
         let tree = MeshDistance::new(&box_mesh(half.cast())).unwrap();
         for p in [[0.0, 0.0, 0.0], [0.5, 0.1, 0.0], [0.4, 0.5, -0.6], [0.29, 0.0, 0.0]] {
             let p = Point3::from(p);
-            assert!((f64::from(tree.closest(&p.cast()).distance_m) - cuboid(half)(&p).abs()).abs() < 1e-6);
+            assert!(
+                (f64::from(tree.closest_point(&p.cast()).distance_m) - cuboid(half)(&p).abs()).abs() < 1e-6
+            );
         }
     }
 
@@ -170,7 +172,7 @@ mod tests {
             points in prop::collection::vec(prop::array::uniform3(-1.0..1.0f32), 8),
             seed in 0..50u64,
         ) {
-            let mut mesh = merge(&[&sphere_mesh(0.3, 6), &box_mesh(Vector3::new(0.5, 0.1, 0.4))]);
+            let mut mesh = merged_mesh(&[&sphere_mesh(0.3, 6), &box_mesh(Vector3::new(0.5, 0.1, 0.4))]);
             let mut rng = stage_rng(seed, "shake", 0);
             for p in &mut mesh.vertices {
                 p.x += 0.2 * (rand_core::Rng::next_u32(&mut rng) as f32 / u32::MAX as f32);
@@ -181,7 +183,7 @@ mod tests {
                 let brute = (0..mesh.triangles.len())
                     .map(|t| (p.coords - on(t)).norm())
                     .fold(f32::INFINITY, f32::min);
-                let found = tree.closest(&p);
+                let found = tree.closest_point(&p);
                 prop_assert!((found.distance_m - brute).abs() < 1e-6);
                 prop_assert!(((found.point - p).norm() - found.distance_m).abs() < 1e-6);
             }

@@ -20,7 +20,7 @@ pub(super) struct CubeEdge {
 
 impl CubeEdge {
     /// Offset of the lower end along x, y, z: 0 or 1.
-    pub(crate) fn offset(self) -> [usize; 3] {
+    pub(crate) fn lower_end_offset(self) -> [usize; 3] {
         AXIS_BIT.map(|bit| usize::from(self.corner & bit != 0))
     }
 }
@@ -40,7 +40,7 @@ pub(super) static CUBE_TABLE: LazyLock<CubeTable> = LazyLock::new(|| {
     let faces = cube_faces();
     let triangles = (0..256)
         .map(|pattern| {
-            pattern_loops(pattern, &edges, &faces).iter().flat_map(|l| triangulate(l, &edges)).collect()
+            pattern_loops(pattern, &edges, &faces).iter().flat_map(|l| loop_triangles(l, &edges)).collect()
         })
         .collect();
     CubeTable { edges, triangles }
@@ -120,7 +120,7 @@ fn share_face(a: CubeEdge, b: CubeEdge) -> bool {
 }
 
 /// Triangles of a loop, turned against it to face outward, with as few diagonals inside faces as possible.
-fn triangulate(piece: &[usize], edges: &[CubeEdge; 12]) -> Vec<[u8; 3]> {
+fn loop_triangles(piece: &[usize], edges: &[CubeEdge; 12]) -> Vec<[u8; 3]> {
     let n = piece.len();
     // cost[i][j]: fewest diagonals in faces of the polygon i..=j, and its third corner beside side (i, j).
     let mut cost = vec![vec![(0usize, 0usize); n]; n];
@@ -185,7 +185,7 @@ mod tests {
         assert_eq!(triangles.len(), 1);
         let mid = triangles[0].map(|e| {
             let edge = CUBE_TABLE.edges[e as usize];
-            let mut p = nalgebra::Vector3::from(edge.offset().map(|o| o as f64));
+            let mut p = nalgebra::Vector3::from(edge.lower_end_offset().map(|o| o as f64));
             p[edge.axis] += 0.5;
             p
         });

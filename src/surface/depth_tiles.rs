@@ -16,32 +16,32 @@ pub(super) struct DepthTiles {
 
 impl DepthTiles {
     /// Of an image with two depths a pixel.
-    pub(crate) fn of(width: usize, height: usize, depths_m: impl Fn(usize) -> [f32; 2] + Sync) -> Self {
+    pub(crate) fn of_image(width: usize, height: usize, depths_m: impl Fn(usize) -> [f32; 2] + Sync) -> Self {
         let columns = width.div_ceil(TILE);
         let count = columns * height.div_ceil(TILE);
         let tiles = (0..count).into_par_iter().with_min_len(columns.max(1)).map(|t| {
             let pixels = pixels_of_tile(width, height, t % columns, t / columns);
-            pixels.map(&depths_m).fold([f32::INFINITY, 0.0], join)
+            pixels.map(&depths_m).fold([f32::INFINITY, 0.0], joined_ranges)
         });
         Self { width, height, columns, tiles: tiles.collect() }
     }
 
     /// Columns and rows of the image.
-    pub(crate) fn size(&self) -> [usize; 2] {
+    pub(crate) fn image_size(&self) -> [usize; 2] {
         [self.width, self.height]
     }
 
     /// Number of tiles of the pixels from the first to the last column, and row.
-    pub(crate) fn count(pixels: [[usize; 2]; 2]) -> usize {
+    pub(crate) fn tile_count(pixels: [[usize; 2]; 2]) -> usize {
         pixels.map(|[first, last]| last / TILE - first / TILE + 1).iter().product()
     }
 
     /// Least first and largest second depth in the tiles of the pixels from the first to the last column, and
     /// row.
-    pub(crate) fn over(&self, pixels: [[usize; 2]; 2]) -> [f32; 2] {
+    pub(crate) fn depths_over(&self, pixels: [[usize; 2]; 2]) -> [f32; 2] {
         let [[left, right], [top, bottom]] = pixels.map(|ends| ends.map(|p| p / TILE));
         let rows = (top..=bottom).flat_map(|row| &self.tiles[row * self.columns..][left..=right]);
-        rows.copied().fold([f32::INFINITY, 0.0], join)
+        rows.copied().fold([f32::INFINITY, 0.0], joined_ranges)
     }
 }
 
@@ -54,6 +54,6 @@ fn pixels_of_tile(width: usize, height: usize, column: usize, row: usize) -> imp
     (top..bottom).flat_map(move |y| y * width + left..y * width + right)
 }
 
-fn join(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
+fn joined_ranges(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
     [a[0].min(b[0]), a[1].max(b[1])]
 }

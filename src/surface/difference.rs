@@ -42,7 +42,7 @@ fn difference_at(
     if reading_m <= 0.0 {
         return Difference::Unread;
     }
-    let around = Around::of(model, &frame.intrinsics, pixel);
+    let around = Around::of_pixel(model, &frame.intrinsics, pixel);
     // Surroundings, most of the pixels.
     if around.is_bare && !frame.is_object(pixel) {
         return Difference::Unread;
@@ -70,7 +70,7 @@ struct Around {
 }
 
 impl Around {
-    fn of(model: &Rendered, k: &Intrinsics, pixel: usize) -> Self {
+    fn of_pixel(model: &Rendered, k: &Intrinsics, pixel: usize) -> Self {
         let x = pixel % k.width;
         let y = pixel / k.width;
         let mut found = Self { nearest_m: f64::INFINITY, farthest_m: 0.0, is_bare: false };

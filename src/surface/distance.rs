@@ -15,7 +15,7 @@ use super::{
     edt::{NO_SEED, nearest_seed},
     pseudonormal::Pseudonormals,
     triangle::{Feature, closest_on_triangle},
-    weld,
+    welded_mesh,
 };
 use geometry::Grid3;
 
@@ -115,26 +115,26 @@ pub fn signed_distance<T>(
         return Err(DistanceError::BadTriangle { triangle });
     }
     // Pseudo-normals need triangles with common vertices.
-    let mesh = weld(mesh, 0.0);
+    let mesh = welded_mesh(mesh, 0.0);
     if mesh.is_empty() {
         return Err(DistanceError::EmptyMesh);
     }
     // In spacings from the first node the coordinates are small: single precision is enough.
     let positions: Vec<Vector3<f32>> =
         mesh.vertices.iter().map(|p| ((p.cast::<f64>() - origin) / spacing_m).cast::<f32>()).collect();
-    let surface = Pseudonormals::of(&mesh, &positions);
-    let nearest = Nearest::of(&surface, dims, options.near_m / spacing_m)?;
+    let surface = Pseudonormals::of_mesh(&mesh, &positions);
+    let nearest = Nearest::of_surface(&surface, dims, options.near_m / spacing_m)?;
     let reach = options.open_reach as f32;
     let is_free = |i: usize| free.is_some_and(|f| f.values[i]);
     let values = at_nodes(dims, |i, at| {
         if nearest.triangle[i] == FAR {
             let side = nearest.band.side[nearest.seed[i] as usize];
             let inside = side.inside && !side.open && !is_free(i);
-            let distance = position(at).metric_distance(&position(seed_at(nearest.seed[i], dims)));
+            let distance = node_position(at).metric_distance(&node_position(seed_at(nearest.seed[i], dims)));
             return spacing_m as f32 * if inside { -distance } else { distance };
         }
-        let p = position(at);
-        let t = nearest.refined(&surface, i, at) as usize;
+        let p = node_position(at);
+        let t = nearest.refined_triangle(&surface, i, at) as usize;
         let (q, feature) = closest_on_triangle(&p, &surface.corners[t]);
         let distance = (p - q).norm();
         let beyond = distance > reach && surface.is_open(t, feature);
@@ -150,7 +150,7 @@ pub fn signed_distance<T>(
 }
 
 /// Position of a node in spacings.
-fn position(at: [usize; 3]) -> Vector3<f32> {
+fn node_position(at: [usize; 3]) -> Vector3<f32> {
     Vector3::from(at.map(|c| c as f32))
 }
 
@@ -184,10 +184,10 @@ struct Nearest {
 const FAR: u32 = NO_SEED - 1;
 
 impl Nearest {
-    fn of(surface: &Pseudonormals, dims: [usize; 3], near: f64) -> Result<Self, DistanceError> {
+    fn of_surface(surface: &Pseudonormals, dims: [usize; 3], near: f64) -> Result<Self, DistanceError> {
         // A seed is no further from its surface.
         let near = near + f64::from(SEED);
-        let band = Band::of(surface, dims);
+        let band = Band::of_surface(surface, dims);
         let seed = nearest_seed(dims, &band.seeds);
         // One seed anywhere is a nearest seed everywhere: the first node speaks for all.
         if seed[0] == NO_SEED {
@@ -208,7 +208,7 @@ impl Nearest {
                     }
                     // The node before has a closest point no further than a spacing from this one's.
                     let from = band.triangle[seed[i] as usize];
-                    *t = surface.descend(&position(at), [from, previous.unwrap_or(from)]);
+                    *t = surface.nearest_by_walk(&node_position(at), [from, previous.unwrap_or(from)]);
                 }
                 previous = Some(*t);
             }
@@ -226,7 +226,7 @@ impl Nearest {
 
     /// The nearest among the candidates of a node and of its six neighbors. Neighbors with a triangle beside
     /// the node's own see the same piece of surface and are not asked.
-    fn refined(&self, surface: &Pseudonormals, i: usize, [x, y, z]: [usize; 3]) -> u32 {
+    fn refined_triangle(&self, surface: &Pseudonormals, i: usize, [x, y, z]: [usize; 3]) -> u32 {
         let own = self.triangle[i];
         if self.band.triangle[i] != NO_SEED {
             return own;
@@ -243,7 +243,7 @@ impl Nearest {
             (z + 1 < nz, layer),
         ];
         let place = surface.corners[own as usize][0];
-        let p = position([x, y, z]);
+        let p = node_position([x, y, z]);
         let mut best = (f32::INFINITY, own);
         for (_, step) in around.into_iter().filter(|a| a.0) {
             let j = i.wrapping_add_signed(step);
@@ -255,15 +255,15 @@ impl Nearest {
             {
                 // Only now: most nodes ask no neighbor.
                 if best.0 == f32::INFINITY {
-                    best.0 = surface.distance2(&p, own);
+                    best.0 = surface.squared_distance(&p, own);
                 }
-                let d = surface.distance2(&p, t);
+                let d = surface.squared_distance(&p, t);
                 if d < best.0 {
                     best = (d, t);
                 }
             }
         }
-        if best.1 == own { own } else { surface.descend(&p, [best.1; 2]) }
+        if best.1 == own { own } else { surface.nearest_by_walk(&p, [best.1; 2]) }
     }
 }
 
@@ -300,7 +300,7 @@ struct Side {
 }
 
 impl Band {
-    fn of(surface: &Pseudonormals, dims: [usize; 3]) -> Self {
+    fn of_surface(surface: &Pseudonormals, dims: [usize; 3]) -> Self {
         let [nx, ny, nz] = dims;
         let plane = nx * ny;
         let count = nx * ny * nz;
@@ -333,7 +333,7 @@ impl Band {
                             distance2[i] = d2;
                             triangle[i] = t;
                             side[i] = Side {
-                                inside: away.dot(&surface.normal(t as usize, feature)) < 0.0,
+                                inside: away.dot(&surface.feature_normal(t as usize, feature)) < 0.0,
                                 open: surface.is_open(t as usize, feature),
                             };
                         }
@@ -379,7 +379,7 @@ fn visit_band(
     let [a, b, c] = corners;
     let low = a.inf(b).inf(c).add_scalar(-BAND);
     let high = a.sup(b).sup(c).add_scalar(BAND);
-    let normal = surface.face(t);
+    let normal = surface.face_normal(t);
     for z in nodes_between(low.z, high.z, first, end[2]) {
         for y in nodes_between(low.y, high.y, 0, end[1]) {
             let mut row = nodes_between(low.x, high.x, 0, end[0]);

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::*;
 use crate::{
-    marching_cubes, merge,
+    marching_cubes, merged_mesh,
     shapes::{box_mesh, cuboid, grid_of, sphere, sphere_mesh, torus},
 };
 
@@ -14,7 +14,7 @@ fn errors(grid: &Grid3<f32>, truth: impl Fn(&Point3<f64>) -> f64) -> (f64, usize
     let mut wrong = 0;
     for i in 0..grid.values.len() {
         let d = f64::from(grid.values[i]);
-        let t = truth(&grid.position(i));
+        let t = truth(&grid.position_of_index(i));
         worst = worst.max((d.abs() - t.abs()).abs() / grid.spacing_m);
         wrong += usize::from(d * t < 0.0 && t.abs() > 0.1 * grid.spacing_m);
     }
@@ -51,7 +51,7 @@ fn a_rough_mesh_agrees_with_brute_force() {
         *v += 0.1 * (rand_core::Rng::next_u32(&mut rng) as f32 / u32::MAX as f32 - 0.5);
     }
     for i in 0..field.values.len() {
-        if field.position(i).coords.amax() > 0.45 {
+        if field.position_of_index(i).coords.amax() > 0.45 {
             field.values[i] = 1.0;
         }
     }
@@ -59,16 +59,16 @@ fn a_rough_mesh_agrees_with_brute_force() {
     let nodes = grid_of(0.6, 41, |_| 0.0);
     let grid = distance(&mesh, &nodes);
     let positions: Vec<Vector3<f32>> = mesh.vertices.iter().map(|p| p.coords).collect();
-    let surface = Pseudonormals::of(&mesh, &positions);
+    let surface = Pseudonormals::of_mesh(&mesh, &positions);
     let mut worst = 0.0f64;
     let mut wrong = 0;
     let mut off = 0;
     let mut sum = 0.0;
     for i in 0..grid.values.len() {
-        let p = grid.position(i).coords.cast::<f32>();
+        let p = grid.position_of_index(i).coords.cast::<f32>();
         let candidates = (0..surface.corners.len()).map(|t| {
             let (q, feature) = closest_on_triangle(&p, &surface.corners[t]);
-            ((p - q).norm(), (p - q).dot(&surface.normal(t, feature)) < 0.0)
+            ((p - q).norm(), (p - q).dot(&surface.feature_normal(t, feature)) < 0.0)
         });
         let (d, inside) = candidates.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
         let error = f64::from((grid.values[i].abs() - d).abs()) / grid.spacing_m;
@@ -113,7 +113,7 @@ fn hollow() -> TriangleMesh {
     for t in &mut cavity.triangles {
         t.swap(0, 1);
     }
-    merge(&[&sphere_mesh(0.4, 80), &cavity])
+    merged_mesh(&[&sphere_mesh(0.4, 80), &cavity])
 }
 
 #[test]
@@ -133,7 +133,7 @@ fn an_enclosed_cavity_is_outside_unless_asked_otherwise() {
         dims: nodes.dims,
         values: vec![false; nodes.values.len()],
     };
-    let middle = nodes.nearest(&Point3::origin()).unwrap();
+    let middle = nodes.nearest_node(&Point3::origin()).unwrap();
     free.values[middle] = true;
     let seen = signed_distance(&hollow(), &nodes, Some(&free), &options).unwrap();
     assert_eq!(errors(&seen, shell).1, 0);
@@ -160,7 +160,7 @@ fn an_open_box_is_inside_up_to_its_opening_and_not_below() {
     open.triangles.drain(8..10);
     assert_eq!(crate::edge_defects(&open).open, 4);
     let grid = distance(&open, &grid_of(0.5, 51, |_| 0.0));
-    let at = |x: f64, y: f64, z: f64| grid.values[grid.nearest(&Point3::new(x, y, z)).unwrap()];
+    let at = |x: f64, y: f64, z: f64| grid.values[grid.nearest_node(&Point3::new(x, y, z)).unwrap()];
     assert!((at(0.0, 0.0, 0.1) + 0.15).abs() < 1e-4);
     assert!(at(0.2, 0.0, -0.1) < 0.0 && at(0.3, 0.0, 0.0) > 0.0);
     assert!(at(0.0, 0.0, -0.45) > 0.0 && at(0.2, 0.2, -0.4) > 0.0);

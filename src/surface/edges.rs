@@ -5,7 +5,7 @@ use numeric::lists::Lists;
 
 /// Ends of the triangles' sides, by the vertex at their beginning.
 pub(crate) fn sides_by_vertex(mesh: &TriangleMesh) -> Lists<u32> {
-    Lists::of(mesh.vertices.len(), mesh.sides().map(|(p, q, _)| (p, q)))
+    Lists::of_entries(mesh.vertices.len(), mesh.sides().map(|(p, q, _)| (p, q)))
 }
 
 /// Edges of a mesh at their lower ends, each as often as it has sides: the other end and the number of the
@@ -13,20 +13,20 @@ pub(crate) fn sides_by_vertex(mesh: &TriangleMesh) -> Lists<u32> {
 pub(crate) struct Edges(Lists<(u32, u32)>);
 
 impl Edges {
-    pub(crate) fn of(mesh: &TriangleMesh) -> Self {
+    pub(crate) fn of_mesh(mesh: &TriangleMesh) -> Self {
         let sides = mesh.sides().zip(0..).map(|((p, q, _), side)| (p.min(q), (p.max(q), side)));
-        Self(Lists::of(mesh.vertices.len(), sides))
+        Self(Lists::of_entries(mesh.vertices.len(), sides))
     }
 
     /// Lower end of each edge, and its other end with each of its sides; ascending.
-    pub(crate) fn all(&self) -> impl Iterator<Item = (u32, &[(u32, u32)])> {
+    pub(crate) fn by_lower_end(&self) -> impl Iterator<Item = (u32, &[(u32, u32)])> {
         self.0.all().flat_map(|(a, ends)| ends.chunk_by(|p, q| p.0 == q.0).map(move |same| (a, same)))
     }
 
     /// Neighbors over an edge of each of so many triangles, among those `kept`; in the order of the edges.
     pub(crate) fn neighbors(&self, triangles: usize, kept: impl Fn(u32) -> bool) -> Vec<Vec<u32>> {
         let mut near = vec![Vec::new(); triangles];
-        for (_, same) in self.all() {
+        for (_, same) in self.by_lower_end() {
             let of_edge = || same.iter().map(|&(_, side)| side / 3).filter(|t| kept(*t));
             for t in of_edge() {
                 near[t as usize].extend(of_edge().filter(|u| *u != t));

@@ -69,7 +69,7 @@ pub(crate) fn plates_inertia(
 mod tests {
     use super::*;
     use crate::{
-        TriangleMesh, merge,
+        TriangleMesh, merged_mesh,
         shapes::{box_mesh, sphere_mesh},
     };
     use geometry::Pose;
@@ -141,7 +141,7 @@ mod tests {
             t in prop::array::uniform3(-2.0..2.0f64),
             w in prop::array::uniform3(-2.0..2.0f64),
         ) {
-            let mesh = merge(&[&box_mesh(Vector3::new(0.1, 0.2, 0.3)), &quad(0.4, 0.1)]);
+            let mesh = merged_mesh(&[&box_mesh(Vector3::new(0.1, 0.2, 0.3)), &quad(0.4, 0.1)]);
             let motion = Pose::new(t.into(), w.into());
             let at = shell_inertia(&mesh, 0.004, 600.0).unwrap();
             let moved = shell_inertia(&mesh.transformed(&motion), 0.004, 600.0).unwrap();

@@ -1,6 +1,6 @@
 //! Surfaces: meshes, marching cubes, TSDF fusion, distance fields, visibility, rendering, shell inertia.
 //!
-//! ```ignore
+//! ```
 //! use capture::analytic::sphere;
 //! use geometry::Grid3;
 //! use nalgebra::Point3;
@@ -57,12 +57,12 @@ mod tsdf_view;
 mod visibility;
 mod weld;
 
-pub use atlas::{Atlas, unwrap};
-pub use bake::{BakeView, bake, shown};
+pub use atlas::{Atlas, atlas_of_mesh};
+pub use bake::{BakeView, baked_texture, samples_of_spots};
 pub use borders::{DepthView, Mended, Readings, mend_borders};
 pub use closest::MeshDistance;
 pub use color_field::{ColorField, ColorSample};
-pub use components::{components, keep_components};
+pub use components::{connected_components, keep_components};
 pub use config::{SurfaceConfig, SurfaceSource};
 pub use convex::{ConvexConfig, ConvexSolid, Hidden, Plane, SolidFit, Walls, convex_hull, few_triangles};
 pub use difference::{Difference, differences};
@@ -84,4 +84,4 @@ pub use tsdf_view::{PixelRole, TsdfView};
 pub use visibility::{FreeSpaceRule, free_space_grid, visibility_grid};
 pub use weld::edge_defects;
 pub use weld::is_watertight;
-pub use weld::{drop_unused_vertices, merge, weld};
+pub use weld::{drop_unused_vertices, merged_mesh, welded_mesh};

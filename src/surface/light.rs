@@ -36,7 +36,7 @@ pub struct Light {
 impl Light {
     /// How much brighter than the mean a surface of unit normal `normal` is, by channel.
     #[must_use]
-    pub fn on(&self, normal: &Vector3<f64>) -> Vector3<f32> {
+    pub fn brightness_at(&self, normal: &Vector3<f64>) -> Vector3<f32> {
         self.ln_on(&harmonics(normal)).map(|ln| ln.exp() as f32)
     }
 
@@ -57,7 +57,7 @@ mod tests {
         let mut moments = SMatrix::<f64, TERMS, TERMS>::zeros();
         let count = 200_000;
         for _ in 0..count {
-            let h = harmonics(&numeric::random::direction(&mut rng));
+            let h = harmonics(&numeric::random::random_direction(&mut rng));
             moments += h * h.transpose() / f64::from(count);
         }
         assert!((moments - SMatrix::identity()).amax() < 0.02, "{moments:.3}");
@@ -65,6 +65,6 @@ mod tests {
 
     #[test]
     fn without_terms_it_is_the_same_from_all_sides() {
-        assert_eq!(Light::default().on(&Vector3::x()), Vector3::repeat(1.0));
+        assert_eq!(Light::default().brightness_at(&Vector3::x()), Vector3::repeat(1.0));
     }
 }

@@ -51,7 +51,7 @@ impl Lighting {
     /// from surfaces turned between photos alone: of two faces at rest, one may be brighter by its color. See
     /// docs/method.md (3.8).
     #[must_use]
-    pub fn of(spots: &[Vec<Shown>], photos: usize) -> Self {
+    pub fn of_spots(spots: &[Vec<Shown>], photos: usize) -> Self {
         // Gains of the photos, then terms of the light; a column a channel.
         let mut logs = DMatrix::zeros(photos + TERMS, 3);
         for _ in 0..ROUNDS {
@@ -91,7 +91,7 @@ struct LogSample {
 }
 
 impl LogSample {
-    fn of(s: &Shown) -> Self {
+    fn of_sample(s: &Shown) -> Self {
         Self {
             photo: s.photo,
             weight: f64::from(s.weight),
@@ -104,7 +104,7 @@ impl LogSample {
 impl Equations {
     /// Equations of the priors alone.
     fn new(photos: usize) -> Self {
-        let mut equations = Self::none(photos);
+        let mut equations = Self::all_zero(photos);
         for i in 0..photos + TERMS {
             let deviation = match i.checked_sub(photos) {
                 None => EXPOSURE,
@@ -117,13 +117,13 @@ impl Equations {
 
     /// Equations of some spots; `logs` as found so far.
     fn of_spots(spots: &[Vec<Shown>], logs: &DMatrix<f64>) -> Self {
-        let mut sums = Self::none(logs.nrows() - TERMS);
-        spots.iter().for_each(|spot| sums.add(spot, logs));
+        let mut sums = Self::all_zero(logs.nrows() - TERMS);
+        spots.iter().for_each(|spot| sums.add_spot(spot, logs));
         sums
     }
 
     /// All zero.
-    fn none(photos: usize) -> Self {
+    fn all_zero(photos: usize) -> Self {
         let size = photos + TERMS;
         Self { normal: DMatrix::zeros(size, size), right: DMatrix::zeros(size, 3) }
     }
@@ -135,9 +135,9 @@ impl Equations {
     }
 
     /// Adds a spot, its own color eliminated; `logs` as found so far.
-    fn add(&mut self, spot: &[Shown], logs: &DMatrix<f64>) {
+    fn add_spot(&mut self, spot: &[Shown], logs: &DMatrix<f64>) {
         let usable = spot.iter().filter(|s| s.color.iter().all(|c| FOLLOWS.contains(c)));
-        let mut seen: Vec<LogSample> = usable.map(LogSample::of).collect();
+        let mut seen: Vec<LogSample> = usable.map(LogSample::of_sample).collect();
         let total: f64 = seen.iter().map(|s| s.weight).sum();
         if seen.len() < 2 || !(total > 0.0) {
             return;
@@ -186,7 +186,7 @@ impl Equations {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use numeric::random::{direction, unit};
+    use numeric::random::{random_direction, unit_uniform};
     use rand_core::SeedableRng as _;
 
     const GAINS: [[f32; 3]; 3] = [[1.2, 1.15, 1.18], [0.9, 0.92, 0.88], [1.0, 1.05, 1.02]];
@@ -196,8 +196,8 @@ mod tests {
     fn spots(gains: &[[f32; 3]; 3], turned: bool) -> Vec<Vec<Shown>> {
         let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(3);
         let spot = |n: usize| {
-            let color = Vector3::from_fn(|_, _| 40.0 + 120.0 * unit(&mut rng) as f32);
-            let normals = [0; 2].map(|_| direction(&mut rng).into_inner());
+            let color = Vector3::from_fn(|_, _| 40.0 + 120.0 * unit_uniform(&mut rng) as f32);
+            let normals = [0; 2].map(|_| random_direction(&mut rng).into_inner());
             let shown = |photo: usize| {
                 let shine = if (n + photo) % 11 == 0 { 1.35 } else { 1.0 };
                 let normal = normals[usize::from(turned && photo == 2)];
@@ -217,7 +217,7 @@ mod tests {
     #[test]
     fn gains_are_found_in_spite_of_highlights() {
         for turned in [false, true] {
-            let found = Lighting::of(&spots(&GAINS, turned), 4).gains;
+            let found = Lighting::of_spots(&spots(&GAINS, turned), 4).gains;
             for k in 0..3 {
                 let mean: f32 = (0..3).map(|p| GAINS[p][k].ln()).sum::<f32>() / 3.0;
                 for p in 0..3 {
@@ -231,17 +231,18 @@ mod tests {
 
     #[test]
     fn photos_of_one_exposure_stay_as_they_are() {
-        let found = Lighting::of(&spots(&[[1.0; 3]; 3], false), 3);
+        let found = Lighting::of_spots(&spots(&[[1.0; 3]; 3], false), 3);
         assert!(found.gains.iter().all(|g| (g - Vector3::repeat(1.0)).amax() < 0.01), "{found:?}");
     }
 
     #[test]
     fn light_is_known_from_what_turned_alone() {
-        let still = Lighting::of(&spots(&GAINS, false), 3);
+        let still = Lighting::of_spots(&spots(&GAINS, false), 3);
         assert!(still.light.terms.amax() < 1e-12, "{still:?}");
-        let found = Lighting::of(&spots(&GAINS, true), 3).light;
+        let found = Lighting::of_spots(&spots(&GAINS, true), 3).light;
         let [up, down] = [1.0, -1.0].map(|z| Vector3::new(0.0, 0.0, z));
-        let [true_ratio, ratio] = [lamp(&up) / lamp(&down), f64::from(found.on(&up).x / found.on(&down).x)];
+        let [true_ratio, ratio] =
+            [lamp(&up) / lamp(&down), f64::from(found.brightness_at(&up).x / found.brightness_at(&down).x)];
         // Less than all of it: the prior.
         assert!(ratio > 1.0 + 0.6 * (true_ratio - 1.0) && ratio < true_ratio, "{ratio}, {true_ratio}");
     }

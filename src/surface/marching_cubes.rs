@@ -31,7 +31,7 @@ pub fn marching_cubes(grid: &Grid3<f32>, iso: f32) -> TriangleMesh {
     let values = grid.values.par_iter().with_min_len(1 << 14);
     let flags: Vec<u8> =
         values.map(|v| if v.is_finite() { u8::from(*v < iso) * INSIDE } else { UNKNOWN }).collect();
-    let layers: Vec<Layer> = (0..nz).into_par_iter().map(|z| Layer::of(grid, iso, &flags, z)).collect();
+    let layers: Vec<Layer> = (0..nz).into_par_iter().map(|z| Layer::of_grid(grid, iso, &flags, z)).collect();
     // Vertices are numbered by layer, whichever thread made it.
     let mut firsts = Vec::with_capacity(nz);
     let mut count = 0;
@@ -69,7 +69,7 @@ struct Layer {
 }
 
 impl Layer {
-    fn of(grid: &Grid3<f32>, iso: f32, flags: &[u8], z: usize) -> Self {
+    fn of_grid(grid: &Grid3<f32>, iso: f32, flags: &[u8], z: usize) -> Self {
         let [nx, ny, nz] = grid.dims;
         let plane = nx * ny;
         let mut layer = Self { slots: Vec::new(), positions: Vec::new() };
@@ -91,7 +91,7 @@ impl Layer {
                         let from = f64::from(grid.values[row + x]);
                         let t =
                             ((f64::from(iso) - from) / (to - from)).clamp(MIN_FRACTION, 1.0 - MIN_FRACTION);
-                        let mut p = grid.node(x, y, z);
+                        let mut p = grid.node_position(x, y, z);
                         p[axis] += t * grid.spacing_m;
                         layer.slots.push((axis * plane + y * nx + x) as u32);
                         layer.positions.push(p.cast());
@@ -104,7 +104,7 @@ impl Layer {
 
     /// Writes the vertex number of each cut edge at its slot; other slots keep their old numbers and are
     /// never read.
-    fn fill(&self, first: u32, numbers: &mut [u32]) {
+    fn write_numbers(&self, first: u32, numbers: &mut [u32]) {
         for (i, &slot) in self.slots.iter().enumerate() {
             numbers[slot as usize] = first + i as u32;
         }
@@ -127,18 +127,18 @@ fn layer_triangles(
         .edges
         .iter()
         .map(|e| {
-            let [dx, dy, dz] = e.offset();
+            let [dx, dy, dz] = e.lower_end_offset();
             (dz == 1, e.axis * plane + dy * nx + dx)
         })
         .collect();
     // Numbers of two layers at a time: a table of the whole grid would take three numbers a node.
     let mut below = vec![0; 3 * plane];
     let mut above = vec![0; 3 * plane];
-    layers[range.start].fill(firsts[range.start], &mut above);
+    layers[range.start].write_numbers(firsts[range.start], &mut above);
     let mut triangles = Vec::new();
     for z in range {
         std::mem::swap(&mut below, &mut above);
-        layers[z + 1].fill(firsts[z + 1], &mut above);
+        layers[z + 1].write_numbers(firsts[z + 1], &mut above);
         for y in 0..ny - 1 {
             let [r0, r1, r2, r3] = [(y, z), (y + 1, z), (y, z + 1), (y + 1, z + 1)]
                 .map(|(y, z)| &flags[z * plane + y * nx..][..nx]);
@@ -223,7 +223,7 @@ mod tests {
     fn unknown_nodes_leave_the_surface_open_and_no_loose_vertex() {
         let mut grid = grid_of(0.5, 33, sphere(0.4));
         for i in 0..grid.values.len() {
-            if grid.position(i).z < -0.2 {
+            if grid.position_of_index(i).z < -0.2 {
                 grid.values[i] = f32::NAN;
             }
         }

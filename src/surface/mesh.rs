@@ -34,7 +34,7 @@ impl TriangleMesh {
 
     /// The middle of a triangle's corners.
     #[must_use]
-    pub fn middle(&self, triangle: usize) -> Point3<f64> {
+    pub fn middle_of(&self, triangle: usize) -> Point3<f64> {
         Point3::from(
             self.corners(triangle).iter().map(|p| p.coords.cast::<f64>()).sum::<Vector3<f64>>() / 3.0,
         )

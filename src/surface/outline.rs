@@ -30,13 +30,13 @@ fn hull_chain<'a>(points: impl Iterator<Item = &'a Point2<f64>>) -> Vec<Point2<f
 }
 
 /// Area of a polygon, positive if counter-clockwise.
-pub(crate) fn area(polygon: &[Point2<f64>]) -> f64 {
+pub(crate) fn polygon_area(polygon: &[Point2<f64>]) -> f64 {
     (0..polygon.len()).map(|k| polygon[k].coords.perp(&polygon[(k + 1) % polygon.len()].coords)).sum::<f64>()
         * 0.5
 }
 
 /// Extent of a polygon along a direction.
-fn extent(polygon: &[Point2<f64>], direction: &Vector2<f64>) -> f64 {
+fn extent_along(polygon: &[Point2<f64>], direction: &Vector2<f64>) -> f64 {
     let all = polygon.iter().map(|p| p.coords.dot(direction));
     all.clone().fold(f64::NEG_INFINITY, f64::max) - all.fold(f64::INFINITY, f64::min)
 }
@@ -46,7 +46,7 @@ pub(crate) fn rectangle_direction(polygon: &[Point2<f64>]) -> Vector2<f64> {
     let sides = (0..polygon.len())
         .filter_map(|k| (polygon[(k + 1) % polygon.len()] - polygon[k]).try_normalize(1e-12));
     // The smallest rectangle has a side along one of the polygon's (Freeman and Shapira 1975).
-    let span = |d: &Vector2<f64>| extent(polygon, d) * extent(polygon, &Vector2::new(-d.y, d.x));
+    let span = |d: &Vector2<f64>| extent_along(polygon, d) * extent_along(polygon, &Vector2::new(-d.y, d.x));
     sides.min_by(|a, b| span(a).total_cmp(&span(b))).unwrap_or_else(Vector2::x)
 }
 
@@ -61,7 +61,7 @@ mod tests {
         let points: Vec<_> =
             (0..50).map(|i| turned(f64::from(i % 10) / 9.0, f64::from(i / 10) / 8.0)).collect();
         let hull = hull_2d(&points);
-        assert!((area(&hull) - 0.5).abs() < 1e-9);
+        assert!((polygon_area(&hull) - 0.5).abs() < 1e-9);
         let d = rectangle_direction(&hull);
         assert!((d.perp(&Vector2::new(c, s)).abs()).min(d.dot(&Vector2::new(c, s)).abs()) < 1e-9);
     }

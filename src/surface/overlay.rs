@@ -57,9 +57,9 @@ impl Rendered {
             ImagePoint { u: q.0, v: q.1, inverse_depth: 1.0 / b.z },
         ];
         if let Some([p, q]) =
-            clipped(ends, self.intrinsics.width as f64, self.intrinsics.height as f64, style.width_px)
+            clipped_line(ends, self.intrinsics.width as f64, self.intrinsics.height as f64, style.width_px)
         {
-            self.stroke(p, q, style);
+            self.draw_stroke(p, q, style);
         }
     }
 
@@ -77,7 +77,7 @@ impl Rendered {
     }
 
     /// Draws between two places of the image; each pixel once.
-    fn stroke(&mut self, p: ImagePoint, q: ImagePoint, style: &LineStyle) {
+    fn draw_stroke(&mut self, p: ImagePoint, q: ImagePoint, style: &LineStyle) {
         let width = self.intrinsics.width;
         let height = self.intrinsics.height;
         let radius = 0.5 * style.width_px.max(1.0);
@@ -132,7 +132,7 @@ fn pixels_about([a, b]: [f64; 2], radius: f64, count: usize) -> std::ops::Range<
 }
 
 /// The part of a line near the image (Liang and Barsky 1984); inverse depth is linear along it.
-fn clipped(ends: [ImagePoint; 2], width: f64, height: f64, margin: f64) -> Option<[ImagePoint; 2]> {
+fn clipped_line(ends: [ImagePoint; 2], width: f64, height: f64, margin: f64) -> Option<[ImagePoint; 2]> {
     let [p, q] = ends;
     let mut first = 0.0f64;
     let mut last = 1.0f64;

@@ -32,7 +32,7 @@ struct Sums {
 }
 
 impl Sums {
-    fn add(&mut self, area_normal: &Vector3<f64>, corners: &[Point3<f64>; 3]) {
+    fn add_triangle(&mut self, area_normal: &Vector3<f64>, corners: &[Point3<f64>; 3]) {
         let area = 0.5 * area_normal.norm();
         self.normal += area_normal * 0.5;
         self.center += corners.iter().map(|p| p.coords).sum::<Vector3<f64>>() * (area / 3.0);
@@ -42,11 +42,11 @@ impl Sums {
 
 /// Patches grown from the largest free triangle over triangles with corners within `tolerance_m` of the
 /// patch's plane; largest area first.
-pub(crate) fn patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
+pub(crate) fn grown_patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
     let count = mesh.triangles.len();
     let corners: Vec<[Point3<f64>; 3]> = (0..count).map(|t| mesh.corners(t).map(|p| p.cast())).collect();
     let normals: Vec<Vector3<f64>> = corners.iter().map(|[a, b, c]| (b - a).cross(&(c - a))).collect();
-    let neighbors = Edges::of(mesh).neighbors(mesh.triangles.len(), |_| true);
+    let neighbors = Edges::of_mesh(mesh).neighbors(mesh.triangles.len(), |_| true);
     let mut order: Vec<usize> = (0..count).filter(|&t| normals[t].norm() > 0.0).collect();
     // Large triangles have the surest normals: patches begin there. Equal ones go by number.
     order.sort_by(|a, b| normals[*b].norm_squared().total_cmp(&normals[*a].norm_squared()).then(a.cmp(b)));
@@ -63,7 +63,7 @@ pub(crate) fn patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
         let first = normals[seed].normalize();
         while let Some(t) = queue.pop_front() {
             triangles.push(t as u32);
-            sums.add(&normals[t], &corners[t]);
+            sums.add_triangle(&normals[t], &corners[t]);
             // The plane follows the triangles so far.
             let normal = sums.normal.normalize();
             let center = sums.center / sums.area;
@@ -97,7 +97,7 @@ mod tests {
 
     #[test]
     fn a_box_has_six() {
-        let found = patches(&box_mesh(Vector3::new(0.3, 0.2, 0.1)), 0.002);
+        let found = grown_patches(&box_mesh(Vector3::new(0.3, 0.2, 0.1)), 0.002);
         assert_eq!(found.len(), 6);
         assert!((found[0].area_m2 - 0.24).abs() < 1e-6 && found[0].normal.z.abs() > 0.999);
     }
@@ -105,8 +105,8 @@ mod tests {
     #[test]
     fn a_sphere_has_as_many_as_the_tolerance_asks_for() {
         let mesh = sphere_mesh(0.3, 60);
-        let few = patches(&mesh, 0.03);
-        let many = patches(&mesh, 0.003);
+        let few = grown_patches(&mesh, 0.03);
+        let many = grown_patches(&mesh, 0.003);
         assert!(few.len() < many.len(), "{} {}", few.len(), many.len());
         assert_eq!(many.iter().map(|p| p.triangles.len()).sum::<usize>(), mesh.triangles.len());
     }

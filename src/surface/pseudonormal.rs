@@ -42,7 +42,7 @@ struct ClosestFeature {
 
 impl Pseudonormals {
     /// For a mesh with its vertices moved to `positions`.
-    pub(crate) fn of(mesh: &TriangleMesh, positions: &[Vector3<f32>]) -> Self {
+    pub(crate) fn of_mesh(mesh: &TriangleMesh, positions: &[Vector3<f32>]) -> Self {
         let corners: Vec<[Vector3<f32>; 3]> =
             mesh.triangles.iter().map(|t| t.map(|i| positions[i as usize])).collect();
         let faces: Vec<Vector3<f32>> = corners
@@ -59,7 +59,7 @@ impl Pseudonormals {
             }
         }
         let corners_of = mesh.triangles.iter().zip(0..).flat_map(|(corners, t)| corners.map(|v| (v, t)));
-        let rings = Lists::of(positions.len(), corners_of);
+        let rings = Lists::of_entries(positions.len(), corners_of);
         let count = corners.len();
         let sides = faces.iter().map(|n| [*n; 3]).collect();
         let triangles = mesh.triangles.clone();
@@ -73,14 +73,14 @@ impl Pseudonormals {
             rings,
             open: vec![0; count],
         };
-        all.join_sides(&Edges::of(mesh));
+        all.join_sides(&Edges::of_mesh(mesh));
         all
     }
 
     /// Sums the face normals over the triangles of each side, and marks open sides and their corners.
     fn join_sides(&mut self, edges: &Edges) {
         let mut open_vertices = vec![false; self.vertices.len()];
-        for (a, same) in edges.all() {
+        for (a, same) in edges.by_lower_end() {
             let place = |side: u32| (side as usize / 3, side as usize % 3);
             // Both faces of a side open half a turn to it: they count alike.
             let sum: Vector3<f32> = same.iter().map(|s| self.faces[place(s.1).0]).sum();
@@ -111,12 +111,12 @@ impl Pseudonormals {
     }
 
     /// Unit normal of a triangle; zero without area.
-    pub(crate) fn face(&self, triangle: usize) -> &Vector3<f32> {
+    pub(crate) fn face_normal(&self, triangle: usize) -> &Vector3<f32> {
         &self.faces[triangle]
     }
 
     /// Normal of a feature, of any length.
-    pub(crate) fn normal(&self, triangle: usize, feature: Feature) -> Vector3<f32> {
+    pub(crate) fn feature_normal(&self, triangle: usize, feature: Feature) -> Vector3<f32> {
         match feature {
             Feature::Face => self.faces[triangle],
             Feature::Edge(i) => self.sides[triangle][i as usize],
@@ -134,7 +134,7 @@ impl Pseudonormals {
     }
 
     /// Squared distance of a point to a triangle.
-    pub(crate) fn distance2(&self, p: &Vector3<f32>, triangle: u32) -> f32 {
+    pub(crate) fn squared_distance(&self, p: &Vector3<f32>, triangle: u32) -> f32 {
         (p - closest_on_triangle(p, &self.corners[triangle as usize]).0).norm_squared()
     }
 
@@ -145,7 +145,7 @@ impl Pseudonormals {
 
     /// Walks over the mesh from the closer of two triangles to neighbors closer to the point, until there is
     /// none; returns the last triangle.
-    pub(crate) fn descend(&self, p: &Vector3<f32>, starts: [u32; 2]) -> u32 {
+    pub(crate) fn nearest_by_walk(&self, p: &Vector3<f32>, starts: [u32; 2]) -> u32 {
         let mut best = self.closest_feature(p, starts[0]);
         if starts[1] != starts[0] {
             let other = self.closest_feature(p, starts[1]);
@@ -170,7 +170,7 @@ impl Pseudonormals {
                 Feature::Corner(i) => {
                     let corner = self.corners[t][i as usize];
                     let away = p - corner;
-                    for &next in self.rings.at(self.triangles[t][i as usize]) {
+                    for &next in self.rings.list_at(self.triangles[t][i as usize]) {
                         // The corner is the closest point of this triangle too unless one of its sides leads
                         // closer.
                         if self.corners[next as usize].iter().all(|c| away.dot(&(c - corner)) <= 0.0) {

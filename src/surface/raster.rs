@@ -91,7 +91,7 @@ pub fn render(
     let facets: Vec<Facet> = items
         .iter()
         .enumerate()
-        .flat_map(|(i, item)| facets(item, i as u16, intrinsics, world_from_camera, shading))
+        .flat_map(|(i, item)| facets_of_item(item, i as u16, intrinsics, world_from_camera, shading))
         .collect();
     // Each task draws its own rows: no two threads share a pixel, and of equal depths the first item stays.
     let mut bands = vec![Vec::new(); height.div_ceil(ROWS_PER_TASK)];
@@ -126,9 +126,9 @@ pub fn render(
         for f in band {
             let facet = &facets[f as usize];
             let paint = items[usize::from(facet.item)].paint;
-            fill(facet, width, task * ROWS_PER_TASK, &mut inverse, |i, near, color| {
+            visit_nearer_pixels(facet, width, task * ROWS_PER_TASK, &mut inverse, |i, near, color| {
                 let color = match paint {
-                    Paint::Texture(texture) => texture.color(color.xy() / near),
+                    Paint::Texture(texture) => texture.color_at(color.xy() / near),
                     Paint::Vertices | Paint::Tint(_) => color / near,
                 };
                 // The cast rounds and limits to a byte.
@@ -142,7 +142,7 @@ pub fn render(
 }
 
 /// The triangles of an item in the image, cut at the near plane.
-fn facets(
+fn facets_of_item(
     item: &RenderItem,
     index: u16,
     k: &Intrinsics,
@@ -164,13 +164,13 @@ fn facets(
     for t in &mesh.triangles {
         let whole = t.map(|i| CameraVertex { position: positions[i as usize], color: colors[i as usize] });
         if whole.iter().all(CameraVertex::is_in_front) {
-            facets.push(Facet { corners: whole.map(|v| v.corner(k)), item: index });
+            facets.push(Facet { corners: whole.map(|v| v.image_corner(k)), item: index });
             continue;
         }
         let cut = in_front(&whole);
         // Cut at the near plane, a triangle has up to four corners: a fan.
         for i in 2..cut.len() {
-            let corners = [cut[0], cut[i - 1], cut[i]].map(|v| v.corner(k));
+            let corners = [cut[0], cut[i - 1], cut[i]].map(|v| v.image_corner(k));
             facets.push(Facet { corners, item: index });
         }
     }
@@ -205,7 +205,7 @@ impl CameraVertex {
         self.position.z >= NEAR_M
     }
 
-    fn corner(&self, k: &Intrinsics) -> Corner {
+    fn image_corner(&self, k: &Intrinsics) -> Corner {
         let p = self.position;
         let inverse = 1.0 / p.z;
         let u = k.fx as f32 * p.x * inverse + k.cx as f32;
@@ -242,7 +242,7 @@ fn pixels_between(places: [f32; 3], first: usize, count: usize) -> std::ops::Ran
 }
 
 /// Visits the pixels of a facet nearer than by `inverse`, and updates it. Rows begin at `first_row`.
-fn fill(
+fn visit_nearer_pixels(
     facet: &Facet,
     width: usize,
     first_row: usize,

@@ -37,13 +37,13 @@ fn over_any(sweep: Sweep<'_>, row: &Row, sums: RowSums<'_>, near: &mut Vec<usize
     let RowSums { sums, weights } = sums;
     for first in row.range.clone().step_by(LANES) {
         let count = LANES.min(row.range.end - first);
-        let (free, close) = lanes(sweep, row, first);
+        let (free, close) = free_and_near(sweep, row, first);
         let sums = &mut sums[first..first + count];
         let weights = &mut weights[first..first + count];
         match (<&mut [f32; LANES]>::try_from(&mut *sums), <&mut [f32; LANES]>::try_from(&mut *weights)) {
-            (Ok(sums), Ok(weights)) => add(sums, weights, &free),
+            (Ok(sums), Ok(weights)) => add_free(sums, weights, &free),
             // The end of a row.
-            _ => add(sums, weights, &free[..count]),
+            _ => add_free(sums, weights, &free[..count]),
         }
         // Few nodes are near a surface.
         if u128::from_ne_bytes(close) != 0 {
@@ -53,7 +53,7 @@ fn over_any(sweep: Sweep<'_>, row: &Row, sums: RowSums<'_>, near: &mut Vec<usize
 }
 
 #[inline(always)]
-fn add(sums: &mut [f32], weights: &mut [f32], free: &[f32]) {
+fn add_free(sums: &mut [f32], weights: &mut [f32], free: &[f32]) {
     for ((sum, weight), free) in sums.iter_mut().zip(weights).zip(free) {
         *sum += free;
         *weight += free;
@@ -62,9 +62,9 @@ fn add(sums: &mut [f32], weights: &mut [f32], free: &[f32]) {
 
 /// Weight of empty space at each of the nodes from `first` on, and 1 for each near a read surface.
 #[inline(always)]
-fn lanes(sweep: Sweep<'_>, row: &Row, first: usize) -> ([f32; LANES], [u8; LANES]) {
+fn free_and_near(sweep: Sweep<'_>, row: &Row, first: usize) -> ([f32; LANES], [u8; LANES]) {
     let Sweep { camera, readings, truncation_m } = sweep;
-    let (pixels, z) = camera.pixels(row, first);
+    let (pixels, z) = camera.pixels_and_depths(row, first);
     let mut depth_m = [0.0f32; LANES];
     let mut weight = [0.0f32; LANES];
     for k in 0..LANES {
@@ -87,7 +87,7 @@ mod tests {
     use crate::{
         TsdfView,
         shapes::{looking_at_origin, sphere, view_of},
-        tsdf_view::{NodeReading, said},
+        tsdf_view::{NodeReading, reading_of_node},
     };
     use capture::NoiseConfig;
     use geometry::Intrinsics;
@@ -109,11 +109,11 @@ mod tests {
             let camera = RowCamera::new(&k, &frame.world_from_camera.inverse(), &origin, 0.012);
             let sweep = Sweep { camera: &camera, readings: &view.readings, truncation_m };
             for (y, z) in (0..50).flat_map(|y| (0..50).map(move |z| (y, z))) {
-                let row = camera.row(y, z, 50);
+                let row = camera.row_in_image(y, z, 50);
                 let mut sums = vec![0.0; 50];
                 let mut listed = Vec::new();
                 for x in row.range.clone() {
-                    match said(&view.readings, &k, &camera, &row.at(x), truncation_m) {
+                    match reading_of_node(&view.readings, &k, &camera, &row.at(x), truncation_m) {
                         Some(NodeReading::Free { weight }) => sums[x] = FREE_WEIGHT * weight,
                         Some(NodeReading::Near { .. }) => listed.push(x),
                         None => {}

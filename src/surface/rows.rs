@@ -60,7 +60,7 @@ impl RowCamera {
     }
 
     /// The part of row (y, z) of `nx` nodes inside the image and in front of the camera.
-    pub(crate) fn row(&self, y: usize, z: usize, nx: usize) -> Row {
+    pub(crate) fn row_in_image(&self, y: usize, z: usize, nx: usize) -> Row {
         let start = self.origin + self.steps[1] * y as f64 + self.steps[2] * z as f64;
         let k = &self.intrinsics;
         let left = k.cx + 0.5;
@@ -95,7 +95,7 @@ impl RowCamera {
     }
 
     /// Position of a node (x, y, z) in the optical frame, meters.
-    pub(crate) fn node(&self, [x, y, z]: [usize; 3]) -> Vector3<f32> {
+    pub(crate) fn node_in_camera(&self, [x, y, z]: [usize; 3]) -> Vector3<f32> {
         let start = self.origin + self.steps[1] * y as f64 + self.steps[2] * z as f64;
         start.cast() + self.steps[0].cast() * x as f32
     }
@@ -115,7 +115,7 @@ impl RowCamera {
     /// Index of the pixel of each of the nodes of a [`Row`] from x on, and their depths, meters. Nodes
     /// outside the row's range get some pixel of the image.
     #[inline(always)]
-    pub(crate) fn pixels(&self, row: &Row, x: usize) -> ([u32; LANES], [f32; LANES]) {
+    pub(crate) fn pixels_and_depths(&self, row: &Row, x: usize) -> ([u32; LANES], [f32; LANES]) {
         let width = self.intrinsics.width as u32;
         let last = [self.intrinsics.width, self.intrinsics.height].map(|n| n as f32 - 1.0);
         let mut pixels = [0; LANES];
@@ -133,7 +133,7 @@ impl RowCamera {
     }
 
     /// Index of the pixel of a point of a [`Row`].
-    pub(crate) fn pixel(&self, p: &Vector3<f32>) -> usize {
+    pub(crate) fn pixel_of(&self, p: &Vector3<f32>) -> usize {
         let [u, v] = self.project(p);
         // Rounding may put a point of the row's ends just outside.
         let x = (u as usize).min(self.intrinsics.width - 1);
@@ -163,11 +163,11 @@ mod tests {
             let camera = RowCamera::new(&k, &pose, &origin, 0.03);
             let mut seen = 0;
             for (y, z) in (0..30).flat_map(|y| (0..25).map(move |z| (y, z))) {
-                let row = camera.row(y, z, 35);
+                let row = camera.row_in_image(y, z, 35);
                 for x in 0..35 {
                     let p = pose * (origin + Vector3::new(x as f64, y as f64, z as f64) * 0.03);
-                    let expected = if p.z > NEAR_M { k.pixel(&p) } else { None };
-                    let got = row.range.contains(&x).then(|| camera.pixel(&row.at(x)));
+                    let expected = if p.z > NEAR_M { k.pixel_of(&p) } else { None };
+                    let got = row.range.contains(&x).then(|| camera.pixel_of(&row.at(x)));
                     // A node whose projection is within rounding of a pixel border may go either way.
                     let (u, v) = k.project(&p).unwrap_or_default();
                     let near_border = |c: f64| (c + 0.5 - (c + 0.5).round()).abs() < 1e-3;

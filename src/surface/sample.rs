@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
 use super::TriangleMesh;
-use numeric::random::unit;
+use numeric::random::unit_uniform;
 
 /// Points on a mesh; the three lists run in parallel.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -33,12 +33,12 @@ pub fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> 
         return samples;
     }
     for _ in 0..count {
-        let at = unit(rng) * total;
+        let at = unit_uniform(rng) * total;
         // The first triangle with its end beyond; triangles without area have no width.
         let t = cumulative.partition_point(|&end| end <= at).min(cumulative.len() - 1);
         // Uniform on the triangle (Osada et al. 2002).
-        let root = unit(rng).sqrt();
-        let v = unit(rng);
+        let root = unit_uniform(rng).sqrt();
+        let v = unit_uniform(rng);
         let shares = [1.0 - root, root * (1.0 - v), root * v].map(|s| s as f32);
         let [a, b, c] = mesh.corners(t);
         samples.points.push(Point3::from(a.coords * shares[0] + b.coords * shares[1] + c.coords * shares[2]));

@@ -16,7 +16,7 @@ pub fn grid_of(half_m: f64, nodes: usize, f: impl Fn(&Point3<f64>) -> f64) -> Gr
         values: vec![0.0; nodes.pow(3)],
     };
     for i in 0..g.values.len() {
-        g.values[i] = f(&g.position(i)) as f32;
+        g.values[i] = f(&g.position_of_index(i)) as f32;
     }
     g
 }

@@ -23,12 +23,12 @@ const USUAL_RING: usize = 8;
 /// are interpolated. Deterministic.
 #[must_use]
 pub fn simplify(mesh: &TriangleMesh, max_triangles: usize, max_error_m: f64) -> TriangleMesh {
-    let mut work = Collapse::of(mesh, max_error_m * max_error_m);
+    let mut work = Collapse::of_mesh(mesh, max_error_m * max_error_m);
     while work.alive > max_triangles {
         let Some(candidate) = work.next() else { break };
         work.try_collapse(&candidate);
     }
-    work.finish()
+    work.collapsed_mesh()
 }
 
 /// Weighted squared distances to planes: `x^T a x + 2 b^T x + c`, and the weight.
@@ -41,7 +41,7 @@ struct Quadric {
 }
 
 impl Quadric {
-    fn plane(normal: &Vector3<f64>, point: &Vector3<f64>, weight: f64) -> Self {
+    fn of_plane(normal: &Vector3<f64>, point: &Vector3<f64>, weight: f64) -> Self {
         let d = -normal.dot(point);
         Self { a: normal * normal.transpose() * weight, b: normal * (d * weight), c: d * d * weight, weight }
     }
@@ -54,23 +54,23 @@ impl Quadric {
     }
 
     /// Mean squared distance of a point to the planes.
-    fn error(&self, x: &Vector3<f64>) -> f64 {
+    fn mean_square(&self, x: &Vector3<f64>) -> f64 {
         let sum = x.dot(&(self.a * x)) + 2.0 * self.b.dot(x) + self.c;
         if self.weight > 0.0 { (sum / self.weight).max(0.0) } else { 0.0 }
     }
 
     /// The point with the least error, near `middle` where many have it.
-    fn best(&self, middle: &Vector3<f64>) -> Vector3<f64> {
+    fn best_point(&self, middle: &Vector3<f64>) -> Vector3<f64> {
         // On a plane or a line the quadric alone is singular; the pull makes it solvable.
         let pull = CENTERING * self.a.trace();
         let system = self.a + Matrix3::identity() * pull;
-        solved(&system, &(middle * pull - self.b)).unwrap_or(*middle)
+        cholesky_solution(&system, &(middle * pull - self.b)).unwrap_or(*middle)
     }
 }
 
 /// Solution of a symmetric system by its Cholesky factor, to the last bit as nalgebra's for any size; `None`
 /// where it is not positive definite.
-fn solved(a: &Matrix3<f64>, b: &Vector3<f64>) -> Option<Vector3<f64>> {
+fn cholesky_solution(a: &Matrix3<f64>, b: &Vector3<f64>) -> Option<Vector3<f64>> {
     let root = |square: f64| (square > 0.0).then(|| square.sqrt());
     let l00 = root(a[(0, 0)])?;
     let l10 = a[(1, 0)] / l00;
@@ -148,7 +148,7 @@ struct Collapse {
 }
 
 impl Collapse {
-    fn of(mesh: &TriangleMesh, max_cost: f64) -> Self {
+    fn of_mesh(mesh: &TriangleMesh, max_cost: f64) -> Self {
         let origin = mesh.vertices.first().map(|p| p.coords.cast()).unwrap_or_default();
         let has_colors = mesh.colors.len() == mesh.vertices.len();
         let colors = if has_colors {
@@ -175,7 +175,7 @@ impl Collapse {
             for &v in corners {
                 work.rings[v as usize].push(t as u32);
                 if let Some(unit) = normal.try_normalize(0.0) {
-                    let plane = Quadric::plane(&unit, &work.positions[corners[0] as usize], normal.norm());
+                    let plane = Quadric::of_plane(&unit, &work.positions[corners[0] as usize], normal.norm());
                     work.quadrics[v as usize].add(&plane);
                 }
             }
@@ -186,8 +186,8 @@ impl Collapse {
 
     /// Adds planes through open sides, across their triangle, and queues all edges.
     fn hold_borders(&mut self, mesh: &TriangleMesh) {
-        let edges = Edges::of(mesh);
-        for (a, same) in edges.all() {
+        let edges = Edges::of_mesh(mesh);
+        for (a, same) in edges.by_lower_end() {
             let (b, side) = same[0];
             if same.len() == 1 {
                 let p = self.positions[a as usize];
@@ -195,14 +195,14 @@ impl Collapse {
                 let across = (q - p).cross(&self.area_normal(&mesh.triangles[side as usize / 3]));
                 if let Some(unit) = across.try_normalize(0.0) {
                     // By the square of the side's length, as a triangle counts by its area.
-                    let plane = Quadric::plane(&unit, &p, BORDER_WEIGHT * (q - p).norm_squared());
+                    let plane = Quadric::of_plane(&unit, &p, BORDER_WEIGHT * (q - p).norm_squared());
                     self.quadrics[a as usize].add(&plane);
                     self.quadrics[b as usize].add(&plane);
                 }
             }
         }
-        for (a, same) in edges.all() {
-            self.enqueue([a, same[0].0]);
+        for (a, same) in edges.by_lower_end() {
+            self.enqueue_edge([a, same[0].0]);
         }
     }
 
@@ -213,17 +213,17 @@ impl Collapse {
     }
 
     /// Summed quadric of an edge's ends and the best place for its new vertex.
-    fn target(&self, [a, b]: [u32; 2]) -> (Quadric, Vector3<f64>) {
+    fn quadric_and_place(&self, [a, b]: [u32; 2]) -> (Quadric, Vector3<f64>) {
         let mut quadric = self.quadrics[a as usize];
         quadric.add(&self.quadrics[b as usize]);
         let middle = (self.positions[a as usize] + self.positions[b as usize]) * 0.5;
-        (quadric, quadric.best(&middle))
+        (quadric, quadric.best_point(&middle))
     }
 
-    fn enqueue(&mut self, [a, b]: [u32; 2]) {
+    fn enqueue_edge(&mut self, [a, b]: [u32; 2]) {
         let ends = [a.min(b), a.max(b)];
-        let (quadric, place) = self.target(ends);
-        let cost = quadric.error(&place);
+        let (quadric, place) = self.quadric_and_place(ends);
+        let cost = quadric.mean_square(&place);
         if cost <= self.max_cost {
             let versions = ends.map(|v| self.versions[v as usize]);
             self.queue.push(Candidate { cost_bits: cost.to_bits(), ends, versions });
@@ -262,7 +262,7 @@ impl Collapse {
         if common != between.len() || between.is_empty() || between.len() > 2 {
             return;
         }
-        let (quadric, place) = self.target([a, b]);
+        let (quadric, place) = self.quadric_and_place([a, b]);
         if self.turns_over(a, b, &place) || self.turns_over(b, a, &place) {
             return;
         }
@@ -290,7 +290,7 @@ impl Collapse {
         self.versions[b as usize] += 1;
         // Older entries of these edges stay in the queue and are skipped as stale.
         for v in self.neighbors(a) {
-            self.enqueue([a, v]);
+            self.enqueue_edge([a, v]);
         }
     }
 
@@ -308,7 +308,7 @@ impl Collapse {
             })
     }
 
-    fn finish(self) -> TriangleMesh {
+    fn collapsed_mesh(self) -> TriangleMesh {
         let vertices = self.positions.iter().map(|p| Point3::from((p + self.origin).cast::<f32>())).collect();
         let colors = self.colors.iter().map(|c| [c.x, c.y, c.z].map(|v| v.round() as u8)).collect();
         drop_unused_vertices(&TriangleMesh {
@@ -395,7 +395,7 @@ mod tests {
     fn open_borders_stay_where_they_are() {
         let mut grid = grid_of(0.5, 41, sphere(0.4));
         for i in 0..grid.values.len() {
-            if grid.position(i).z < -0.01 {
+            if grid.position_of_index(i).z < -0.01 {
                 grid.values[i] = f32::NAN;
             }
         }
@@ -416,8 +416,8 @@ mod tests {
             let root = Matrix3::from_row_slice(&v);
             let system = root * root.transpose();
             let b = Vector3::from(b);
-            prop_assert_eq!(solved(&system, &b), system.cholesky().map(|c| c.solve(&b)));
-            prop_assert_eq!(solved(&-system, &b), None);
+            prop_assert_eq!(cholesky_solution(&system, &b), system.cholesky().map(|c| c.solve(&b)));
+            prop_assert_eq!(cholesky_solution(&-system, &b), None);
         }
     }
 }

@@ -22,14 +22,14 @@ impl Texture<'_> {
     }
 
     /// Color at a place between four pixels, levels.
-    pub(super) fn color(&self, place_px: Vector2<f32>) -> Vector3<f32> {
+    pub(super) fn color_at(&self, place_px: Vector2<f32>) -> Vector3<f32> {
         let last = self.size_px - 1;
         let [x, y] = [place_px.x, place_px.y].map(|p| p.clamp(0.0, last as f32));
         let column = x as usize;
         let row = y as usize;
         let fx = x - column as f32;
         let fy = y - row as f32;
-        bilinear(
+        bilinear_color(
             |dx, dy| self.pixels[(row + dy).min(last) * self.size_px + (column + dx).min(last)],
             [fx, fy],
         )
@@ -38,7 +38,7 @@ impl Texture<'_> {
 
 /// Color between four pixels, levels; `at` gives the color of a pixel by its steps to the right and down,
 /// `shares` are the distances to the right and down, pixels.
-pub(super) fn bilinear(at: impl Fn(usize, usize) -> [u8; 3], shares: [f32; 2]) -> Vector3<f32> {
+pub(super) fn bilinear_color(at: impl Fn(usize, usize) -> [u8; 3], shares: [f32; 2]) -> Vector3<f32> {
     let [fx, fy] = shares;
     let at = |dx, dy| Vector3::from(at(dx, dy).map(f32::from));
     (at(0, 0) * (1.0 - fx) + at(1, 0) * fx) * (1.0 - fy) + (at(0, 1) * (1.0 - fx) + at(1, 1) * fx) * fy
@@ -53,7 +53,7 @@ mod tests {
         let pixels = [[0, 0, 0], [100, 0, 0], [0, 200, 0], [100, 200, 0]];
         let uv = [[0.25, 0.75], [0.5, 0.5], [1.0, 0.0]];
         let texture = Texture { uv: &uv, size_px: 2, pixels: &pixels };
-        let color = |vertex| texture.color(texture.place_px(vertex));
+        let color = |vertex| texture.color_at(texture.place_px(vertex));
         assert_eq!(color(0), Vector3::zeros());
         assert_eq!(color(1), Vector3::new(50.0, 100.0, 0.0));
         // Outside of all middles the nearest pixel counts.

@@ -10,7 +10,7 @@ use super::{
     TriangleMesh, marching_cubes,
     row_sweep::{RowSums, Sweep, sweep_over},
     rows::RowCamera,
-    tsdf_view::{FREE_WEIGHT, NodeReading, TsdfView, behind_weight, said},
+    tsdf_view::{FREE_WEIGHT, NodeReading, TsdfView, behind_weight, reading_of_node},
 };
 use geometry::Grid3;
 
@@ -47,16 +47,16 @@ impl TsdfVolume {
     /// of its side (3.4): those of the other side of a thin panel would push it outwards.
     pub fn fuse(&mut self, views: &[TsdfView]) {
         self.integrate(views);
-        self.face(views);
+        self.fuse_facing(views);
     }
 
     /// Fuses views. Readings weigh as `pixel weight / sigma(depth)^2`, 1 at one meter. The result does not
     /// depend on the number of threads. See docs/method.md (3.2).
     pub fn integrate(&mut self, views: &[TsdfView]) {
-        let cameras = self.cameras(views);
+        let cameras = self.view_cameras(views);
         let truncation_m = self.truncation_m;
         let [nx, ny, _] = self.sums.dims;
-        self.slabs().for_each(|slab| {
+        self.layer_slabs().for_each(|slab| {
             let layers = slab.weights.len() / (nx * ny);
             let mut near = Vec::new();
             // All views of a few rows at a time: both then stay in the cache.
@@ -66,14 +66,14 @@ impl TsdfVolume {
                     for (z, y) in
                         (0..layers).flat_map(|z| (lines..(lines + LINES).min(ny)).map(move |y| (z, y)))
                     {
-                        let row = camera.row(y, slab.first + z, nx);
+                        let row = camera.row_in_image(y, slab.first + z, nx);
                         let at = (z * ny + y) * nx;
                         let sums = &mut slab.sums[at..at + nx];
                         let weights = &mut slab.weights[at..at + nx];
                         near.clear();
                         sweep_over(sweep, &row, RowSums { sums, weights }, &mut near);
                         for &x in &near {
-                            let said = said(
+                            let said = reading_of_node(
                                 &view.readings,
                                 &view.frame.intrinsics,
                                 camera,
@@ -83,7 +83,7 @@ impl TsdfVolume {
                             if let Some(near @ NodeReading::Near { .. }) = said {
                                 let color = &mut slab.colors[at + x];
                                 let sums = NodeSums { sum: &mut sums[x], weight: &mut weights[x], color };
-                                sums.add(&near, view, 1.0);
+                                sums.add_reading(&near, view, 1.0);
                             }
                         }
                     }
@@ -96,12 +96,12 @@ impl TsdfVolume {
     /// in a plate thinner than the truncation the readings of one side push the other outwards, by half its
     /// thickness at most. (Splietker and Behnke 2019 keep a volume for each of six directions instead.) Nodes
     /// without such a view stay. See docs/method.md (3.4).
-    pub fn face(&mut self, views: &[TsdfView]) {
-        let cameras = self.cameras(views);
-        let first = self.tsdf(0.0);
+    pub fn fuse_facing(&mut self, views: &[TsdfView]) {
+        let cameras = self.view_cameras(views);
+        let first = self.distance_grid(0.0);
         let truncation_m = self.truncation_m;
         let [nx, ny, _] = first.dims;
-        self.slabs().for_each(|slab| {
+        self.layer_slabs().for_each(|slab| {
             let layers = slab.weights.len() / (nx * ny);
             let mut near: Vec<FacedNode> = Vec::new();
             for (z, y) in (0..layers).flat_map(|z| (0..ny).map(move |y| (z, y))) {
@@ -117,9 +117,9 @@ impl TsdfVolume {
                     if near.is_empty() {
                         break;
                     }
-                    let row = camera.row(y, layer, nx);
+                    let row = camera.row_in_image(y, layer, nx);
                     for node in near.iter_mut().filter(|n| row.range.contains(&n.x)) {
-                        node.add(view, camera, &row.at(node.x), eye, truncation_m);
+                        node.add_view(view, camera, &row.at(node.x), eye, truncation_m);
                     }
                 }
                 for node in near.iter().filter(|n| n.weight > 0.0) {
@@ -130,7 +130,7 @@ impl TsdfVolume {
         });
     }
 
-    fn cameras(&self, views: &[TsdfView]) -> Vec<ViewCamera> {
+    fn view_cameras(&self, views: &[TsdfView]) -> Vec<ViewCamera> {
         let mut cameras = Vec::with_capacity(views.len());
         for view in views {
             let volume_from_camera = view.volume_from_world * view.frame.world_from_camera;
@@ -144,7 +144,7 @@ impl TsdfVolume {
     }
 
     /// Some layers of nodes at a time.
-    fn slabs(&mut self) -> impl IndexedParallelIterator<Item = Slab<'_>> {
+    fn layer_slabs(&mut self) -> impl IndexedParallelIterator<Item = Slab<'_>> {
         let size = (self.sums.dims[0] * self.sums.dims[1] * LAYERS).max(1);
         let sums = self.sums.values.par_chunks_mut(size);
         let all = sums.zip(self.weights.par_chunks_mut(size)).zip(self.colors.par_chunks_mut(size));
@@ -158,7 +158,7 @@ impl TsdfVolume {
 
     /// Distances in meters, cut at the truncation; NaN where the weight is at most `min_weight`.
     #[must_use]
-    pub fn tsdf(&self, min_weight: f32) -> Grid3<f32> {
+    pub fn distance_grid(&self, min_weight: f32) -> Grid3<f32> {
         let nodes = self.sums.values.par_iter().zip(&self.weights).with_min_len(1 << 14);
         // docs/method.md (3.3).
         let values = nodes.map(
@@ -201,23 +201,23 @@ impl TsdfVolume {
             if c[3] > 0.0 {
                 // A corner with a color counts a little everywhere: it may be the only one.
                 let share = share.max(1e-6) as f32;
-                add(&mut sum, [c[0] / c[3], c[1] / c[3], c[2] / c[3]], share);
+                add_weighted(&mut sum, [c[0] / c[3], c[1] / c[3], c[2] / c[3]], share);
             }
         }
         (sum[3] > 0.0).then(|| [0, 1, 2].map(|k| (sum[k] / sum[3]).round() as u8))
     }
 
     /// Gives each vertex of a mesh in the world the color there; gray where none was seen.
-    pub fn paint(&self, mesh: &mut TriangleMesh) {
+    pub fn paint_vertices(&self, mesh: &mut TriangleMesh) {
         let vertices = mesh.vertices.par_iter().with_min_len(1024);
         mesh.colors = vertices.map(|p| self.color_at(&p.cast()).unwrap_or([128; 3])).collect();
     }
 
     /// The colored surface between the nodes with a weight above `min_weight`.
     #[must_use]
-    pub fn mesh(&self, min_weight: f32) -> TriangleMesh {
-        let mut mesh = marching_cubes(&self.tsdf(min_weight), 0.0);
-        self.paint(&mut mesh);
+    pub fn colored_mesh(&self, min_weight: f32) -> TriangleMesh {
+        let mut mesh = marching_cubes(&self.distance_grid(min_weight), 0.0);
+        self.paint_vertices(&mut mesh);
         mesh
     }
 }
@@ -256,12 +256,12 @@ impl FacedNode {
             let slope = behind - before;
             if slope.is_nan() { 0.0 } else { slope }
         });
-        let position = distance.node(node[0], node[1], node[2]).coords.cast();
+        let position = distance.node_position(node[0], node[1], node[2]).coords.cast();
         Self { x: node[0], position, slope, sum: 0.0, weight: 0.0, color: [0.0; 4] }
     }
 
     /// Adds a view's reading, the node at `p` in its optical frame, if it sees free space there or its side.
-    fn add(
+    fn add_view(
         &mut self,
         view: &TsdfView,
         camera: &RowCamera,
@@ -269,14 +269,15 @@ impl FacedNode {
         eye: &Vector3<f32>,
         truncation_m: f32,
     ) {
-        let Some(said) = said(&view.readings, &view.frame.intrinsics, camera, p, truncation_m) else {
+        let Some(said) = reading_of_node(&view.readings, &view.frame.intrinsics, camera, p, truncation_m)
+        else {
             return;
         };
         // docs/method.md (3.4).
         if matches!(said, NodeReading::Free { .. }) || self.slope.dot(&(eye - self.position)) >= 0.0 {
             // Even weights about the surface leave it at the mean of noisy readings.
             let sums = NodeSums { sum: &mut self.sum, weight: &mut self.weight, color: &mut self.color };
-            sums.add(&said, view, 2.0);
+            sums.add_reading(&said, view, 2.0);
         }
     }
 }
@@ -297,7 +298,7 @@ struct NodeSums<'a> {
 
 impl NodeSums<'_> {
     /// Adds a view's reading.
-    fn add(self, reading: &NodeReading, view: &TsdfView, steepness: f32) {
+    fn add_reading(self, reading: &NodeReading, view: &TsdfView, steepness: f32) {
         match *reading {
             NodeReading::Free { weight } => {
                 *self.sum += FREE_WEIGHT * weight;
@@ -315,11 +316,11 @@ impl NodeSums<'_> {
 
 /// Adds a weighted 8-bit color.
 fn add_color(sum: &mut [f32; 4], color: [u8; 3], weight: f32) {
-    add(sum, color.map(f32::from), weight);
+    add_weighted(sum, color.map(f32::from), weight);
 }
 
 /// Adds a weighted color.
-fn add(sum: &mut [f32; 4], color: [f32; 3], weight: f32) {
+fn add_weighted(sum: &mut [f32; 4], color: [f32; 3], weight: f32) {
     let v = Vector3::from(color) * weight;
     *sum = [sum[0] + v.x, sum[1] + v.y, sum[2] + v.z, sum[3] + weight];
 }
@@ -364,7 +365,7 @@ mod tests {
     fn a_sphere_seen_all_around_comes_back_within_a_fraction_of_a_node_spacing() {
         let frames = orbit(&sphere(0.2), 20, 0.8);
         let volume = fuse(&frames, 0.01, 0.03, Pose::identity());
-        let mesh = volume.mesh(0.0);
+        let mesh = volume.colored_mesh(0.0);
         let (largest, rms) = errors(&mesh, sphere(0.2));
         assert!(largest < 0.001 && rms < 0.0003, "{largest} {rms}");
         assert_eq!(edge_defects(&mesh), Default::default());
@@ -378,9 +379,9 @@ mod tests {
     #[test]
     fn space_in_front_and_beside_is_free_and_deep_inside_is_unknown() {
         let volume = fuse(&orbit(&sphere(0.2), 20, 0.8), 0.01, 0.03, Pose::identity());
-        let grid = volume.tsdf(0.0);
+        let grid = volume.distance_grid(0.0);
         for i in 0..grid.values.len() {
-            let d = sphere(0.2)(&grid.position(i));
+            let d = sphere(0.2)(&grid.position_of_index(i));
             if d < -0.031 {
                 assert!(grid.values[i].is_nan());
             } else if d > 0.03 {
@@ -393,7 +394,7 @@ mod tests {
     fn a_box_keeps_its_faces() {
         let shape = cuboid(Vector3::new(0.15, 0.1, 0.12));
         let (largest, rms) =
-            errors(&fuse(&orbit(&shape, 24, 0.8), 0.01, 0.03, Pose::identity()).mesh(0.0), &shape);
+            errors(&fuse(&orbit(&shape, 24, 0.8), 0.01, 0.03, Pose::identity()).colored_mesh(0.0), &shape);
         assert!(largest < 0.003 && rms < 0.0005, "{largest} {rms}");
     }
 
@@ -403,7 +404,7 @@ mod tests {
         let shape = cuboid(Vector3::new(0.15, 0.1, 0.12));
         let moved =
             move |p: &Point3<f64>| cuboid(Vector3::new(0.15, 0.1, 0.12))(&motion.inverse_transform_point(p));
-        let mesh = fuse(&orbit(&moved, 24, 0.8), 0.01, 0.03, motion.inverse()).mesh(0.0);
+        let mesh = fuse(&orbit(&moved, 24, 0.8), 0.01, 0.03, motion.inverse()).colored_mesh(0.0);
         let (largest, rms) = errors(&mesh, &shape);
         assert!(largest < 0.003 && rms < 0.0005, "{largest} {rms}");
     }
@@ -420,11 +421,11 @@ mod tests {
             volume
         };
         assert!(fused(PixelRole::Skip).weights().iter().all(|&w| w == 0.0));
-        let free = fused(PixelRole::FreeOnly).tsdf(0.0);
+        let free = fused(PixelRole::FreeOnly).distance_grid(0.0);
         assert!(free.values.iter().all(|v| v.is_nan() || (v - 0.04).abs() < 1e-6));
-        let count = |v: &TsdfVolume| v.tsdf(0.0).values.iter().filter(|v| **v < 0.0).count();
+        let count = |v: &TsdfVolume| v.distance_grid(0.0).values.iter().filter(|v| **v < 0.0).count();
         assert!(count(&fused(PixelRole::Surface)) > 100);
-        assert!(fused(PixelRole::FreeOnly).mesh(0.0).is_empty());
+        assert!(fused(PixelRole::FreeOnly).colored_mesh(0.0).is_empty());
     }
 
     #[test]
@@ -432,7 +433,7 @@ mod tests {
         let shape = cuboid(Vector3::new(0.2, 0.15, 0.006));
         let mut frames = orbit(&shape, 24, 0.8);
         frames.retain(|f| f.world_from_camera.translation.vector.z.abs() > 0.2);
-        let mesh = fuse(&frames, 0.005, 0.015, Pose::identity()).mesh(0.0);
+        let mesh = fuse(&frames, 0.005, 0.015, Pose::identity()).colored_mesh(0.0);
         let (_, rms) = errors(&mesh, &shape);
         let above =
             mesh.vertices.iter().filter(|p| p.x.abs() < 0.18 && p.y.abs() < 0.13 && p.z > 0.004).count();
@@ -457,7 +458,7 @@ mod tests {
         let mut volume = TsdfVolume::new(Point3::new(-0.3, -0.3, -0.3), 0.005, [121; 3], 0.02);
         volume.integrate(&views);
         let off_m = |volume: &TsdfVolume, side: f32| {
-            let mesh = volume.mesh(0.0);
+            let mesh = volume.colored_mesh(0.0);
             let inner =
                 mesh.vertices.iter().filter(|p| p.x.abs() < 0.17 && p.y.abs() < 0.12 && p.z * side > 0.0);
             let heights: Vec<f32> = inner.map(|p| p.z * side - 0.006).collect();
@@ -465,7 +466,7 @@ mod tests {
         };
         let before = [1.0, -1.0].map(|side| off_m(&volume, side));
         assert!(before.iter().any(|m| *m > 0.001), "{before:?}");
-        volume.face(&views);
+        volume.fuse_facing(&views);
         let after = [1.0, -1.0].map(|side| off_m(&volume, side));
         assert!(after.iter().all(|m| m.abs() < 2e-4), "{after:?}");
     }
@@ -476,7 +477,7 @@ mod tests {
         let pose = crate::shapes::looking_at_origin(Point3::new(0.5, 0.4, 0.3));
         let frame = view_of(&sphere(0.2), k, pose);
         let with = |n| {
-            let fused = || fuse(std::slice::from_ref(&frame), 0.02, 0.03, Pose::identity()).mesh(0.0);
+            let fused = || fuse(std::slice::from_ref(&frame), 0.02, 0.03, Pose::identity()).colored_mesh(0.0);
             rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap().install(fused)
         };
         assert_eq!(with(1), with(3));

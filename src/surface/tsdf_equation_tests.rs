@@ -26,7 +26,7 @@ impl View {
         let depth_of = |i: usize| {
             let u = i % K.width;
             let v = i / K.width;
-            let ray = K.ray(u as f64, v as f64);
+            let ray = K.ray_at(u as f64, v as f64);
             let ahead_m = if u > 19 { 0.55 } else { 0.75 };
             if i % 53 == 7 { 0.0 } else { (ahead_m / Vector3::new(0.3, -0.2, 1.0).dot(&ray)) as f32 }
         };
@@ -218,11 +218,11 @@ fn every_node_near_the_surface_is_fused_again_by_the_views_of_its_side() {
     let tsdf_views = views.each_ref().map(View::tsdf_view);
     let mut volume = empty();
     volume.integrate(&tsdf_views);
-    let first = volume.tsdf(0.0);
+    let first = volume.distance_grid(0.0);
     let sums_before = volume.sums.values.clone();
     let weights_before = volume.weights.clone();
     let before = |at: [usize; 3]| f64::from(first.values[first.index(at[0], at[1], at[2])]);
-    volume.face(&tsdf_views);
+    volume.fuse_facing(&tsdf_views);
     let mut checked = 0;
     let mut behind = 0;
     let mut alone = 0;
@@ -275,7 +275,7 @@ fn fusing_is_both_passes() {
     let [mut whole, mut steps] = [empty(), empty()];
     whole.fuse(&views);
     steps.integrate(&views);
-    steps.face(&views);
+    steps.fuse_facing(&views);
     assert!(whole.weights == steps.weights && whole.weights.iter().any(|w| *w > 0.0));
     assert_eq!((whole.sums.values, whole.colors), (steps.sums.values, steps.colors));
 }
@@ -285,7 +285,7 @@ fn nodes_of_no_more_than_the_least_weight_are_unknown() {
     let mut volume = TsdfVolume::new(Point3::origin(), 0.1, [3, 1, 1], 0.5);
     volume.sums.values = vec![0.5, 1.0, -3.0];
     volume.weights = vec![1.0, 2.0, 4.0];
-    let grid = volume.tsdf(1.0);
+    let grid = volume.distance_grid(1.0);
     assert!(grid.values[0].is_nan());
     assert_eq!(grid.values[1..], [0.25, -0.375]);
     assert_eq!((grid.dims, grid.spacing_m, grid.origin), ([3, 1, 1], 0.1, Point3::origin()));
@@ -347,7 +347,7 @@ fn a_color_is_that_of_the_nodes_that_have_one() {
         vertices: vec![Point3::new(1.0999, 2.0, 3.0), Point3::new(9.0, 9.0, 9.0)],
         ..TriangleMesh::default()
     };
-    volume.paint(&mut mesh);
+    volume.paint_vertices(&mut mesh);
     assert_eq!(mesh.colors, [[10, 20, 100], [128; 3]]);
 }
 
@@ -369,12 +369,12 @@ fn roles_follow_from_mask_weight_and_depth() {
 fn a_mesh_is_closed_where_its_nodes_are_known_and_colored() {
     let mut volume = TsdfVolume::new(Point3::new(-0.3, -0.3, -0.3), 0.05, [13; 3], 0.1);
     for i in 0..volume.weights.len() {
-        let d = sphere(0.2)(&volume.sums.position(i)) / 0.1;
+        let d = sphere(0.2)(&volume.sums.position_of_index(i)) / 0.1;
         (volume.sums.values[i], volume.weights[i]) = (2.0 * d.clamp(-1.0, 1.0) as f32, 2.0);
         volume.colors[i] = [20.0, 40.0, 60.0, 2.0];
     }
-    let mesh = volume.mesh(1.0);
+    let mesh = volume.colored_mesh(1.0);
     assert!(mesh.vertices.iter().all(|p| (p.coords.norm() - 0.2).abs() < 0.01) && !mesh.is_empty());
     assert!(mesh.colors.len() == mesh.vertices.len() && mesh.colors.iter().all(|c| *c == [10, 20, 30]));
-    assert!(volume.mesh(2.0).is_empty());
+    assert!(volume.colored_mesh(2.0).is_empty());
 }

@@ -57,12 +57,12 @@ impl Reading {
     pub(crate) const NOTHING: Self = Self { depth_m: 0.0, signed_weight: 0.0 };
 
     /// A surface of the volume's object.
-    pub(crate) fn surface(depth_m: f32, weight: f32) -> Self {
+    pub(crate) fn of_surface(depth_m: f32, weight: f32) -> Self {
         Self { depth_m, signed_weight: weight }
     }
 
     /// Empty space up to a depth; it may be infinite.
-    pub(crate) fn free(depth_m: f32, weight: f32) -> Self {
+    pub(crate) fn of_free_space(depth_m: f32, weight: f32) -> Self {
         Self { depth_m, signed_weight: -weight }
     }
 
@@ -110,7 +110,7 @@ impl<'a> TsdfView<'a> {
         volume_from_world: Pose,
         noise: &NoiseConfig,
     ) -> Self {
-        Self { frame, volume_from_world, readings: readings(frame, weights, roles, noise) }
+        Self { frame, volume_from_world, readings: readings_of_frame(frame, weights, roles, noise) }
     }
 
     /// A view of a whole object in its own world.
@@ -140,14 +140,14 @@ pub(super) enum NodeReading {
 }
 
 /// A view's reading of a node at a place in the optical frame, inside the image; `None` without evidence.
-pub(super) fn said(
+pub(super) fn reading_of_node(
     readings: &[Reading],
     intrinsics: &Intrinsics,
     camera: &RowCamera,
     p: &Vector3<f32>,
     truncation_m: f32,
 ) -> Option<NodeReading> {
-    let pixel = camera.pixel(p);
+    let pixel = camera.pixel_of(p);
     let reading = readings[pixel];
     let weight = reading.weight();
     let ahead_m = reading.depth_m - p.z;
@@ -173,7 +173,12 @@ pub(super) fn behind_weight(s: f32, steepness: f32) -> f32 {
 }
 
 /// Reading of each pixel for fusion.
-fn readings(frame: &RgbdFrame, weights: &[f32], roles: &[PixelRole], noise: &NoiseConfig) -> Vec<Reading> {
+fn readings_of_frame(
+    frame: &RgbdFrame,
+    weights: &[f32],
+    roles: &[PixelRole],
+    noise: &NoiseConfig,
+) -> Vec<Reading> {
     assert!(
         weights.len() == frame.depth_m.len() && roles.len() == frame.depth_m.len(),
         "one weight and role a pixel"
@@ -184,9 +189,9 @@ fn readings(frame: &RgbdFrame, weights: &[f32], roles: &[PixelRole], noise: &Noi
         let depth_m = frame.depth_m[pixel];
         let precision = || (reference_m / frame.sigma_m(pixel, noise)).powi(2) as f32;
         match roles[pixel] {
-            PixelRole::Surface if depth_m > 0.0 => Reading::surface(depth_m, weights[pixel] * precision()),
-            PixelRole::FreeOnly if depth_m > 0.0 => Reading::free(depth_m, precision().min(1.0)),
-            PixelRole::FreeOnly => Reading::free(f32::INFINITY, 1.0),
+            PixelRole::Surface if depth_m > 0.0 => Reading::of_surface(depth_m, weights[pixel] * precision()),
+            PixelRole::FreeOnly if depth_m > 0.0 => Reading::of_free_space(depth_m, precision().min(1.0)),
+            PixelRole::FreeOnly => Reading::of_free_space(f32::INFINITY, 1.0),
             _ => Reading::NOTHING,
         }
     });

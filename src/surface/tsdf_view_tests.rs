@@ -56,7 +56,7 @@ fn readings_weigh_by_their_precision_and_have_a_sign_by_their_role() {
 }
 
 fn readings_of(frame: &RgbdFrame) -> Vec<Reading> {
-    frame.depth_m.iter().map(|d| Reading::surface(*d, 1.0)).collect()
+    frame.depth_m.iter().map(|d| Reading::of_surface(*d, 1.0)).collect()
 }
 
 #[test]
@@ -78,7 +78,7 @@ fn readings_of_two_surfaces_have_nothing_between_them() {
     // A step of 0.1 m at pixel (2, 1): further behind, or before.
     let first = readings[7].depth_m;
     for step_m in [0.1, -0.1] {
-        readings[7] = Reading::surface(first + step_m, 1.0);
+        readings[7] = Reading::of_surface(first + step_m, 1.0);
         let at = |u: f32, v: f32, truncation_m: f32| {
             interpolated_depth(&readings, &K, [u + 0.5, v + 0.5], truncation_m)
         };
@@ -89,15 +89,15 @@ fn readings_of_two_surfaces_have_nothing_between_them() {
         assert!(at(3.5, 1.5, 0.05).is_some() && at(0.5, 1.5, 0.05).is_some());
     }
     // Nor have those of which one is no surface.
-    readings[7] = Reading::free(first, 1.0);
+    readings[7] = Reading::of_free_space(first, 1.0);
     assert_eq!(interpolated_depth(&readings, &K, [2.0, 1.0], 0.2), None);
 }
 
 /// What some readings, all of one depth, say of a point before pixel (2, 1).
 fn said_at(reading: Reading, z_m: f32, truncation_m: f32) -> Option<(Option<f32>, f32)> {
     let camera = RowCamera::new(&K, &Pose::identity(), &Point3::origin(), 0.1);
-    let ray = K.ray(2.0, 1.0).cast::<f32>();
-    match said(&[reading; K.width * K.height], &K, &camera, &(ray * z_m), truncation_m)? {
+    let ray = K.ray_at(2.0, 1.0).cast::<f32>();
+    match reading_of_node(&[reading; K.width * K.height], &K, &camera, &(ray * z_m), truncation_m)? {
         NodeReading::Free { weight } => Some((None, weight)),
         NodeReading::Near { s, weight, pixel } => {
             assert_eq!(pixel, K.width + 2);
@@ -108,7 +108,7 @@ fn said_at(reading: Reading, z_m: f32, truncation_m: f32) -> Option<(Option<f32>
 
 #[test]
 fn a_reading_says_that_space_is_free_or_how_near_its_surface_is() {
-    let surface = Reading::surface(1.0, 0.5);
+    let surface = Reading::of_surface(1.0, 0.5);
     // Ahead by the truncation or more; then within it; then behind.
     assert_eq!(said_at(surface, 0.5, 0.25), Some((None, 0.5)));
     assert_eq!(said_at(surface, 0.75, 0.25), Some((None, 0.5)));
@@ -119,7 +119,7 @@ fn a_reading_says_that_space_is_free_or_how_near_its_surface_is() {
     assert_eq!(said_at(surface, 1.25, 0.25), None);
     assert_eq!(said_at(surface, 1.5, 0.25), None);
     // Of something else only what is free.
-    let other = Reading::free(1.0, 0.5);
+    let other = Reading::of_free_space(1.0, 0.5);
     assert_eq!(said_at(other, 0.5, 0.25), Some((None, 0.5)));
     assert_eq!(said_at(other, 0.875, 0.25), None);
     assert_eq!(said_at(Reading::NOTHING, 0.125, 0.25), None);

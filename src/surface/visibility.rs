@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::{
-    blocks::{BLOCK, Sight, blocks, sight},
+    blocks::{BLOCK, Sight, block_ranges, sight_of_block},
     depth_tiles::DepthTiles,
     rows::RowCamera,
 };
@@ -109,7 +109,7 @@ fn views_in_front<T>(
         .map(|f| {
             let k = &f.intrinsics;
             let reach_m = reach(f);
-            let tiles = DepthTiles::of(k.width, k.height, |i| [reach_m[i]; 2]);
+            let tiles = DepthTiles::of_image(k.width, k.height, |i| [reach_m[i]; 2]);
             let camera = RowCamera::new(k, &f.world_from_camera.inverse(), &origin, spacing_m);
             ReachView { camera, reach_m, tiles }
         })
@@ -117,13 +117,14 @@ fn views_in_front<T>(
     let mut votes = vec![0u8; nx * ny * nz];
     votes.par_chunks_mut((nx * ny * BLOCK).max(1)).enumerate().for_each(|(slab, votes)| {
         let layers = slab * BLOCK..((slab + 1) * BLOCK).min(nz);
-        for lines in blocks(ny) {
+        for lines in block_ranges(ny) {
             // Of each block of the row: views of all of it.
             let mut all = vec![0u8; nx.div_ceil(BLOCK)];
             for ReachView { camera, reach_m, tiles } in &views {
                 let mut mixed = Vec::new();
-                for (all, range) in all.iter_mut().zip(blocks(nx)).filter(|(all, _)| **all < min_views) {
-                    match sight(tiles, camera, &[range.clone(), lines.clone(), layers.clone()]) {
+                for (all, range) in all.iter_mut().zip(block_ranges(nx)).filter(|(all, _)| **all < min_views)
+                {
+                    match sight_of_block(tiles, camera, &[range.clone(), lines.clone(), layers.clone()]) {
                         Sight::Nothing => {}
                         // A node with all its votes is left out: a byte cannot overflow.
                         Sight::InFront => *all += 1,
@@ -134,13 +135,13 @@ fn views_in_front<T>(
                     if mixed.is_empty() {
                         break;
                     }
-                    let row = camera.row(y, z, nx);
+                    let row = camera.row_in_image(y, z, nx);
                     let votes = &mut votes[((z - layers.start) * ny + y) * nx..][..nx];
                     for (range, needed) in &mixed {
                         for x in range.start.max(row.range.start)..range.end.min(row.range.end) {
                             if votes[x] < *needed {
                                 let p = row.at(x);
-                                votes[x] += u8::from(p.z < reach_m[camera.pixel(&p)]);
+                                votes[x] += u8::from(p.z < reach_m[camera.pixel_of(&p)]);
                             }
                         }
                     }
@@ -175,7 +176,7 @@ mod tests {
             assert!(!(d < 0.002 && free.values[i]), "node {d} is free");
             // Few views reach the corners of the grid.
             if d > 0.012 && d < 0.1 {
-                assert!(free.values[i], "node at {d} is not free: {:?}", nodes.position(i));
+                assert!(free.values[i], "node at {d} is not free: {:?}", nodes.position_of_index(i));
             }
             if d.abs() < 0.005 {
                 assert!(seen.values[i], "surface node is not visible");

@@ -27,7 +27,7 @@ pub fn drop_unused_vertices(mesh: &TriangleMesh) -> TriangleMesh {
 
 /// All meshes as one, in order. Colors are kept where every mesh with vertices has them.
 #[must_use]
-pub fn merge(meshes: &[&TriangleMesh]) -> TriangleMesh {
+pub fn merged_mesh(meshes: &[&TriangleMesh]) -> TriangleMesh {
     let has_colors = meshes.iter().all(|m| m.colors.len() == m.vertices.len());
     let mut all = TriangleMesh::default();
     for m in meshes {
@@ -45,15 +45,15 @@ pub fn merge(meshes: &[&TriangleMesh]) -> TriangleMesh {
 /// joined at the first of them, without triangles of fewer than three corners then, and without unused
 /// vertices.
 #[must_use]
-pub fn weld(mesh: &TriangleMesh, spacing_m: f32) -> TriangleMesh {
-    let representative = representatives(&mesh.vertices, spacing_m);
+pub fn welded_mesh(mesh: &TriangleMesh, spacing_m: f32) -> TriangleMesh {
+    let representative = first_of_cells(&mesh.vertices, spacing_m);
     let triangles = mesh.triangles.iter().map(|t| t.map(|i| representative[i as usize]));
     let triangles = triangles.filter(|[a, b, c]| a != b && b != c && c != a).collect();
     drop_unused_vertices(&TriangleMesh { triangles, ..mesh.clone() })
 }
 
 /// For each vertex, the first vertex of its lattice cell.
-fn representatives(vertices: &[Point3<f32>], spacing_m: f32) -> Vec<u32> {
+fn first_of_cells(vertices: &[Point3<f32>], spacing_m: f32) -> Vec<u32> {
     let mut order: Vec<([i64; 3], u32)> = Vec::with_capacity(vertices.len());
     for (p, i) in vertices.iter().zip(0..) {
         order.push(([p.x, p.y, p.z].map(|x| lattice_key(x, spacing_m)), i));
@@ -133,12 +133,12 @@ mod tests {
         assert_eq!(edge_defects(&loose).open, 36);
         assert!(!is_watertight(&loose) && is_watertight(&mesh));
         for spacing in [0.0, 1e-4] {
-            let welded = weld(&loose, spacing);
+            let welded = welded_mesh(&loose, spacing);
             assert!(is_watertight(&welded));
             assert_eq!((welded.vertices.len(), welded.triangles.len(), welded.colors.len()), (8, 12, 8));
         }
         let moved = mesh.transformed(&geometry::Pose::translation(0.5, 0.5, 0.5));
-        assert!(weld(&moved, 1.0).is_empty());
+        assert!(welded_mesh(&moved, 1.0).is_empty());
     }
 
     #[test]
@@ -153,9 +153,9 @@ mod tests {
     #[test]
     fn merging_keeps_both_and_their_colors() {
         let a = soup(&box_mesh(Vector3::new(0.1, 0.2, 0.3)));
-        let m = merge(&[&a, &a]);
+        let m = merged_mesh(&[&a, &a]);
         assert_eq!((m.vertices.len(), m.triangles.len(), m.colors.len()), (72, 24, 72));
         assert_eq!(m.corners(13), a.corners(1));
-        assert!(merge(&[&a, &box_mesh(Vector3::new(0.1, 0.2, 0.3))]).colors.is_empty());
+        assert!(merged_mesh(&[&a, &box_mesh(Vector3::new(0.1, 0.2, 0.3))]).colors.is_empty());
     }
 }

@@ -27,13 +27,13 @@ pub struct Board {
 impl Board {
     /// The board of a configuration, before the front of an object, level, its upper edge towards it.
     #[must_use]
-    pub fn of(object: &Object, config: &SynthConfig) -> Option<Self> {
-        config.board.map(|paper| Self::before(object, paper))
+    pub fn of_config(object: &Object, config: &SynthConfig) -> Option<Self> {
+        config.board.map(|paper| Self::before_object(object, paper))
     }
 
-    fn before(object: &Object, paper: Paper) -> Self {
-        let layout = BoardLayout::of(paper);
-        let [low, high] = layout.sheet();
+    fn before_object(object: &Object, paper: Paper) -> Self {
+        let layout = BoardLayout::of_paper(paper);
+        let [low, high] = layout.sheet_corners();
         let [lower, upper] = whole_way(object);
         let foot = object.world_from_rest.translation.vector;
         let front = object.world_from_rest.rotation * Vector3::x();
@@ -47,28 +47,28 @@ impl Board {
         let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
         let world_from_board = Pose::from_parts(at.into(), turn);
         let paper = Material::plain(Vector3::repeat(PAPER));
-        let plate = Solid::between([low.x, low.y, -THICK_M], [high.x, high.y, 0.0], &paper);
+        let plate = Solid::box_between([low.x, low.y, -THICK_M], [high.x, high.y, 0.0], &paper);
         let solid = Solid { part_from_solid: world_from_board * plate.part_from_solid, ..plate };
         Self { layout, world_from_board, solid }
     }
 
     /// Color of the sheet at a point of the world, linear.
     #[must_use]
-    pub(super) fn color(&self, point: &Point3<f64>) -> Vector3<f64> {
+    pub(super) fn color_at(&self, point: &Point3<f64>) -> Vector3<f64> {
         let at = self.world_from_board.inverse_transform_point(point);
         Vector3::repeat(if self.layout.is_black(&Point2::new(at.x, at.y)) { INK } else { PAPER })
     }
 
     /// Corners of the sheet in the world.
-    pub(super) fn corners(&self) -> [Point3<f64>; 4] {
-        let [low, high] = self.layout.sheet();
+    pub(super) fn sheet_corners(&self) -> [Point3<f64>; 4] {
+        let [low, high] = self.layout.sheet_corners();
         [[low.x, low.y], [high.x, low.y], [high.x, high.y], [low.x, high.y]]
             .map(|[x, y]| self.world_from_board * Point3::new(x, y, 0.0))
     }
 
     /// A sphere about another one and the board.
     pub(super) fn sphere_with(&self, mut sphere: BoundingSphere) -> BoundingSphere {
-        for corner in self.corners() {
+        for corner in self.sheet_corners() {
             let away = corner - sphere.center;
             let over_m = 0.5 * (away.norm() - sphere.radius_m);
             if over_m > 0.0 {
@@ -90,7 +90,7 @@ mod tests {
         for seed in 0..6 {
             let config = SynthConfig { seed, board: Some(Paper::A3), ..SynthConfig::default() };
             let object = generate(&config).unwrap();
-            let board = Board::of(&object, &config).unwrap();
+            let board = Board::of_config(&object, &config).unwrap();
             let [lower, upper] = whole_way(&object);
             let floor_m = object.world_from_rest.translation.vector.z;
             let front = object.world_from_rest.rotation * Vector3::x();
@@ -99,13 +99,13 @@ mod tests {
                 .iter()
                 .flat_map(|x| [lower.y, upper.y].map(|y| reach(&Point3::new(*x, y, 0.0))))
                 .fold(f64::MIN, f64::max);
-            for corner in board.corners() {
+            for corner in board.sheet_corners() {
                 assert!((corner.z - floor_m - THICK_M).abs() < 1e-12);
                 assert!(reach(&corner) > box_m);
             }
             let BoundingSphere { center, radius_m } = board.sphere_with(object.bounding_sphere());
-            assert!(board.corners().iter().all(|c| (c - center).norm() < radius_m + 1e-9));
-            assert_eq!(Board::of(&object, &SynthConfig::default()).map(|_| ()), None);
+            assert!(board.sheet_corners().iter().all(|c| (c - center).norm() < radius_m + 1e-9));
+            assert_eq!(Board::of_config(&object, &SynthConfig::default()).map(|_| ()), None);
         }
     }
 }

@@ -15,12 +15,12 @@ pub(super) struct Bounds {
 }
 
 impl Bounds {
-    fn join(self, other: &Self) -> Self {
+    fn joined_with(self, other: &Self) -> Self {
         Self { lower: self.lower.inf(&other.lower), upper: self.upper.sup(&other.upper) }
     }
 
     /// Whether a ray meets the box before `farthest`; `inverse` is one over its direction.
-    fn meets(&self, origin: &Point3<f64>, inverse: &Vector3<f64>, farthest: f64) -> bool {
+    fn meets_ray(&self, origin: &Point3<f64>, inverse: &Vector3<f64>, farthest: f64) -> bool {
         let mut near = 0.0f64;
         let mut far = farthest;
         for k in 0..3 {
@@ -61,7 +61,7 @@ impl Bvh {
 
     fn build(&mut self, boxes: &[Bounds], start: usize, end: usize) {
         let members = &mut self.order[start..end];
-        let bounds = members.iter().skip(1).fold(boxes[members[0]], |all, &b| all.join(&boxes[b]));
+        let bounds = members.iter().skip(1).fold(boxes[members[0]], |all, &b| all.joined_with(&boxes[b]));
         let here = self.nodes.len();
         self.nodes.push(Node { bounds, start, end, second: 0 });
         if end - start <= LEAF {
@@ -80,7 +80,7 @@ impl Bvh {
     }
 
     /// Calls `visit` with every box in the ray's way before the farthest known hit, returned by `visit`.
-    pub(crate) fn visit(
+    pub(crate) fn visit_boxes(
         &self,
         origin: &Point3<f64>,
         ray: &Vector3<f64>,
@@ -94,7 +94,7 @@ impl Bvh {
             height -= 1;
             let at = stack[height];
             let node = &self.nodes[at];
-            if !node.bounds.meets(origin, &inverse, farthest) {
+            if !node.bounds.meets_ray(origin, &inverse, farthest) {
                 continue;
             }
             if node.end > node.start {

@@ -9,7 +9,7 @@ use super::{
     look::Look,
 };
 use geometry::Pose;
-use numeric::random::{below, chance, range};
+use numeric::random::{index_below, is_chosen, uniform_in};
 
 /// Air about a moving part, meters. chosen: as in usual furniture
 const GAP_M: f64 = 0.002;
@@ -29,8 +29,8 @@ struct Slab {
 }
 
 impl Slab {
-    fn solid(&self, material: &Material) -> Solid {
-        Solid::between([self.x[0], self.y[0], self.z[0]], [self.x[1], self.y[1], self.z[1]], material)
+    fn to_solid(&self, material: &Material) -> Solid {
+        Solid::box_between([self.x[0], self.y[0], self.z[0]], [self.x[1], self.y[1], self.z[1]], material)
     }
 }
 
@@ -44,7 +44,7 @@ enum Edge {
 }
 
 /// The moving part of an opening; its fixed solids are added to `carcass_solids`.
-pub(super) fn front(
+pub(super) fn moving_part(
     c: &Carcass,
     cell: Cell,
     number: usize,
@@ -53,8 +53,8 @@ pub(super) fn front(
     carcass_solids: &mut Vec<Solid>,
     rng: &mut impl Rng,
 ) -> Part {
-    let material = look.material(rng);
-    let inset = chance(rng, 0.4);
+    let material = look.drawn_material(rng);
+    let inset = is_chosen(rng, 0.4);
     // An inset plate is flush with the frame; an overlay covers half of every board around.
     let (x, reach) = if inset {
         ([c.front - 0.8 * c.board, c.front], -GAP_M)
@@ -64,14 +64,14 @@ pub(super) fn front(
     let slab =
         Slab { x, y: [cell.y[0] - reach, cell.y[1] + reach], z: [cell.z[0] - reach, cell.z[1] + reach] };
     let wide = cell.width() / cell.height();
-    let kind = range(rng, 0.0, 1.0);
+    let kind = uniform_in(rng, 0.0, 1.0);
     // A drawer needs a low opening, a flap a clearly wide one; the rest have doors.
     if cell.width() > MIN_SLIDE_M && kind < 0.15 {
-        sliding(c, cell, number, &material, trim, carcass_solids, rng)
+        sliding_part(c, cell, number, &material, trim, carcass_solids, rng)
     } else if wide > 0.7 && kind < 0.6 {
-        drawer(c, cell, slab, number, &material, trim, rng)
+        drawer_part(c, cell, slab, number, &material, trim, rng)
     } else {
-        let edge = match (wide, chance(rng, 0.5)) {
+        let edge = match (wide, is_chosen(rng, 0.5)) {
             (w, first) if w > 1.3 => {
                 if first {
                     Edge::Top
@@ -87,12 +87,12 @@ pub(super) fn front(
                 }
             }
         };
-        hinged(slab, edge, number, &material, trim, rng)
+        hinged_part(slab, edge, number, &material, trim, rng)
     }
 }
 
 /// A door or flap, turning about an edge of its outer face.
-fn hinged(
+fn hinged_part(
     slab: Slab,
     edge: Edge,
     number: usize,
@@ -114,21 +114,21 @@ fn hinged(
     let middle = 0.5 * if upright { slab.z[0] + slab.z[1] } else { slab.y[0] + slab.y[1] };
     let at = if upright { [free, middle] } else { [middle, free] };
     let span = if upright { slab.z[1] - slab.z[0] } else { slab.y[1] - slab.y[0] };
-    let handle = handle(slab.x[1], at, upright, span, trim, rng);
+    let handle = handle_solid(slab.x[1], at, upright, span, trim, rng);
     let name = if upright { format!("door_{number}") } else { format!("flap_{number}") };
-    Part::moving(
+    Part::moving_on(
         name,
         0,
         PartJointKind::Revolute,
         axis,
         origin,
         HINGE_LIMITS_RAD,
-        vec![slab.solid(material), handle],
+        vec![slab.to_solid(material), handle],
     )
 }
 
 /// A drawer: front plate, bottom, two sides and a back.
-fn drawer(
+fn drawer_part(
     c: &Carcass,
     cell: Cell,
     slab: Slab,
@@ -137,20 +137,20 @@ fn drawer(
     trim: &Material,
     rng: &mut impl Rng,
 ) -> Part {
-    let length = range(rng, 0.6, 0.85) * (2.0 * c.front - c.board);
+    let length = uniform_in(rng, 0.6, 0.85) * (2.0 * c.front - c.board);
     let x0 = slab.x[0] - length;
     let x1 = slab.x[0];
     let y0 = cell.y[0] + 2.0 * GAP_M;
     let y1 = cell.y[1] - 2.0 * GAP_M;
     let z0 = cell.z[0] + 2.0 * GAP_M;
-    let z1 = cell.z[0] + range(rng, 0.5, 0.85) * cell.height();
+    let z1 = cell.z[0] + uniform_in(rng, 0.5, 0.85) * cell.height();
     let solids = vec![
-        slab.solid(material),
-        Solid::between([x0, y0, z0], [x1, y1, z0 + WALL_M], material),
-        Solid::between([x0, y0, z0 + WALL_M], [x1, y0 + WALL_M, z1], material),
-        Solid::between([x0, y1 - WALL_M, z0 + WALL_M], [x1, y1, z1], material),
-        Solid::between([x0, y0 + WALL_M, z0 + WALL_M], [x0 + WALL_M, y1 - WALL_M, z1], material),
-        handle(
+        slab.to_solid(material),
+        Solid::box_between([x0, y0, z0], [x1, y1, z0 + WALL_M], material),
+        Solid::box_between([x0, y0, z0 + WALL_M], [x1, y0 + WALL_M, z1], material),
+        Solid::box_between([x0, y1 - WALL_M, z0 + WALL_M], [x1, y1, z1], material),
+        Solid::box_between([x0, y0 + WALL_M, z0 + WALL_M], [x0 + WALL_M, y1 - WALL_M, z1], material),
+        handle_solid(
             slab.x[1],
             [0.5 * (cell.y[0] + cell.y[1]), 0.5 * (cell.z[0] + cell.z[1])],
             false,
@@ -161,7 +161,7 @@ fn drawer(
     ];
     // A quarter stays in the carcass: a drawer does not fall out.
     let limits = [0.0, 0.75 * length];
-    Part::moving(
+    Part::moving_on(
         format!("drawer_{number}"),
         0,
         PartJointKind::Prismatic,
@@ -174,7 +174,7 @@ fn drawer(
 
 /// A panel flush with the frame, sliding across its opening; half of the openings have a fixed panel behind
 /// it.
-fn sliding(
+fn sliding_part(
     c: &Carcass,
     cell: Cell,
     number: usize,
@@ -184,25 +184,25 @@ fn sliding(
     rng: &mut impl Rng,
 ) -> Part {
     let thick = 0.5 * c.board;
-    let width = range(rng, 0.4, 0.6) * cell.width();
+    let width = uniform_in(rng, 0.4, 0.6) * cell.width();
     let z = [cell.z[0] + GAP_M, cell.z[1] - GAP_M];
     let y = [cell.y[0] + GAP_M, cell.y[0] + GAP_M + width];
     let slab = Slab { x: [c.front - thick, c.front], y, z };
-    if chance(rng, 0.5) {
+    if is_chosen(rng, 0.5) {
         let back = c.front - thick - 2.0 * GAP_M;
         let lower = [back - thick, cell.y[1] - 0.55 * cell.width(), cell.z[0]];
-        carcass_solids.push(Solid::between(lower, [back, cell.y[1], cell.z[1]], trim));
+        carcass_solids.push(Solid::box_between(lower, [back, cell.y[1], cell.z[1]], trim));
     }
     let at = [y[0] + 0.15 * width, 0.5 * (z[0] + z[1])];
     // A sunken grip would be seen by nobody: a flat one stands out by 4 mm.
-    let grip = Solid::between(
+    let grip = Solid::box_between(
         [c.front, at[0] - 0.008, at[1] - 0.03],
         [c.front + 0.004, at[0] + 0.008, at[1] + 0.03],
         trim,
     );
     let limits = [0.0, cell.width() - width - 2.0 * GAP_M];
-    let solids = vec![slab.solid(material), grip];
-    Part::moving(
+    let solids = vec![slab.to_solid(material), grip];
+    Part::moving_on(
         format!("panel_{number}"),
         0,
         PartJointKind::Prismatic,
@@ -214,15 +214,22 @@ fn sliding(
 }
 
 /// A bar or a knob on a plate with its outer face at `x`; `at` is its (y, z).
-fn handle(x: f64, at: [f64; 2], upright: bool, span: f64, trim: &Material, rng: &mut impl Rng) -> Solid {
-    let out = range(rng, 0.018, 0.03);
-    if below(rng, 3) == 0 {
-        let radius_m = range(rng, 0.01, 0.018);
+fn handle_solid(
+    x: f64,
+    at: [f64; 2],
+    upright: bool,
+    span: f64,
+    trim: &Material,
+    rng: &mut impl Rng,
+) -> Solid {
+    let out = uniform_in(rng, 0.018, 0.03);
+    if index_below(rng, 3) == 0 {
+        let radius_m = uniform_in(rng, 0.01, 0.018);
         let pose =
             Pose::new(Vector3::new(x + 0.5 * out, at[0], at[1]), Vector3::y() * std::f64::consts::FRAC_PI_2);
         return Solid::cylinder(radius_m, 0.5 * out, pose, trim);
     }
-    let half = (0.5 * range(rng, 0.2, 0.5) * span).min(0.09);
+    let half = (0.5 * uniform_in(rng, 0.2, 0.5) * span).min(0.09);
     let (y, z) = if upright { (0.006, half) } else { (half, 0.006) };
-    Solid::between([x, at[0] - y, at[1] - z], [x + out, at[0] + y, at[1] + z], trim)
+    Solid::box_between([x, at[0] - y, at[1] - z], [x + out, at[0] + y, at[1] + z], trim)
 }

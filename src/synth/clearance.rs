@@ -24,17 +24,17 @@ pub(super) fn is_free(object: &Object) -> bool {
 }
 
 fn is_above_floor(object: &Object, poses: &[Pose], part: usize) -> bool {
-    object.parts[part].solids.iter().all(|s| lowest(&(poses[part] * s.part_from_solid), s) > -TOUCH_M)
+    object.parts[part].solids.iter().all(|s| lowest_height(&(poses[part] * s.part_from_solid), s) > -TOUCH_M)
 }
 
 fn are_apart(object: &Object, poses: &[Pose], a: usize, b: usize) -> bool {
     object.parts[a].solids.iter().all(|s| {
         let pose_a = poses[a] * s.part_from_solid;
-        object.parts[b].solids.iter().all(|t| !overlap(&pose_a, s, &(poses[b] * t.part_from_solid), t))
+        object.parts[b].solids.iter().all(|t| !do_overlap(&pose_a, s, &(poses[b] * t.part_from_solid), t))
     })
 }
 
-fn lowest(pose: &Pose, solid: &Solid) -> f64 {
+fn lowest_height(pose: &Pose, solid: &Solid) -> f64 {
     let half = solid.shape.half_sides();
     let up = pose.rotation.inverse() * Vector3::z();
     pose.translation.vector.z - up.abs().dot(&half)
@@ -42,7 +42,7 @@ fn lowest(pose: &Pose, solid: &Solid) -> f64 {
 
 /// Separating axes of two boxes (Gottschalk, Lin and Manocha 1996), each shrunk by half of the allowed
 /// overlap.
-fn overlap(pose_a: &Pose, a: &Solid, pose_b: &Pose, b: &Solid) -> bool {
+fn do_overlap(pose_a: &Pose, a: &Solid, pose_b: &Pose, b: &Solid) -> bool {
     let [half_a, half_b] = [a, b].map(|s| s.shape.half_sides().map(|h| (h - 0.5 * TOUCH_M).max(0.0)));
     let between = pose_b.translation.vector - pose_a.translation.vector;
     // Spheres settle most pairs.
@@ -53,7 +53,7 @@ fn overlap(pose_a: &Pose, a: &Solid, pose_b: &Pose, b: &Solid) -> bool {
         [pose_a, pose_b].map(|p| [Vector3::x(), Vector3::y(), Vector3::z()].map(|e| p.rotation * e));
     let crosses = axes_a.iter().flat_map(|u| axes_b.iter().map(move |v| u.cross(v)));
     for along in axes_a.iter().chain(&axes_b).copied().chain(crosses) {
-        let reach = reach(&axes_a, &half_a, &along) + reach(&axes_b, &half_b, &along);
+        let reach = reach_along(&axes_a, &half_a, &along) + reach_along(&axes_b, &half_b, &along);
         // Parallel edges have no product; the axes of the faces stand for them.
         if along.norm_squared() > 1e-12 && between.dot(&along).abs() > reach {
             return false;
@@ -63,7 +63,7 @@ fn overlap(pose_a: &Pose, a: &Solid, pose_b: &Pose, b: &Solid) -> bool {
 }
 
 /// How far a box reaches along a direction.
-fn reach(axes: &[Vector3<f64>; 3], half: &Vector3<f64>, along: &Vector3<f64>) -> f64 {
+fn reach_along(axes: &[Vector3<f64>; 3], half: &Vector3<f64>, along: &Vector3<f64>) -> f64 {
     (0..3).map(|k| half[k] * axes[k].dot(along).abs()).sum::<f64>()
 }
 
@@ -75,9 +75,9 @@ mod tests {
     #[test]
     fn boxes_meet_or_not() {
         let material = Material::plain(Vector3::zeros());
-        let cube = Solid::between([-0.1; 3], [0.1; 3], &material);
+        let cube = Solid::box_between([-0.1; 3], [0.1; 3], &material);
         let at = |x: f64, y: f64, yaw: f64| Pose::new(Vector3::new(x, y, 0.0), Vector3::z() * yaw);
-        let meet = |p: Pose| overlap(&Pose::identity(), &cube, &p, &cube);
+        let meet = |p: Pose| do_overlap(&Pose::identity(), &cube, &p, &cube);
         assert!(meet(at(0.19, 0.0, 0.0)) && !meet(at(0.2, 0.0, 0.0)));
         // A cube on its edge reaches farther along x and less at the corner.
         assert!(
@@ -85,6 +85,6 @@ mod tests {
                 && !meet(at(0.245, 0.0, std::f64::consts::FRAC_PI_4))
         );
         assert!(meet(at(0.19, 0.19, 0.0)) && !meet(at(0.19, 0.19, std::f64::consts::FRAC_PI_4)));
-        assert!((lowest(&at(0.0, 0.0, 1.0), &cube) + 0.1).abs() < 1e-12);
+        assert!((lowest_height(&at(0.0, 0.0, 1.0), &cube) + 0.1).abs() < 1e-12);
     }
 }

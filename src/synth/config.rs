@@ -39,7 +39,7 @@ impl Family {
 
     /// Fewest and most rigid parts, the static one included.
     #[must_use]
-    pub fn parts(self) -> [usize; 2] {
+    pub fn part_limits(self) -> [usize; 2] {
         match self {
             Self::Cabinet => [2, 7],
             Self::Lamp => [2, 4],
@@ -51,7 +51,7 @@ impl Family {
 
     /// The family by its name.
     #[must_use]
-    pub fn named(name: &str) -> Option<Self> {
+    pub fn by_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|f| f.name() == name)
     }
 }
@@ -217,7 +217,7 @@ impl SynthConfig {
     /// # Errors A number out of its range; a family without so many parts.
     pub fn check(&self) -> Result<(), SynthConfigError> {
         if let Some(parts) = self.parts {
-            let [fewest, most] = self.family.map_or([2, Self::MAX_PARTS], Family::parts);
+            let [fewest, most] = self.family.map_or([2, Self::MAX_PARTS], Family::part_limits);
             if !(fewest..=most).contains(&parts) {
                 let what = self.family.map_or("an object", Family::name);
                 return Err(SynthConfigError::Parts { what, fewest, most, parts });

@@ -4,7 +4,7 @@ use nalgebra::Point3;
 use rand_core::Rng;
 use rayon::prelude::*;
 
-use super::{DepthErrors, Scene, View, edge::depth_step, smooth::smooth};
+use super::{DepthErrors, Scene, View, edge::depth_step, smooth::smoothed_noise};
 use geometry::{Intrinsics, Pose};
 use numeric::random;
 
@@ -55,7 +55,7 @@ impl Default for DepthCamera {
 impl DepthCamera {
     /// The default with its noise, hole rates and color noise multiplied by a factor; 0 is a perfect sensor.
     #[must_use]
-    pub fn scaled(factor: f64) -> Self {
+    pub fn with_scaled_noise(factor: f64) -> Self {
         let base = Self::default();
         // Steps, shadows and grazing losses have no size to scale: without noise they go as well.
         if factor == 0.0 {
@@ -90,10 +90,11 @@ impl DepthCamera {
     ) -> Vec<u16> {
         let pixels = k.width * k.height;
         // Drawn in order before threads share the pixels: their number changes nothing.
-        let white: Vec<f64> = (0..pixels).map(|_| random::normal(rng)).collect();
-        let holes: Vec<[f64; 2]> = (0..pixels).map(|_| [random::unit(rng), random::unit(rng)]).collect();
+        let white: Vec<f64> = (0..pixels).map(|_| random::standard_normal(rng)).collect();
+        let holes: Vec<[f64; 2]> =
+            (0..pixels).map(|_| [random::unit_uniform(rng), random::unit_uniform(rng)]).collect();
         let noise = if self.disparity_sigma_px > 0.0 {
-            smooth(&white, k.width, k.height, self.correlation_px)
+            smoothed_noise(&white, k.width, k.height, self.correlation_px)
         } else {
             white
         };
@@ -137,12 +138,12 @@ impl DepthCamera {
 
     /// Colors of a view in sRGB with the camera's noise, row-major.
     #[must_use]
-    pub fn rgb(&self, view: &View, rng: &mut impl Rng) -> Vec<[u8; 3]> {
+    pub fn color_image(&self, view: &View, rng: &mut impl Rng) -> Vec<[u8; 3]> {
         let mut pixels = Vec::with_capacity(view.color.len());
         for color in &view.color {
             pixels.push([color.x, color.y, color.z].map(|linear| {
                 let encoded = 255.0 * linear.clamp(0.0, 1.0).powf(1.0 / 2.2);
-                (encoded + self.color_sigma * random::normal(rng)).round().clamp(0.0, 255.0) as u8
+                (encoded + self.color_sigma * random::standard_normal(rng)).round().clamp(0.0, 255.0) as u8
             }));
         }
         pixels

@@ -5,7 +5,7 @@ use rand_core::Rng;
 
 use super::{Handle, HandleKind, HandleStyle, Material, Part, Shape, Solid};
 use geometry::Pose;
-use numeric::random::{below, chance, range};
+use numeric::random::{index_below, is_chosen, uniform_in};
 
 /// Largest share of a plate's side along a handle. chosen: usual proportions
 const MOST_ALONG: f64 = 0.6;
@@ -18,20 +18,22 @@ const CUP_M: f64 = 0.004;
 
 /// Gives the doors, flaps and drawers of a cabinet other handles. Of these parts the plate is the first solid
 /// and the handle the last.
-pub(super) fn fit(parts: &mut [Part], style: HandleStyle, rng: &mut impl Rng) {
+pub(super) fn fit_handles(parts: &mut [Part], style: HandleStyle, rng: &mut impl Rng) {
     for part in
         parts.iter_mut().filter(|p| ["door_", "flap_", "drawer_"].iter().any(|n| p.name.starts_with(n)))
     {
-        let Some(plate) = Plate::of(part) else { continue };
+        let Some(plate) = Plate::of_part(part) else { continue };
         let Some(old) = part.solids.pop() else { continue };
         let style = match style {
-            HandleStyle::Mixed => [HandleStyle::Bar, HandleStyle::Knob, HandleStyle::Recess][below(rng, 3)],
+            HandleStyle::Mixed => {
+                [HandleStyle::Bar, HandleStyle::Knob, HandleStyle::Recess][index_below(rng, 3)]
+            }
             style => style,
         };
         part.handle = match style {
-            HandleStyle::Bar => Some(plate.bar(&mut part.solids, &old.material, rng)),
-            HandleStyle::Knob => Some(plate.knob(&mut part.solids, &old.material, rng)),
-            HandleStyle::Recess => Some(plate.recess(&mut part.solids, &old.material, rng)),
+            HandleStyle::Bar => Some(plate.add_bar(&mut part.solids, &old.material, rng)),
+            HandleStyle::Knob => Some(plate.add_knob(&mut part.solids, &old.material, rng)),
+            HandleStyle::Recess => Some(plate.add_recess(&mut part.solids, &old.material, rng)),
             HandleStyle::Mixed | HandleStyle::Bare => None,
         };
     }
@@ -49,7 +51,7 @@ struct Plate {
 }
 
 impl Plate {
-    fn of(part: &Part) -> Option<Self> {
+    fn of_part(part: &Part) -> Option<Self> {
         let solid = part.solids.first()?;
         let joint = part.joint?;
         let Shape::Cuboid(half) = solid.shape else { return None };
@@ -70,28 +72,28 @@ impl Plate {
     }
 
     /// Factor, 1 at most, on a handle too large for the plate.
-    fn scale(&self, length_m: f64, width_m: f64) -> f64 {
+    fn handle_scale(&self, length_m: f64, width_m: f64) -> f64 {
         let fits = |most: f64, half: f64, size: f64| most * 2.0 * half / size;
         fits(MOST_ALONG, self.half.x, length_m).min(fits(MOST_ACROSS, self.half.y, width_m)).min(1.0)
     }
 
     /// The frame of a handle of a width, `out` from the face: near the free edge, or in the middle.
-    fn frame(&self, width_m: f64, out_m: f64) -> Pose {
+    fn handle_frame(&self, width_m: f64, out_m: f64) -> Pose {
         // Clear of the boards behind the edge.
         let rim = (0.5 * self.half.y).min(0.03);
         let inward = (0.5 * width_m + rim).max(0.24 * self.half.y);
         self.part_from_face * Pose::translation(0.0, self.free * (self.half.y - inward), out_m)
     }
 
-    fn bar(&self, solids: &mut Vec<Solid>, material: &Material, rng: &mut impl Rng) -> Handle {
+    fn add_bar(&self, solids: &mut Vec<Solid>, material: &Material, rng: &mut impl Rng) -> Handle {
         let [length_m, thickness_m, clearance_m] =
-            [range(rng, 0.096, 0.16), range(rng, 0.008, 0.012), range(rng, 0.025, 0.035)];
-        let s = self.scale(length_m, thickness_m);
+            [uniform_in(rng, 0.096, 0.16), uniform_in(rng, 0.008, 0.012), uniform_in(rng, 0.025, 0.035)];
+        let s = self.handle_scale(length_m, thickness_m);
         let [length_m, thickness_m, clearance_m] = [s * length_m, s * thickness_m, s * clearance_m];
         let half = 0.5 * thickness_m;
         let out_m = clearance_m + 0.5 * thickness_m;
-        let part_from_handle = self.frame(thickness_m, out_m);
-        solids.push(if chance(rng, 0.5) {
+        let part_from_handle = self.handle_frame(thickness_m, out_m);
+        solids.push(if is_chosen(rng, 0.5) {
             let along = Pose::rotation(std::f64::consts::FRAC_PI_2 * Vector3::y());
             Solid::cylinder(half, 0.5 * length_m, part_from_handle * along, material)
         } else {
@@ -114,13 +116,13 @@ impl Plate {
         Handle { kind: HandleKind::Bar { length_m, thickness_m, clearance_m }, part_from_handle }
     }
 
-    fn knob(&self, solids: &mut Vec<Solid>, material: &Material, rng: &mut impl Rng) -> Handle {
-        let diameter_m = range(rng, 0.025, 0.035);
-        let diameter_m = diameter_m * self.scale(diameter_m, diameter_m);
+    fn add_knob(&self, solids: &mut Vec<Solid>, material: &Material, rng: &mut impl Rng) -> Handle {
+        let diameter_m = uniform_in(rng, 0.025, 0.035);
+        let diameter_m = diameter_m * self.handle_scale(diameter_m, diameter_m);
         // Half of it is stem: fingers reach behind the head.
         let stem = 0.5 * diameter_m;
         let head = 0.4 * diameter_m;
-        let part_from_handle = self.frame(diameter_m, stem + 0.5 * head);
+        let part_from_handle = self.handle_frame(diameter_m, stem + 0.5 * head);
         let half_stem = 0.5 * (stem + SUNK_M);
         let behind = Pose::translation(0.0, 0.0, -0.5 * head - half_stem);
         solids.push(Solid::cylinder(0.5 * diameter_m, 0.5 * head, part_from_handle, material));
@@ -129,14 +131,14 @@ impl Plate {
     }
 
     /// Makes the plate one of boxes about the recess, with a floor of another material.
-    fn recess(&self, solids: &mut Vec<Solid>, trim: &Material, rng: &mut impl Rng) -> Handle {
-        let s = self.scale(0.1, 0.025);
-        let [length_m, width_m, depth_m] = [s * 0.1, s * 0.025, s * range(rng, 0.012, 0.018)];
-        let part_from_handle = self.frame(width_m, 0.0);
+    fn add_recess(&self, solids: &mut Vec<Solid>, trim: &Material, rng: &mut impl Rng) -> Handle {
+        let s = self.handle_scale(0.1, 0.025);
+        let [length_m, width_m, depth_m] = [s * 0.1, s * 0.025, s * uniform_in(rng, 0.012, 0.018)];
+        let part_from_handle = self.handle_frame(width_m, 0.0);
         let from_face = (self.part_from_face.inverse() * part_from_handle).translation.vector;
         // All in the frame of the recess.
         let between =
-            |lower, upper, material| Solid::between(lower, upper, material).moved(&part_from_handle);
+            |lower, upper, material| Solid::box_between(lower, upper, material).moved(&part_from_handle);
         let lower = -self.half - from_face;
         let upper = self.half - from_face;
         let a = 0.5 * length_m;

@@ -33,7 +33,7 @@ pub fn further_states(
         let rng = &mut stage_rng(config.seed, "synth/further", state as u64);
         let drawn = (0..TRIES).find_map(|_| drawn_positions(object, &states, rng));
         // Many joints leave little room: positions between those of the two states are always clear.
-        let next = drawn.or_else(|| between(object, (state as f64 + 1.0) / (count as f64 + 1.0)));
+        let next = drawn.or_else(|| object_between(object, (state as f64 + 1.0) / (count as f64 + 1.0)));
         states.push(next.ok_or(NoPositions { family: object.family })?);
     }
     Ok(states)
@@ -48,7 +48,7 @@ fn drawn_positions(object: &Object, states: &[Object], rng: &mut impl Rng) -> Op
         let first = object.parts[k].joint.iter().flat_map(|j| j.positions);
         let mut filmed = states.iter().filter_map(|s| s.parts[k].joint.map(|j| j.positions[1])).chain(first);
         let [low, high] = joint.limits;
-        joint.positions[1] = random::range(rng, low, high);
+        joint.positions[1] = random::uniform_in(rng, low, high);
         // A state near a filmed one shows nothing new.
         if filmed.any(|q| (q - joint.positions[1]).abs() < APART * (high - low)) {
             return None;
@@ -58,7 +58,7 @@ fn drawn_positions(object: &Object, states: &[Object], rng: &mut impl Rng) -> Op
 }
 
 /// The object with every joint a share of its way on; `None` where parts meet.
-fn between(object: &Object, share: f64) -> Option<Object> {
+fn object_between(object: &Object, share: f64) -> Option<Object> {
     let mut next = object.clone();
     for joint in next.parts.iter_mut().filter_map(|p| p.joint.as_mut()) {
         joint.positions[1] = joint.positions[0] + share * (joint.positions[1] - joint.positions[0]);

@@ -40,26 +40,27 @@ pub struct NoShape {
 /// # Errors Where no shape was found with visible parts clear of each other.
 pub fn generate(config: &SynthConfig) -> Result<Object, NoShape> {
     let rng = &mut stage_rng(config.seed, "synth/object", 0);
-    let [fewest, most] = config.family.map_or([2, 6], Family::parts);
-    let parts = config.parts.unwrap_or_else(|| fewest + random::below(rng, most - fewest + 1));
+    let [fewest, most] = config.family.map_or([2, 6], Family::part_limits);
+    let parts = config.parts.unwrap_or_else(|| fewest + random::index_below(rng, most - fewest + 1));
     let family = config.family.unwrap_or_else(|| any_family(parts, rng));
-    let textured = config.textured.unwrap_or_else(|| random::chance(rng, 0.75));
+    let textured = config.textured.unwrap_or_else(|| random::is_chosen(rng, 0.75));
     // Turned and moved: no program may rely on the world's axes.
-    let yaw = random::range(rng, 0.0, TAU);
-    let foot = Vector3::new(random::range(rng, -FOOT_M, FOOT_M), random::range(rng, -FOOT_M, FOOT_M), 0.0);
+    let yaw = random::uniform_in(rng, 0.0, TAU);
+    let foot =
+        Vector3::new(random::uniform_in(rng, -FOOT_M, FOOT_M), random::uniform_in(rng, -FOOT_M, FOOT_M), 0.0);
     for shape in 0..SHAPES {
         // A stream of its own: how many positions one shape took does not change the next.
         let rng = &mut stage_rng(config.seed, "synth/shape", shape);
         let mut look = Look { textured, scale_m: 1.0 };
         let mut parts = match family {
             Family::Cabinet => cabinet::cabinet(parts, &mut look, rng),
-            Family::Lamp => chain::lamp(parts, &mut look, rng),
+            Family::Lamp => chain::lamp_parts(parts, &mut look, rng),
             Family::FoldingDoor => chain::folding_door(parts, &mut look, rng),
             Family::CappedBox => tabletop::capped_box(parts, &mut look, rng),
-            Family::Clamshell => tabletop::clamshell(&mut look, rng),
+            Family::Clamshell => tabletop::clamshell_parts(&mut look, rng),
         };
         if let (Family::Cabinet, Some(style)) = (family, config.handles) {
-            fittings::fit(&mut parts, style, &mut stage_rng(config.seed, "synth/handles", shape));
+            fittings::fit_handles(&mut parts, style, &mut stage_rng(config.seed, "synth/handles", shape));
         }
         let mut object =
             Object { family: family.name(), parts, world_from_rest: Pose::new(foot, Vector3::z() * yaw) };
@@ -90,7 +91,7 @@ fn scaled(mut object: Object, share: f64) -> Object {
 fn skewed(mut object: Object, config: &SynthConfig) -> Object {
     let rng = &mut stage_rng(config.seed, "synth/skew", 0);
     for axis in object.parts.iter_mut().filter_map(|p| p.joint.as_mut()).map(|j| &mut j.axis) {
-        let aside = Unit::new_normalize(random::direction(rng).cross(axis));
+        let aside = Unit::new_normalize(random::random_direction(rng).cross(axis));
         *axis = UnitQuaternion::from_axis_angle(&aside, config.skew_deg.to_radians()) * *axis;
     }
     object
@@ -112,11 +113,11 @@ fn lacquered(mut object: Object, config: &SynthConfig) -> Object {
 /// A family with room for so many parts; cabinets have half of the share where there is a choice.
 fn any_family(parts: usize, rng: &mut impl Rng) -> Family {
     let mut others: Vec<Family> = Family::ALL.into_iter().filter(|f| *f != Family::Cabinet).collect();
-    others.retain(|f| (f.parts()[0]..=f.parts()[1]).contains(&parts));
-    if others.is_empty() || random::chance(rng, 0.5) {
+    others.retain(|f| (f.part_limits()[0]..=f.part_limits()[1]).contains(&parts));
+    if others.is_empty() || random::is_chosen(rng, 0.5) {
         Family::Cabinet
     } else {
-        others[random::below(rng, others.len())]
+        others[random::index_below(rng, others.len())]
     }
 }
 
@@ -129,10 +130,10 @@ fn positions(joint: &PartJoint, rng: &mut impl Rng) -> [f64; 2] {
         PartJointKind::Prismatic => [0.3 * span, 0.9 * span],
         PartJointKind::Screw { .. } => [1.0f64.min(0.5 * span), 2.6f64.min(0.9 * span)],
     };
-    let motion = random::range(rng, least, most);
-    let near = random::range(rng, low, high - motion);
+    let motion = random::uniform_in(rng, least, most);
+    let near = random::uniform_in(rng, low, high - motion);
     // Either state may be the more open one.
-    if random::chance(rng, 0.5) { [near, near + motion] } else { [near + motion, near] }
+    if random::is_chosen(rng, 0.5) { [near, near + motion] } else { [near + motion, near] }
 }
 
 #[cfg(test)]
@@ -142,7 +143,7 @@ mod tests {
     #[test]
     fn every_family_and_number_of_parts_can_be_made() {
         for family in Family::ALL {
-            for parts in family.parts()[0]..=family.parts()[1] {
+            for parts in family.part_limits()[0]..=family.part_limits()[1] {
                 for seed in 0..5 {
                     let config = SynthConfig {
                         seed,

@@ -20,7 +20,7 @@ pub enum HandleStyle {
 impl HandleStyle {
     /// The style by its name on the command line.
     #[must_use]
-    pub fn named(name: &str) -> Option<Self> {
+    pub fn by_name(name: &str) -> Option<Self> {
         Some(match name {
             "bar" => Self::Bar,
             "knob" => Self::Knob,

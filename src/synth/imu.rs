@@ -38,12 +38,12 @@ pub fn optical_from_imu() -> Pose {
 #[must_use]
 pub fn imu_bias(config: &SynthConfig) -> Vector3<f64> {
     let rng = &mut stage_rng(config.seed, "synth/imu/bias", 0);
-    Vector3::from_fn(|_, _| random::range(rng, -BIAS, BIAS))
+    Vector3::from_fn(|_, _| random::uniform_in(rng, -BIAS, BIAS))
 }
 
 /// Readings all along the path of a take with `views` views, `period_nanos` apart; each is the mean over the
 /// time to its neighbors.
-pub(super) fn readings(
+pub(super) fn imu_readings(
     path: &CameraPath,
     take: usize,
     views: usize,
@@ -54,7 +54,7 @@ pub(super) fn readings(
     let bias = imu_bias(config);
     let period_s = 1e-9 * period_nanos as f64;
     let place = Point3::from(optical_from_imu().translation.vector);
-    let pose = |after_s: f64| path.pose((0.5 + after_s / period_s) / views as f64);
+    let pose = |after_s: f64| path.pose_at((0.5 + after_s / period_s) / views as f64);
     let at = |after_s: f64| (pose(after_s) * place).coords;
     let step_s = 1.0 / RATE_HZ;
     let sigma = NOISE * (0.5 * RATE_HZ).sqrt();
@@ -65,7 +65,7 @@ pub(super) fn readings(
             let after_s = k as f64 * step_s - 0.5 * period_s;
             let moved = (at(after_s + step_s) - 2.0 * at(after_s) + at(after_s - step_s)) / step_s.powi(2);
             let turn = (pose(after_s) * optical_from_imu()).rotation;
-            let noise = Vector3::from_fn(|_, _| sigma * random::normal(rng));
+            let noise = Vector3::from_fn(|_, _| sigma * random::standard_normal(rng));
             let held = moved + Vector3::z() * GRAVITY;
             ImuReading {
                 after_nanos: (1e9 * after_s).round() as i64,
@@ -83,12 +83,12 @@ mod tests {
     fn readings_are_those_of_the_data_sheet_about_gravity() {
         let config = SynthConfig { seed: 5, ..SynthConfig::default() };
         let path = CameraPath::new(Point3::origin(), 0.5, 0.3, 0.4, &mut stage_rng(3, "path", 0));
-        let found = readings(&path, 1, 150, 66_666_667, &config);
+        let found = imu_readings(&path, 1, 150, 66_666_667, &config);
         assert!(found.len().abs_diff(2500) < 5, "{}", found.len());
         let bias = imu_bias(&config);
         assert!(bias.amax() <= BIAS && bias.norm() > 0.01);
         let pose = |r: &ImuReading| {
-            path.pose((0.5 + r.after_nanos as f64 / 66_666_667.0) / 150.0) * optical_from_imu()
+            path.pose_at((0.5 + r.after_nanos as f64 / 66_666_667.0) / 150.0) * optical_from_imu()
         };
         let up = found.iter().map(|r| pose(r).rotation * (r.acceleration - bias)).sum::<Vector3<f64>>();
         let up = up / found.len() as f64;

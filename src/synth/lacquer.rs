@@ -25,9 +25,9 @@ pub struct Lacquer {
 impl Lacquer {
     /// Patches on a share of all places.
     pub(super) fn covering(share: f64, patch_m: f64, rng: &mut impl Rng) -> Self {
-        let seed = random::below(rng, 1 << 30) as u32;
+        let seed = random::index_below(rng, 1 << 30) as u32;
         let mut noise: Vec<f64> = (0..PLACES)
-            .map(|_| value_noise(&Vector3::from_fn(|_, _| random::range(rng, 0.0, 1e3)), seed))
+            .map(|_| value_noise(&Vector3::from_fn(|_, _| random::uniform_in(rng, 0.0, 1e3)), seed))
             .collect();
         noise.sort_by(f64::total_cmp);
         let from = noise[(((1.0 - share) * PLACES as f64) as usize).min(PLACES - 1)];
@@ -42,7 +42,7 @@ impl Lacquer {
 
     /// A color under lacquer.
     #[must_use]
-    pub fn darkened(color: Vector3<f64>) -> Vector3<f64> {
+    pub fn darkened_color(color: Vector3<f64>) -> Vector3<f64> {
         DARKENING * color
     }
 }
@@ -58,7 +58,7 @@ mod tests {
         for share in [0.1, 0.4] {
             let lacquer = Lacquer::covering(share, 0.1, rng);
             let place =
-                |_| lacquer.covers(&Point3::from_slice(&[(); 3].map(|()| random::range(rng, 0.0, 9.0))));
+                |_| lacquer.covers(&Point3::from_slice(&[(); 3].map(|()| random::uniform_in(rng, 0.0, 9.0))));
             let covered = (0..20_000).map(place).filter(|c| *c).count() as f64 / 20_000.0;
             assert!((covered - share).abs() < 0.03, "{covered} for {share}");
         }

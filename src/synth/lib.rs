@@ -1,6 +1,6 @@
 //! Made objects: parametric articulated objects, ray-cast by a moving depth camera, with all truth known.
 //!
-//! ```ignore
+//! ```
 //! use synth::{Family, SynthConfig, generate};
 //!
 //! let object = generate(&SynthConfig { family: Family::Clamshell, ..SynthConfig::default() })?;
@@ -55,7 +55,7 @@ pub use light::Light;
 pub use material::Material;
 pub use object::{BoundingSphere, Object, Part, PartJoint, PartJointKind};
 pub use path::CameraPath;
-pub use recording::{SynthFrame, SynthState, film, handheld_camera, record};
+pub use recording::{SynthFrame, SynthState, film_take, handheld_camera, record};
 pub use scene::Scene;
 pub use sensor::{Effect, HandheldCamera, HandheldSensor, TakePoses};
 pub use solid::{Shape, Solid};

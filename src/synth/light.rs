@@ -27,13 +27,13 @@ impl Light {
     }
 
     /// Light reflected by a matt surface of unit normal `normal`.
-    pub(super) fn diffuse(&self, normal: &Vector3<f64>) -> Vector3<f64> {
+    pub(super) fn diffuse_light(&self, normal: &Vector3<f64>) -> Vector3<f64> {
         // The shares add up to 1: white stays white where all of it shines.
         self.tint * (0.55 + 0.15 * normal.z + 0.3 * normal.dot(&self.lamp).max(0.0))
     }
 
     /// How near a surface point comes to mirroring a bulb to the eye, in `[0, 1]`.
-    pub(super) fn gloss(&self, eye: &Point3<f64>, point: &Point3<f64>, normal: &Vector3<f64>) -> f64 {
+    pub(super) fn gloss_at(&self, eye: &Point3<f64>, point: &Point3<f64>, normal: &Vector3<f64>) -> f64 {
         let mut gloss = 0.0_f64;
         for bulb in &self.bulbs {
             let [to_eye, to_bulb] = [eye - point, bulb - point].map(|v| v.normalize());

@@ -16,35 +16,35 @@ pub(super) struct Look {
 
 impl Look {
     /// A material of random hue.
-    pub(crate) fn material(&self, rng: &mut impl Rng) -> Material {
-        let base = color(rng);
+    pub(crate) fn drawn_material(&self, rng: &mut impl Rng) -> Material {
+        let base = drawn_color(rng);
         if !self.textured {
             return Material::plain(base);
         }
         // Darker as well: features are found in gray.
-        let second = base.lerp(&color(rng), 0.35) * random::range(rng, 0.25, 0.5);
-        let mut wavelength_m = Vector3::repeat(self.scale_m * random::range(rng, 0.1, 0.25));
+        let second = base.lerp(&drawn_color(rng), 0.35) * random::uniform_in(rng, 0.25, 0.5);
+        let mut wavelength_m = Vector3::repeat(self.scale_m * random::uniform_in(rng, 0.1, 0.25));
         // Some textures run along one axis, as wood does.
-        if random::chance(rng, 0.4) {
-            wavelength_m[random::below(rng, 3)] *= random::range(rng, 2.0, 4.0);
+        if random::is_chosen(rng, 0.4) {
+            wavelength_m[random::index_below(rng, 3)] *= random::uniform_in(rng, 2.0, 4.0);
         }
         Material {
             base,
             second,
             wavelength_m: Some(wavelength_m),
-            seed: random::below(rng, 1 << 30) as u32,
+            seed: random::index_below(rng, 1 << 30) as u32,
             lacquer: None,
         }
     }
 
     /// The material of handles and fittings: gray.
-    pub(crate) fn trim(&self, rng: &mut impl Rng) -> Material {
-        Material::plain(Vector3::repeat(random::range(rng, 0.05, 0.5)))
+    pub(crate) fn drawn_trim(&self, rng: &mut impl Rng) -> Material {
+        Material::plain(Vector3::repeat(random::uniform_in(rng, 0.05, 0.5)))
     }
 }
 
 /// A color neither black nor white, linear.
-fn color(rng: &mut impl Rng) -> Vector3<f64> {
-    let tone = random::range(rng, 0.25, 0.8);
-    Vector3::from_fn(|_, _| tone * random::range(rng, 0.35, 1.0))
+fn drawn_color(rng: &mut impl Rng) -> Vector3<f64> {
+    let tone = random::uniform_in(rng, 0.25, 0.8);
+    Vector3::from_fn(|_, _| tone * random::uniform_in(rng, 0.35, 1.0))
 }

@@ -39,9 +39,9 @@ impl Material {
 
     /// Color at a point of the part's frame; octaves too fine for a pixel of `footprint_m` are left out.
     #[must_use]
-    pub fn color(&self, point: &Point3<f64>, footprint_m: f64) -> Vector3<f64> {
+    pub fn color_at(&self, point: &Point3<f64>, footprint_m: f64) -> Vector3<f64> {
         let own = self.own_color(point, footprint_m);
-        if self.is_lacquered(point) { Lacquer::darkened(own) } else { own }
+        if self.is_lacquered(point) { Lacquer::darkened_color(own) } else { own }
     }
 
     fn own_color(&self, point: &Point3<f64>, footprint_m: f64) -> Vector3<f64> {
@@ -80,7 +80,7 @@ mod tests {
             seed: 7,
             lacquer: None,
         };
-        let at = |x: f64, footprint_m: f64| material.color(&Point3::new(x, -0.3, 0.2), footprint_m).x;
+        let at = |x: f64, footprint_m: f64| material.color_at(&Point3::new(x, -0.3, 0.2), footprint_m).x;
         let values: Vec<f64> = (0..4000).map(|i| at(f64::from(i) * 1e-3, 0.0)).collect();
         let mean = values.iter().sum::<f64>() / 4000.0;
         let spread = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / 4000.0).sqrt();
@@ -90,6 +90,6 @@ mod tests {
                 .all(|i| (at(f64::from(i) * 1e-3, 0.0) - at(f64::from(i) * 1e-3 + 1e-7, 0.0)).abs() < 1e-3)
         );
         assert!((at(0.123, 0.2) - 0.5).abs() < 1e-12);
-        assert_eq!(Material::plain(Vector3::x()).color(&Point3::origin(), 0.0), Vector3::x());
+        assert_eq!(Material::plain(Vector3::x()).color_at(&Point3::origin(), 0.0), Vector3::x());
     }
 }

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Unit, Vector3};
 
 use super::{Family, Handle, Solid};
 use geometry::{Pose, Screw, bounding_box};
-use surface::{TriangleMesh, merge};
+use surface::{TriangleMesh, merged_mesh};
 
 /// How a part moves on its parent.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,7 +52,7 @@ pub struct PartJoint {
 impl PartJoint {
     /// Motion of the part in the rest frame for a position of the joint; identity at 0.
     #[must_use]
-    pub fn motion(&self, position: f64) -> Pose {
+    pub fn motion_at(&self, position: f64) -> Pose {
         let line = Screw { direction: self.axis, point: self.origin, angle_rad: 0.0, advance_m: 0.0 };
         match self.kind {
             PartJointKind::Revolute => line.motion_by(position, 0.0),
@@ -77,7 +77,7 @@ pub struct Part {
 
 impl Part {
     /// A moving part on part `parent`; `axis` in the rest frame, positions still open.
-    pub(super) fn moving(
+    pub(super) fn moving_on(
         name: String,
         parent: usize,
         kind: PartJointKind,
@@ -98,7 +98,7 @@ impl Part {
     }
 
     /// The static part.
-    pub(super) fn fixed(name: &str, solids: Vec<Solid>) -> Self {
+    pub(super) fn static_part(name: &str, solids: Vec<Solid>) -> Self {
         Self { name: name.to_owned(), joint: None, solids, handle: None }
     }
 }
@@ -128,7 +128,7 @@ impl Object {
         let mut poses: Vec<Pose> = Vec::with_capacity(self.parts.len());
         for part in &self.parts {
             poses.push(part.joint.map_or_else(Pose::identity, |j| {
-                poses[j.parent] * j.motion(j.positions[0] + (j.positions[1] - j.positions[0]) * share)
+                poses[j.parent] * j.motion_at(j.positions[0] + (j.positions[1] - j.positions[0]) * share)
             }));
         }
         poses
@@ -153,17 +153,20 @@ impl Object {
 
     /// Mesh of a part in its own frame.
     #[must_use]
-    pub fn mesh(&self, part: usize) -> TriangleMesh {
-        let meshes: Vec<TriangleMesh> =
-            self.parts[part].solids.iter().map(|s| s.shape.mesh().transformed(&s.part_from_solid)).collect();
-        merge(&meshes.iter().collect::<Vec<_>>())
+    pub fn mesh_of_part(&self, part: usize) -> TriangleMesh {
+        let meshes: Vec<TriangleMesh> = self.parts[part]
+            .solids
+            .iter()
+            .map(|s| s.shape.closed_mesh().transformed(&s.part_from_solid))
+            .collect();
+        merged_mesh(&meshes.iter().collect::<Vec<_>>())
     }
 
     /// Surface of every part in the world as it stands in a state.
     #[must_use]
-    pub fn meshes(&self, state: usize) -> Vec<TriangleMesh> {
+    pub fn meshes_in_world(&self, state: usize) -> Vec<TriangleMesh> {
         let poses = self.world_from_parts(state);
-        poses.iter().enumerate().map(|(part, pose)| self.mesh(part).transformed(pose)).collect()
+        poses.iter().enumerate().map(|(part, pose)| self.mesh_of_part(part).transformed(pose)).collect()
     }
 
     /// A sphere about the object in both states.
@@ -172,7 +175,7 @@ impl Object {
         let mut points: Vec<Point3<f64>> = Vec::new();
         for state in 0..2 {
             for (k, pose) in self.world_from_parts(state).iter().enumerate() {
-                points.extend(self.mesh(k).vertices.iter().map(|v| pose * v.cast::<f64>()));
+                points.extend(self.mesh_of_part(k).vertices.iter().map(|v| pose * v.cast::<f64>()));
             }
         }
         let (lower, upper) = bounding_box(points.iter().copied()).unwrap_or_default();

@@ -31,9 +31,9 @@ impl Wave {
     /// Of seven tenths of an amplitude to all of it.
     fn drawn(amplitude: f64, [low, high]: [f64; 2], rng: &mut impl Rng) -> Self {
         Self {
-            amplitude: amplitude * random::range(rng, 0.7, 1.0),
-            frequency: random::range(rng, low, high),
-            phase_rad: random::range(rng, 0.0, TAU),
+            amplitude: amplitude * random::uniform_in(rng, 0.7, 1.0),
+            frequency: random::uniform_in(rng, low, high),
+            phase_rad: random::uniform_in(rng, 0.0, TAU),
         }
     }
 
@@ -77,13 +77,13 @@ impl CameraPath {
         let range = wave(0.06, 1.0, 4.0);
         let look = [0; 3].map(|_| wave(0.06, 1.0, 5.0));
         let roll = wave(0.07, 1.0, 4.0);
-        let start = if random::chance(rng, 0.5) { 1.0 } else { -1.0 };
+        let start = if random::is_chosen(rng, 0.5) { 1.0 } else { -1.0 };
         Self { center, radius_m, distance_m, front_rad, start, elevation, azimuth, range, look, roll }
     }
 
     /// `world_from_camera` (optical frame) at a time in `[0, 1]`.
     #[must_use]
-    pub fn pose(&self, time: f64) -> Pose {
+    pub fn pose_at(&self, time: f64) -> Pose {
         let azimuth =
             self.front_rad + self.start * HALF_SWEEP_RAD * (2.0 * time - 1.0) + self.azimuth.value_at(time);
         let [low, high] = ELEVATION_RAD;
@@ -116,12 +116,12 @@ mod tests {
             let center = Point3::new(0.3, -0.2, 0.4);
             let path = CameraPath::new(center, 0.5, 0.7, 0.39, &mut stage_rng(seed, "path", 0));
             for i in 0..=60 {
-                let pose = path.pose(f64::from(i) / 60.0);
+                let pose = path.pose_at(f64::from(i) / 60.0);
                 let seen = pose.inverse() * center;
                 let off = seen.xy().coords.norm().atan2(seen.z);
                 assert!(off < 0.05 && seen.z > 0.75, "{off} {}", seen.z);
                 assert!(pose.translation.vector.z > 0.4);
-                let next = path.pose(f64::from(i) / 60.0 + 1e-4);
+                let next = path.pose_at(f64::from(i) / 60.0 + 1e-4);
                 assert!((next.translation.vector - pose.translation.vector).norm() < 0.01);
                 assert!(next.rotation.angle_to(&pose.rotation) < 0.01);
             }

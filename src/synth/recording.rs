@@ -5,7 +5,7 @@ use nalgebra::{Point3, Unit, Vector3};
 use super::{
     Board, BoundingSphere, CameraPath, DepthCamera, HandheldCamera, HandheldSensor, Material, Object, Scene,
     SeenSample, Solid, SynthConfig, TakePoses, View,
-    imu::{ImuReading, readings},
+    imu::{ImuReading, imu_readings},
     seen_points,
     workspace::whole_way,
 };
@@ -78,75 +78,75 @@ pub struct SynthState {
 /// Films an object in a state. The same configuration gives the same values, whatever the number of threads.
 #[must_use]
 pub fn record(object: &Object, state: usize, config: &SynthConfig) -> SynthState {
-    film(object, state, state, config)
+    film_take(object, state, state, config)
 }
 
 /// Films take number `take` of an object in a state: every take has a camera path and noise of its own.
 #[must_use]
-pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) -> SynthState {
+pub fn film_take(object: &Object, state: usize, take: usize, config: &SynthConfig) -> SynthState {
     let rng =
         |what: &str, step: usize| stage_rng(config.seed, &format!("synth/state{take}/{what}"), step as u64);
-    let intrinsics = intrinsics(config);
+    let intrinsics = camera_intrinsics(config);
     let sphere = object.bounding_sphere();
     let path = camera_path(object, take, config);
     // The floor and the things on it are the same in all states.
-    let (floor, lamp) = surroundings(config.seed);
+    let (floor, lamp) = drawn_surroundings(config.seed);
     let camera = handheld_camera(config);
     // Around the object's reach in any state: nothing stands in its way.
-    let board = Board::of(object, config);
-    let room = room(object, board.as_ref());
-    let clutter = camera.clutter(&room, object.world_from_rest.translation.vector.z);
-    let still =
-        Scene::new(object, state, &floor, (FLOOR_RADII * sphere.radius_m).max(MIN_FLOOR_M)).with(&clutter);
-    let still = board.as_ref().map_or_else(|| still.with(&[]), |board| still.with_board(board));
-    let depth_camera = DepthCamera::scaled(config.noise);
-    let (views, period_nanos) = pace(&path, config);
+    let board = Board::of_config(object, config);
+    let room = room_about(object, board.as_ref());
+    let clutter = camera.clutter_solids(&room, object.world_from_rest.translation.vector.z);
+    let still = Scene::new(object, state, &floor, (FLOOR_RADII * sphere.radius_m).max(MIN_FLOOR_M))
+        .with_solids(&clutter);
+    let still = board.as_ref().map_or_else(|| still.with_solids(&[]), |board| still.with_board(board));
+    let depth_camera = DepthCamera::with_scaled_noise(config.noise);
+    let (views, period_nanos) = view_pace(&path, config);
     // Views stand in the middle of their share of the path: poses shortly before and after lie on it too.
     let time = |i: usize, nanos: f64| (i as f64 + 0.5 + nanos / period_nanos as f64) / views as f64;
-    let cameras: Vec<Pose> = (0..views).map(|i| path.pose(time(i, 0.0))).collect();
+    let cameras: Vec<Pose> = (0..views).map(|i| path.pose_at(time(i, 0.0))).collect();
     let hands: Vec<Vec<Solid>> =
-        cameras.iter().enumerate().map(|(i, pose)| camera.hand(take, i, pose, &sphere)).collect();
+        cameras.iter().enumerate().map(|(i, pose)| camera.hand_solids(take, i, pose, &sphere)).collect();
     // Few views have a hand; all others share one scene.
     let with_hands: Vec<Option<Scene>> =
-        hands.iter().map(|hand| (!hand.is_empty()).then(|| still.with(hand))).collect();
+        hands.iter().map(|hand| (!hand.is_empty()).then(|| still.with_solids(hand))).collect();
     let scene = |i: usize| with_hands[i].as_ref().unwrap_or(&still);
-    let poses = camera.poses(take, &cameras);
+    let poses = camera.pose_errors(take, &cameras);
     // The first take defines the world.
-    let offset = if take == 0 { Pose::identity() } else { drift(config) };
+    let offset = if take == 0 { Pose::identity() } else { world_drift(config) };
     let recorded_from_world = offset * poses.relocalization;
     let mut frames = Vec::with_capacity(views);
     for i in 0..views {
         let world_from_camera = cameras[i];
-        let light = camera.light(take, i, &lamp, scene(i), &world_from_camera, &sphere);
-        let mut view = View::cast(scene(i), &intrinsics, &world_from_camera, &light);
+        let light = camera.light_of_view(take, i, &lamp, scene(i), &world_from_camera, &sphere);
+        let mut view = View::cast_rays(scene(i), &intrinsics, &world_from_camera, &light);
         let errors = camera.depth_errors(take, i, &view, &intrinsics);
         let depth_rng = &mut rng("depth", i);
         let depth_mm =
             depth_camera.depth_mm(&view, scene(i), &intrinsics, &world_from_camera, &errors, depth_rng);
-        let velocity = velocity(&path, time(i, 0.0), views as f64 * period_nanos as f64 * 1e-9);
+        let velocity = camera_velocity(&path, time(i, 0.0), views as f64 * period_nanos as f64 * 1e-9);
         // Depth is read from the sharp view: blur and shift are of color alone.
-        view.color = camera.colors(take, i, &view, &intrinsics, &velocity);
+        view.color = camera.colors_of_view(take, i, &view, &intrinsics, &velocity);
         // One error for both poses about a view, or interpolation would average it away.
-        let error = poses.jitter[i] * error(config, &mut rng("pose", i));
+        let error = poses.jitter[i] * pose_error(config, &mut rng("pose", i));
         let reported = [-1.0, 1.0].map(|side| {
             let at = side * SynthFrame::POSE_OFFSET_NANOS as f64 - 1e9 * camera.lag_s;
-            recorded_from_world * poses.drift[i] * path.pose(time(i, at)) * error
+            recorded_from_world * poses.drift[i] * path.pose_at(time(i, at)) * error
         });
         frames.push(SynthFrame {
-            rgb: depth_camera.rgb(&view, &mut rng("color", i)),
+            rgb: depth_camera.color_image(&view, &mut rng("color", i)),
             depth_mm,
             mask: config.sensor.is_none().then(|| view.part.iter().map(Option::is_some).collect()),
             reported,
             world_from_camera,
             velocity,
-            gain: camera.gain(take, i),
+            gain: camera.color_gain(take, i),
             has_hand: !hands[i].is_empty(),
         });
     }
     // Scenes with their hands: surface behind a hand was not seen.
     let eyes: Vec<(&Scene, Pose)> = (0..views).map(|i| (scene(i), cameras[i])).collect();
     let seen = seen_points(object, state, &intrinsics, &eyes, SURFACE_POINTS, &mut rng("seen", 0));
-    let imu = if config.imu { readings(&path, take, views, period_nanos, config) } else { Vec::new() };
+    let imu = if config.imu { imu_readings(&path, take, views, period_nanos, config) } else { Vec::new() };
     SynthState { intrinsics, frames, period_nanos, recorded_from_world, seen, imu, poses }
 }
 
@@ -154,16 +154,16 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
 #[must_use]
 pub fn handheld_camera(config: &SynthConfig) -> HandheldCamera {
     let sensor = config.sensor.unwrap_or_else(HandheldSensor::clean);
-    HandheldCamera::drawn(sensor, &intrinsics(config), config.seed)
+    HandheldCamera::drawn(sensor, &camera_intrinsics(config), config.seed)
 }
 
 /// Number of views and time between them, nanoseconds. Those of a sensor or of a rate let a hand carry the
 /// camera; a clean recording has no effects of time.
-fn pace(path: &CameraPath, config: &SynthConfig) -> (usize, i64) {
+fn view_pace(path: &CameraPath, config: &SynthConfig) -> (usize, i64) {
     if config.sensor.is_none() && config.rate_hz.is_none() {
         return (config.views, PERIOD_NANOS);
     }
-    let at = |i: usize| path.pose(i as f64 / WAY_PIECES as f64).translation.vector;
+    let at = |i: usize| path.pose_at(i as f64 / WAY_PIECES as f64).translation.vector;
     let way_m: f64 = (0..WAY_PIECES).map(|i| (at(i + 1) - at(i)).norm()).sum();
     let seconds = way_m / HAND_SPEED;
     match config.rate_hz {
@@ -173,16 +173,16 @@ fn pace(path: &CameraPath, config: &SynthConfig) -> (usize, i64) {
 }
 
 /// Velocity of the camera in its own frame, on a path of `seconds`.
-fn velocity(path: &CameraPath, time: f64, seconds: f64) -> [Vector3<f64>; 2] {
+fn camera_velocity(path: &CameraPath, time: f64, seconds: f64) -> [Vector3<f64>; 2] {
     /// chosen: a difference quotient far above rounding
     const STEP: f64 = 1e-5;
     let seconds = 2.0 * STEP * seconds;
-    let step = path.pose(time - STEP).inverse() * path.pose(time + STEP);
+    let step = path.pose_at(time - STEP).inverse() * path.pose_at(time + STEP);
     [step.translation.vector / seconds, step.rotation.scaled_axis() / seconds]
 }
 
 /// The camera of all views.
-pub(super) fn intrinsics(config: &SynthConfig) -> Intrinsics {
+pub(super) fn camera_intrinsics(config: &SynthConfig) -> Intrinsics {
     let focal = FOCAL_SHARE * config.width as f64;
     Intrinsics {
         width: config.width,
@@ -197,9 +197,9 @@ pub(super) fn intrinsics(config: &SynthConfig) -> Intrinsics {
 
 /// The camera's way through a state.
 pub(super) fn camera_path(object: &Object, state: usize, config: &SynthConfig) -> CameraPath {
-    let k = intrinsics(config);
+    let k = camera_intrinsics(config);
     let sphere = object.bounding_sphere();
-    let board = Board::of(object, config);
+    let board = Board::of_config(object, config);
     let BoundingSphere { center, radius_m } = board.map_or(sphere, |board| board.sphere_with(sphere));
     let forward = object.world_from_rest.rotation * Vector3::x();
     let half_view_rad = (0.5 * k.width.min(k.height) as f64 / k.fx).atan();
@@ -208,40 +208,43 @@ pub(super) fn camera_path(object: &Object, state: usize, config: &SynthConfig) -
 }
 
 /// The box about an object and a board.
-fn room(object: &Object, board: Option<&Board>) -> [Point3<f64>; 2] {
-    let corners = board.map(Board::corners);
+fn room_about(object: &Object, board: Option<&Board>) -> [Point3<f64>; 2] {
+    let corners = board.map(Board::sheet_corners);
     corners.iter().flatten().fold(whole_way(object), |[lower, upper], p| {
         [Point3::new(lower.x.min(p.x), lower.y.min(p.y), lower.z), upper.sup(p)]
     })
 }
 
 /// Material of the floor, and the direction of the lamp.
-pub(super) fn surroundings(seed: u64) -> (Material, Vector3<f64>) {
+pub(super) fn drawn_surroundings(seed: u64) -> (Material, Vector3<f64>) {
     let rng = &mut stage_rng(seed, "synth/surroundings", 0);
-    let tone = random::range(rng, 0.2, 0.5);
+    let tone = random::uniform_in(rng, 0.2, 0.5);
     let floor = Material {
         base: Vector3::new(tone, 0.9 * tone, 0.75 * tone),
         second: Vector3::new(0.5 * tone, 0.52 * tone, 0.55 * tone),
-        wavelength_m: Some(Vector3::repeat(random::range(rng, 0.2, 0.5))),
-        seed: random::below(rng, 1 << 30) as u32,
+        wavelength_m: Some(Vector3::repeat(random::uniform_in(rng, 0.2, 0.5))),
+        seed: random::index_below(rng, 1 << 30) as u32,
         lacquer: None,
     };
-    let lamp = Vector3::new(random::range(rng, -1.0, 1.0), random::range(rng, -1.0, 1.0), 1.0);
+    let lamp = Vector3::new(random::uniform_in(rng, -1.0, 1.0), random::uniform_in(rng, -1.0, 1.0), 1.0);
     (floor, Unit::new_normalize(lamp).into_inner())
 }
 
 /// The error of a frame's pose, in the camera's frame.
-fn error(config: &SynthConfig, rng: &mut impl rand_core::Rng) -> Pose {
+fn pose_error(config: &SynthConfig, rng: &mut impl rand_core::Rng) -> Pose {
     let spread = &config.pose_noise;
-    Pose::new(random::isotropic(rng, spread.translation_m), random::isotropic(rng, spread.rotation_rad))
+    Pose::new(
+        random::isotropic_normal(rng, spread.translation_m),
+        random::isotropic_normal(rng, spread.rotation_rad),
+    )
 }
 
 /// Error of state 1's world: the whole amount, in a random direction and about a random axis through the
 /// object's foot, near the world's origin.
-fn drift(config: &SynthConfig) -> Pose {
+fn world_drift(config: &SynthConfig) -> Pose {
     let rng = &mut stage_rng(config.seed, "synth/drift", 0);
-    let shift = random::direction(rng).into_inner() * config.drift.translation_m;
-    let turn = random::direction(rng).into_inner() * config.drift.rotation_rad;
+    let shift = random::random_direction(rng).into_inner() * config.drift.translation_m;
+    let turn = random::random_direction(rng).into_inner() * config.drift.rotation_rad;
     Pose::new(shift, turn)
 }
 
@@ -253,7 +256,7 @@ mod tests {
     fn a_rate_says_how_many_views_a_hand_takes_on_the_same_way() {
         let path = CameraPath::new(nalgebra::Point3::origin(), 0.5, 0.3, 0.4, &mut stage_rng(3, "path", 0));
         let seconds = |config: &SynthConfig| {
-            let (views, period_nanos) = pace(&path, config);
+            let (views, period_nanos) = view_pace(&path, config);
             (views, 1e-9 * views as f64 * period_nanos as f64)
         };
         let by_hand =

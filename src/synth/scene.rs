@@ -56,7 +56,7 @@ impl<'a> Scene<'a> {
                 placed.push(Placed::new(Some(k), solid, &poses[k]));
             }
         }
-        let boxes: Vec<Bounds> = placed.iter().map(bounds).collect();
+        let boxes: Vec<Bounds> = placed.iter().map(bounds_of_placed).collect();
         let foot = object.world_from_rest.translation.vector;
         Self {
             bvh: Bvh::new(&boxes),
@@ -73,7 +73,7 @@ impl<'a> Scene<'a> {
     #[must_use]
     pub fn with_board(&self, board: &'a Board) -> Self {
         let print = Some((self.placed.len(), board));
-        Self { print, ..self.with(std::slice::from_ref(&board.solid)) }
+        Self { print, ..self.with_solids(std::slice::from_ref(&board.solid)) }
     }
 
     /// Whether a surface has a print on it, finer than a pixel.
@@ -84,16 +84,16 @@ impl<'a> Scene<'a> {
 
     /// The scene with solids without a part, in the frame of the world.
     #[must_use]
-    pub fn with(&self, solids: &'a [Solid]) -> Self {
+    pub fn with_solids(&self, solids: &'a [Solid]) -> Self {
         let around = solids.iter().map(|s| Placed::new(None, s, &Pose::identity()));
         let placed: Vec<Placed> = self.placed.iter().cloned().chain(around).collect();
-        let bvh = Bvh::new(&placed.iter().map(bounds).collect::<Vec<_>>());
+        let bvh = Bvh::new(&placed.iter().map(bounds_of_placed).collect::<Vec<_>>());
         Self { placed, bvh, ..*self }
     }
 
     /// The first surface on a ray between the multiples 0 and `farthest` of its direction.
     #[must_use]
-    pub fn sight(&self, origin: &Point3<f64>, ray: &Vector3<f64>, farthest: f64) -> Option<Sight> {
+    pub fn first_sight(&self, origin: &Point3<f64>, ray: &Vector3<f64>, farthest: f64) -> Option<Sight> {
         let mut best: Option<Sight> = None;
         // The floor first: its hit bounds the search among the solids. A level ray fails the comparisons.
         let to_floor = (self.floor_z_m - origin.z) / ray.z;
@@ -110,13 +110,13 @@ impl<'a> Scene<'a> {
             }
         }
         let nearest = best.as_ref().map_or(farthest, |b| b.at);
-        self.bvh.visit(origin, ray, nearest, |i| {
+        self.bvh.visit_boxes(origin, ray, nearest, |i| {
             let p = &self.placed[i];
             let nearest = best.as_ref().map_or(farthest, |b| b.at);
             let o = p.solid_from_world * origin;
             let r = p.solid_from_world * ray;
             // In the frame of the solid; a rigid motion leaves the multiple of the ray as it is.
-            let Some(hit) = p.shape.hit(&o, &r, 0.0).filter(|h| h.at < nearest) else { return nearest };
+            let Some(hit) = p.shape.hit_by(&o, &r, 0.0).filter(|h| h.at < nearest) else { return nearest };
             best = Some(Sight {
                 at: hit.at,
                 normal: p.world_from_solid * hit.normal,
@@ -139,12 +139,12 @@ impl<'a> Scene<'a> {
         }
         // A unit direction: its multiples are meters.
         let step = way / length_m;
-        self.sight(&(from + step * margin_m), &step, length_m - margin_m).is_none()
+        self.first_sight(&(from + step * margin_m), &step, length_m - margin_m).is_none()
     }
 
     /// Light to the eye from a seen point of the world.
     #[must_use]
-    pub fn shade(
+    pub fn shade_of_sight(
         &self,
         sight: &Sight,
         light: &Light,
@@ -154,13 +154,14 @@ impl<'a> Scene<'a> {
     ) -> Shade {
         let material = self.placed.get(sight.solid).map_or(self.floor, |p| p.material);
         let own = match self.print.filter(|_| self.is_printed(sight)) {
-            Some((_, board)) => board.color(&sight.point_in_part),
-            None => material.color(&sight.point_in_part, footprint_m),
+            Some((_, board)) => board.color_at(&sight.point_in_part),
+            None => material.color_at(&sight.point_in_part, footprint_m),
         };
         // Floor and surroundings are matt.
-        let gloss = if sight.part.is_some() { light.gloss(eye, point, &sight.normal) } else { 0.0 };
+        let gloss = if sight.part.is_some() { light.gloss_at(eye, point, &sight.normal) } else { 0.0 };
         Shade {
-            color: own.component_mul(&light.diffuse(&sight.normal)) + Vector3::repeat(light.shine * gloss),
+            color: own.component_mul(&light.diffuse_light(&sight.normal))
+                + Vector3::repeat(light.shine * gloss),
             reflectance: own.dot(&LUMINANCE),
             gloss,
             is_lacquered: material.is_lacquered(&sight.point_in_part),
@@ -198,7 +199,7 @@ impl<'a> Placed<'a> {
     }
 }
 
-fn bounds(placed: &Placed) -> Bounds {
+fn bounds_of_placed(placed: &Placed) -> Bounds {
     // Along an axis of the world, a turned box reaches the sum of its half sides' shares.
     let reach =
         placed.world_from_solid.rotation.to_rotation_matrix().matrix().abs() * placed.shape.half_sides();
@@ -222,20 +223,21 @@ mod tests {
         let rng = &mut stage_rng(1, "rays", 0);
         let mut hits = 0;
         for _ in 0..2000 {
-            let origin = center + random::direction(rng).into_inner() * (3.0 * radius_m);
-            let ray = center + random::direction(rng).into_inner() * (0.7 * radius_m) - origin;
+            let origin = center + random::random_direction(rng).into_inner() * (3.0 * radius_m);
+            let ray = center + random::random_direction(rng).into_inner() * (0.7 * radius_m) - origin;
             let full = scene.placed.iter().filter_map(|p| {
-                p.shape.hit(&(p.solid_from_world * origin), &(p.solid_from_world * ray), 0.0)
+                p.shape.hit_by(&(p.solid_from_world * origin), &(p.solid_from_world * ray), 0.0)
             });
             let full = full.map(|h| h.at).fold(f64::INFINITY, f64::min);
-            let found = scene.sight(&origin, &ray, f64::INFINITY).filter(|s| s.part.is_some());
+            let found = scene.first_sight(&origin, &ray, f64::INFINITY).filter(|s| s.part.is_some());
             if let Some(s) = found {
                 hits += 1;
                 assert!((s.at - full).abs() < 1e-12);
                 assert!(!scene.is_clear(&origin, &(origin + ray * (s.at + 0.1)), 0.0));
                 assert!(scene.is_clear(&origin, &(origin + ray * (s.at - 1e-6)), 0.0));
             } else {
-                let to_floor = scene.sight(&origin, &ray, f64::INFINITY).map_or(f64::INFINITY, |s| s.at);
+                let to_floor =
+                    scene.first_sight(&origin, &ray, f64::INFINITY).map_or(f64::INFINITY, |s| s.at);
                 assert!(full >= to_floor);
             }
         }

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 /// White noise smoothed by a Gaussian, of variance one again.
-pub(super) fn smooth(white: &[f64], width: usize, height: usize, sigma_px: f64) -> Vec<f64> {
+pub(super) fn smoothed_noise(white: &[f64], width: usize, height: usize, sigma_px: f64) -> Vec<f64> {
     let reach = (3.0 * sigma_px).ceil() as isize;
     let mut kernel: Vec<f64> =
         (-reach..=reach).map(|d| (-0.5 * (d as f64 / sigma_px).powi(2)).exp()).collect();
@@ -13,19 +13,19 @@ pub(super) fn smooth(white: &[f64], width: usize, height: usize, sigma_px: f64) 
     // A Gaussian over rows, then over columns, is one over the image.
     let pixels = (0..white.len()).into_par_iter().with_min_len(width);
     let rows = pixels.clone().map(|i| {
-        let columns = (-reach..=reach).map(|d| reflected((i % width) as isize + d, width));
+        let columns = (-reach..=reach).map(|d| reflected_index((i % width) as isize + d, width));
         columns.zip(&kernel).map(|(column, w)| w * white[i / width * width + column]).sum::<f64>()
     });
     let rows: Vec<f64> = rows.collect();
     let image = pixels.map(|i| {
-        let beside = (-reach..=reach).map(|d| reflected((i / width) as isize + d, height));
+        let beside = (-reach..=reach).map(|d| reflected_index((i / width) as isize + d, height));
         beside.zip(&kernel).map(|(row, w)| w * rows[row * width + i % width]).sum::<f64>()
     });
     image.collect()
 }
 
 /// Index by reflection at the border: the variance stays near one.
-fn reflected(at: isize, n: usize) -> usize {
+fn reflected_index(at: isize, n: usize) -> usize {
     (if at < 0 { -at } else { at }).min(2 * (n as isize - 1) - at).unsigned_abs().min(n - 1)
 }
 
@@ -39,8 +39,8 @@ mod tests {
         let rng = &mut stage_rng(5, "noise", 0);
         let w = 200;
         let h = 150;
-        let white: Vec<f64> = (0..w * h).map(|_| random::normal(rng)).collect();
-        let noise = smooth(&white, w, h, 0.58);
+        let white: Vec<f64> = (0..w * h).map(|_| random::standard_normal(rng)).collect();
+        let noise = smoothed_noise(&white, w, h, 0.58);
         let n = (w * h) as f64;
         let variance = noise.iter().map(|x| x * x).sum::<f64>() / n;
         let beside = noise.windows(2).map(|p| p[0] * p[1]).sum::<f64>() / n;

@@ -55,7 +55,7 @@ pub struct Hit {
 impl Solid {
     /// An axis-aligned box between two corners of the part's frame, meters.
     #[must_use]
-    pub fn between(lower: [f64; 3], upper: [f64; 3], material: &Material) -> Self {
+    pub fn box_between(lower: [f64; 3], upper: [f64; 3], material: &Material) -> Self {
         let lower = Vector3::from(lower);
         let upper = Vector3::from(upper);
         let center = (lower + upper) * 0.5;
@@ -105,18 +105,18 @@ impl Shape {
 
     /// First entry of a ray in the shape's frame beyond `least`; `None` where it starts inside.
     #[must_use]
-    pub fn hit(&self, origin: &Point3<f64>, ray: &Vector3<f64>, least: f64) -> Option<Hit> {
+    pub fn hit_by(&self, origin: &Point3<f64>, ray: &Vector3<f64>, least: f64) -> Option<Hit> {
         match *self {
-            Self::Cuboid(half) => cuboid(origin, ray, &half),
-            Self::Cylinder { radius_m, half_m } => cylinder(origin, ray, radius_m, half_m),
-            Self::Capsule { radius_m, half_m } => capsule(origin, ray, radius_m, half_m),
+            Self::Cuboid(half) => hit_cuboid(origin, ray, &half),
+            Self::Cylinder { radius_m, half_m } => hit_cylinder(origin, ray, radius_m, half_m),
+            Self::Capsule { radius_m, half_m } => hit_capsule(origin, ray, radius_m, half_m),
         }
         .filter(|h| h.at > least)
     }
 
     /// Closed mesh with outward triangles, in the shape's frame.
     #[must_use]
-    pub fn mesh(&self) -> TriangleMesh {
+    pub fn closed_mesh(&self) -> TriangleMesh {
         match *self {
             Self::Cuboid(half) => cuboid_mesh(&half),
             Self::Cylinder { radius_m, half_m } => cylinder_mesh(radius_m, half_m),
@@ -126,7 +126,7 @@ impl Shape {
 }
 
 /// Slab method: the latest entry lies before the earliest exit.
-fn cuboid(origin: &Point3<f64>, ray: &Vector3<f64>, half: &Vector3<f64>) -> Option<Hit> {
+fn hit_cuboid(origin: &Point3<f64>, ray: &Vector3<f64>, half: &Vector3<f64>) -> Option<Hit> {
     let mut near = f64::NEG_INFINITY;
     let mut far = f64::INFINITY;
     let mut axis = 0;
@@ -153,7 +153,7 @@ fn cuboid(origin: &Point3<f64>, ray: &Vector3<f64>, half: &Vector3<f64>) -> Opti
     })
 }
 
-fn cylinder(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, half_m: f64) -> Option<Hit> {
+fn hit_cylinder(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, half_m: f64) -> Option<Hit> {
     // Distance from the axis along the ray: a quadratic.
     let a = ray.x * ray.x + ray.y * ray.y;
     let b = origin.x * ray.x + origin.y * ray.y;
@@ -195,7 +195,7 @@ fn cylinder(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, half_m: f64
 
 /// The surface point nearest to the ray's start is where the ray enters the sphere about the nearest point of
 /// the axis: the side of the cylinder between the ends, a ball at each.
-fn capsule(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, half_m: f64) -> Option<Hit> {
+fn hit_capsule(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, half_m: f64) -> Option<Hit> {
     let hits = [
         cylinder_side(origin, ray, radius_m, half_m),
         outer_half_ball(origin, ray, radius_m, half_m),
@@ -303,7 +303,7 @@ mod tests {
             Shape::Capsule { radius_m: 0.15, half_m: 0.12 },
         ];
         for shape in shapes {
-            let mesh = shape.mesh();
+            let mesh = shape.closed_mesh();
             assert!(is_watertight(&mesh));
             let mut hits = 0;
             for i in 0..400 {
@@ -312,7 +312,7 @@ mod tests {
                 let origin = Point3::new(1.0, 1.3 * u, 1.1);
                 let target = Point3::new(0.0, 0.4 * v, 0.3 * u);
                 let ray = target - origin;
-                let Some(hit) = shape.hit(&origin, &ray, 0.0) else { continue };
+                let Some(hit) = shape.hit_by(&origin, &ray, 0.0) else { continue };
                 hits += 1;
                 assert!(hit.normal.dot(&ray) < 0.0 && (hit.normal.norm() - 1.0).abs() < 1e-9);
                 let p = origin + ray * hit.at;
@@ -350,12 +350,14 @@ mod tests {
     #[test]
     fn rays_along_an_axis_and_from_within() {
         let cuboid = Shape::Cuboid(Vector3::repeat(0.1));
-        let along = cuboid.hit(&Point3::new(-1.0, 0.05, 0.0), &Vector3::x(), 0.0).unwrap();
+        let along = cuboid.hit_by(&Point3::new(-1.0, 0.05, 0.0), &Vector3::x(), 0.0).unwrap();
         assert!((along.at - 0.9).abs() < 1e-12 && along.normal == -Vector3::x());
-        assert_eq!(cuboid.hit(&Point3::new(-1.0, 0.2, 0.0), &Vector3::x(), 0.0), None);
-        assert_eq!(cuboid.hit(&Point3::origin(), &Vector3::x(), 0.0), None);
+        assert_eq!(cuboid.hit_by(&Point3::new(-1.0, 0.2, 0.0), &Vector3::x(), 0.0), None);
+        assert_eq!(cuboid.hit_by(&Point3::origin(), &Vector3::x(), 0.0), None);
         let can = Shape::Cylinder { radius_m: 0.1, half_m: 0.2 };
-        assert!((can.hit(&Point3::new(0.05, 0.0, 1.0), &-Vector3::z(), 0.0).unwrap().at - 0.8).abs() < 1e-12);
-        assert_eq!(can.hit(&Point3::new(0.15, 0.0, 1.0), &-Vector3::z(), 0.0), None);
+        assert!(
+            (can.hit_by(&Point3::new(0.05, 0.0, 1.0), &-Vector3::z(), 0.0).unwrap().at - 0.8).abs() < 1e-12
+        );
+        assert_eq!(can.hit_by(&Point3::new(0.15, 0.0, 1.0), &-Vector3::z(), 0.0), None);
     }
 }

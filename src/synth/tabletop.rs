@@ -5,44 +5,44 @@ use rand_core::Rng;
 
 use super::{Part, PartJointKind, Solid, look::Look};
 use geometry::Pose;
-use numeric::random::range;
+use numeric::random::uniform_in;
 
 /// A box with `parts - 1` screw caps on top, side by side. A bar across each cap shows how it is turned.
 pub(super) fn capped_box(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<Part> {
     let caps = parts - 1;
-    let radius: Vec<f64> = (0..caps).map(|_| range(rng, 0.03, 0.05)).collect();
+    let radius: Vec<f64> = (0..caps).map(|_| uniform_in(rng, 0.03, 0.05)).collect();
     let half_y = radius.iter().sum::<f64>() + 0.015 * (caps + 1) as f64;
-    let half_x = range(rng, 0.06, 0.1);
-    let height = range(rng, 0.08, 0.16);
+    let half_x = uniform_in(rng, 0.06, 0.1);
+    let height = uniform_in(rng, 0.08, 0.16);
     look.scale_m = 2.0 * height;
-    let body = look.material(rng);
-    let mut base = vec![Solid::between([-half_x, -half_y, 0.0], [half_x, half_y, height], &body)];
+    let body = look.drawn_material(rng);
+    let mut base = vec![Solid::box_between([-half_x, -half_y, 0.0], [half_x, half_y, height], &body)];
     let mut moved = Vec::new();
     let mut y = -half_y + 0.03;
     for (i, &radius_m) in radius.iter().enumerate() {
-        let center = [range(rng, -0.02, 0.02), y + radius_m];
+        let center = [uniform_in(rng, -0.02, 0.02), y + radius_m];
         y += 2.0 * radius_m + 0.015;
         let at = |z: f64| Pose::translation(center[0], center[1], z);
-        let neck = look.trim(rng);
-        let tall = range(rng, 0.02, 0.032);
+        let neck = look.drawn_trim(rng);
+        let tall = uniform_in(rng, 0.02, 0.032);
         // The closed cap holds the whole neck.
         let half_neck = 0.5 * (tall - 0.002);
         base.push(Solid::cylinder(0.8 * radius_m, half_neck, at(height + half_neck), &neck));
-        let material = look.material(rng);
+        let material = look.drawn_material(rng);
         let top = height + 0.001 + tall;
-        let grip = look.material(rng);
+        let grip = look.drawn_material(rng);
         // Further to one side than to the other: a symmetric bar looks the same after half a turn.
-        let bar = Vector3::new(0.95 * radius_m, 0.22 * radius_m, 0.5 * range(rng, 0.008, 0.016));
+        let bar = Vector3::new(0.95 * radius_m, 0.22 * radius_m, 0.5 * uniform_in(rng, 0.008, 0.016));
         let solids = vec![
             Solid::cylinder(radius_m, 0.5 * tall, at(height + 0.001 + 0.5 * tall), &material),
-            Solid::between(
+            Solid::box_between(
                 [center[0] - 0.4 * bar.x, center[1] - bar.y, top],
                 [center[0] + bar.x, center[1] + bar.y, top + 2.0 * bar.z],
                 &grip,
             ),
         ];
-        let kind = PartJointKind::Screw { pitch_m_per_rad: range(rng, 0.004, 0.012) };
-        moved.push(Part::moving(
+        let kind = PartJointKind::Screw { pitch_m_per_rad: uniform_in(rng, 0.004, 0.012) };
+        moved.push(Part::moving_on(
             format!("cap_{}", i + 1),
             0,
             kind,
@@ -52,19 +52,19 @@ pub(super) fn capped_box(parts: usize, look: &mut Look, rng: &mut impl Rng) -> V
             solids,
         ));
     }
-    std::iter::once(Part::fixed("body", base)).chain(moved).collect()
+    std::iter::once(Part::static_part("body", base)).chain(moved).collect()
 }
 
 /// Two flat shells, hinged at the back of the lower one, with keys on it.
-pub(super) fn clamshell(look: &mut Look, rng: &mut impl Rng) -> Vec<Part> {
-    let half_x = 0.5 * range(rng, 0.18, 0.28);
-    let half_y = 0.5 * range(rng, 0.25, 0.4);
-    let thick = range(rng, 0.015, 0.03);
+pub(super) fn clamshell_parts(look: &mut Look, rng: &mut impl Rng) -> Vec<Part> {
+    let half_x = 0.5 * uniform_in(rng, 0.18, 0.28);
+    let half_y = 0.5 * uniform_in(rng, 0.25, 0.4);
+    let thick = uniform_in(rng, 0.015, 0.03);
     look.scale_m = 2.0 * half_y;
-    let lower = look.material(rng);
-    let upper = look.material(rng);
-    let mut base = vec![Solid::between([-half_x, -half_y, 0.0], [half_x, half_y, thick], &lower)];
-    let keys = look.trim(rng);
+    let lower = look.drawn_material(rng);
+    let upper = look.drawn_material(rng);
+    let mut base = vec![Solid::box_between([-half_x, -half_y, 0.0], [half_x, half_y, thick], &lower)];
+    let keys = look.drawn_trim(rng);
     let rows = 4;
     let columns = 9;
     for k in 0..rows * columns {
@@ -72,15 +72,19 @@ pub(super) fn clamshell(look: &mut Look, rng: &mut impl Rng) -> Vec<Part> {
         let column = f64::from(k % columns);
         let x = -0.7 * half_x + row * 0.25 * half_x;
         let y = (-0.8 + 0.18 * column) * half_y;
-        base.push(Solid::between([x, y, thick], [x + 0.2 * half_x, y + 0.14 * half_y, thick + 0.002], &keys));
+        base.push(Solid::box_between(
+            [x, y, thick],
+            [x + 0.2 * half_x, y + 0.14 * half_y, thick + 0.002],
+            &keys,
+        ));
     }
-    let lid_thick = range(rng, 0.006, 0.014);
+    let lid_thick = uniform_in(rng, 0.006, 0.014);
     // The slit holds the keys and the screen.
     let bottom = thick + 0.004;
-    let screen = look.material(rng);
+    let screen = look.drawn_material(rng);
     let lid = vec![
-        Solid::between([-half_x, -half_y, bottom], [half_x, half_y, bottom + lid_thick], &upper),
-        Solid::between(
+        Solid::box_between([-half_x, -half_y, bottom], [half_x, half_y, bottom + lid_thick], &upper),
+        Solid::box_between(
             [-0.85 * half_x, -0.9 * half_y, bottom - 0.001],
             [0.9 * half_x, 0.9 * half_y, bottom],
             &screen,
@@ -88,8 +92,8 @@ pub(super) fn clamshell(look: &mut Look, rng: &mut impl Rng) -> Vec<Part> {
     ];
     let origin = [-half_x, 0.0, bottom];
     vec![
-        Part::fixed("base", base),
-        Part::moving("lid".into(), 0, PartJointKind::Revolute, [0.0, -1.0, 0.0], origin, [0.15, 2.3], lid),
+        Part::static_part("base", base),
+        Part::moving_on("lid".into(), 0, PartJointKind::Revolute, [0.0, -1.0, 0.0], origin, [0.15, 2.3], lid),
     ]
 }
 

@@ -25,7 +25,7 @@ const MIN_COSINE: f64 = 0.2;
 const MARGIN_M: f64 = 1e-4;
 
 /// Whether a camera sees a point of the true surface at no grazing angle.
-pub(super) fn sees(
+pub(super) fn sees_point(
     scene: &Scene,
     k: &Intrinsics,
     camera: &Pose,
@@ -36,7 +36,7 @@ pub(super) fn sees(
     let to_eye = eye - point;
     let facing = to_eye.dot(normal) > MIN_COSINE * to_eye.norm();
     facing
-        && k.pixel(&(camera.inverse() * point)).is_some()
+        && k.pixel_of(&(camera.inverse() * point)).is_some()
         && scene.is_clear(&(point + normal * MARGIN_M), &eye, 0.0)
 }
 
@@ -52,7 +52,7 @@ pub fn seen_points(
     rng: &mut impl Rng,
 ) -> Vec<SeenSample> {
     let poses = object.world_from_parts(state);
-    let meshes: Vec<_> = (0..object.parts.len()).map(|p| object.mesh(p)).collect();
+    let meshes: Vec<_> = (0..object.parts.len()).map(|p| object.mesh_of_part(p)).collect();
     let area_m2: f64 = meshes.iter().map(|m| m.area_m2()).sum();
     let mut seen = Vec::new();
     for (part, mesh) in meshes.iter().enumerate() {
@@ -62,7 +62,8 @@ pub fn seen_points(
             let point = poses[part] * p.cast::<f64>();
             let normal = poses[part] * n.cast::<f64>();
             // Counting ends at enough views, since each costs a ray.
-            let seeing = cameras.iter().filter(|(scene, camera)| sees(scene, k, camera, &point, &normal));
+            let seeing =
+                cameras.iter().filter(|(scene, camera)| sees_point(scene, k, camera, &point, &normal));
             (seeing.take(MIN_VIEWS).count() == MIN_VIEWS).then_some(SeenSample { point, part })
         });
         seen.extend(found.collect::<Vec<_>>());

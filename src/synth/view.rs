@@ -43,13 +43,21 @@ impl View {
     /// Casts a ray through the center of every pixel; colors of pixels on an edge are means over several
     /// rays.
     #[must_use]
-    pub fn cast(scene: &Scene, intrinsics: &Intrinsics, world_from_camera: &Pose, light: &Light) -> Self {
+    pub fn cast_rays(
+        scene: &Scene,
+        intrinsics: &Intrinsics,
+        world_from_camera: &Pose,
+        light: &Light,
+    ) -> Self {
         let eye = Point3::from(world_from_camera.translation.vector);
         let rays = Rays { scene, intrinsics, world_from_camera, light, eye };
         let width = intrinsics.width;
         let pixels = intrinsics.width * intrinsics.height;
-        let sights: Vec<Option<Sight>> =
-            (0..pixels).into_par_iter().with_min_len(width).map(|i| rays.sight(rays.center(i))).collect();
+        let sights: Vec<Option<Sight>> = (0..pixels)
+            .into_par_iter()
+            .with_min_len(width)
+            .map(|i| rays.sight_at(rays.center_of_pixel(i)))
+            .collect();
         let shades: Vec<Shade> =
             (0..pixels).into_par_iter().with_min_len(width).map(|i| rays.pixel_shade(&sights, i)).collect();
         Self {
@@ -60,7 +68,9 @@ impl View {
             // The rays have z = 1 in the camera's frame, so the multiple is the depth.
             depth_m: sights.iter().map(|s| s.map_or(0.0, |s| s.at)).collect(),
             cosine: (0..pixels)
-                .map(|i| sights[i].map_or(0.0, |s| cosine(&rays.ray(rays.center(i)), &s)))
+                .map(|i| {
+                    sights[i].map_or(0.0, |s| cosine_of_sight(&rays.ray_through(rays.center_of_pixel(i)), &s))
+                })
                 .collect(),
             part: sights.iter().map(|s| s.and_then(|s| s.part).map(|p| p as u16)).collect(),
         }
@@ -77,20 +87,20 @@ struct Rays<'a> {
 }
 
 impl Rays<'_> {
-    fn center(&self, pixel: usize) -> [f64; 2] {
+    fn center_of_pixel(&self, pixel: usize) -> [f64; 2] {
         [(pixel % self.intrinsics.width) as f64, (pixel / self.intrinsics.width) as f64]
     }
 
-    fn ray(&self, [u, v]: [f64; 2]) -> Vector3<f64> {
-        self.world_from_camera.rotation * self.intrinsics.ray(u, v)
+    fn ray_through(&self, [u, v]: [f64; 2]) -> Vector3<f64> {
+        self.world_from_camera.rotation * self.intrinsics.ray_at(u, v)
     }
 
-    fn sight(&self, at: [f64; 2]) -> Option<Sight> {
-        self.scene.sight(&self.eye, &self.ray(at), FARTHEST_M)
+    fn sight_at(&self, at: [f64; 2]) -> Option<Sight> {
+        self.scene.first_sight(&self.eye, &self.ray_through(at), FARTHEST_M)
     }
 
     /// The light of one sample, of so many along a side of a pixel.
-    fn shade(&self, sight: Option<Sight>, at: [f64; 2], samples: usize) -> Shade {
+    fn shade_at(&self, sight: Option<Sight>, at: [f64; 2], samples: usize) -> Shade {
         let Some(sight) = sight else {
             return Shade {
                 color: Vector3::repeat(NOTHING),
@@ -99,17 +109,17 @@ impl Rays<'_> {
                 is_lacquered: false,
             };
         };
-        let ray = self.ray(at);
+        let ray = self.ray_through(at);
         // A pixel covers more of a slanted surface.
         let footprint_m =
-            sight.at / self.intrinsics.fx / cosine(&ray, &sight).max(LEAST_COSINE) / samples as f64;
-        self.scene.shade(&sight, self.light, &self.eye, &(self.eye + ray * sight.at), footprint_m)
+            sight.at / self.intrinsics.fx / cosine_of_sight(&ray, &sight).max(LEAST_COSINE) / samples as f64;
+        self.scene.shade_of_sight(&sight, self.light, &self.eye, &(self.eye + ray * sight.at), footprint_m)
     }
 
     /// Of a pixel on an edge only the color is a mean.
     fn pixel_shade(&self, sights: &[Option<Sight>], pixel: usize) -> Shade {
-        let [u, v] = self.center(pixel);
-        let shade = self.shade(sights[pixel], [u, v], 1);
+        let [u, v] = self.center_of_pixel(pixel);
+        let shade = self.shade_at(sights[pixel], [u, v], 1);
         // Within a surface the texture has no waves too fine for the pixel.
         let side = match sights[pixel].as_ref().is_some_and(|s| self.scene.is_printed(s)) {
             true => PRINT_SAMPLES,
@@ -119,7 +129,7 @@ impl Rays<'_> {
         let offset = |k: usize| (k as f64 + 0.5) / side as f64 - 0.5;
         let samples = (0..side * side).map(|k| {
             let at = [u + offset(k % side), v + offset(k / side)];
-            self.shade(self.sight(at), at, side).color
+            self.shade_at(self.sight_at(at), at, side).color
         });
         let color = samples.sum::<Vector3<f64>>() / (side * side) as f64;
         Shade { color, ..shade }
@@ -137,16 +147,16 @@ impl Rays<'_> {
             (y > 0).then(|| pixel - width),
             (y + 1 < height).then(|| pixel + width),
         ];
-        beside.into_iter().flatten().any(|other| surface(&sights[other]) != surface(&sights[pixel]))
+        beside.into_iter().flatten().any(|other| seen_surface(&sights[other]) != seen_surface(&sights[pixel]))
     }
 }
 
-fn cosine(ray: &Vector3<f64>, sight: &Sight) -> f64 {
+fn cosine_of_sight(ray: &Vector3<f64>, sight: &Sight) -> f64 {
     ray.dot(&sight.normal).abs() / ray.norm()
 }
 
 /// The seen solid, and its rounded facing.
-fn surface(sight: &Option<Sight>) -> Option<(usize, Vector3<i32>)> {
+fn seen_surface(sight: &Option<Sight>) -> Option<(usize, Vector3<i32>)> {
     // Rounded: a round side is no edge between most of its pixels.
     sight.map(|s| (s.solid, s.normal.map(|n| (n * 8.0).round() as i32)))
 }

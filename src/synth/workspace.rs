@@ -18,7 +18,7 @@ pub fn workspace(objects: &[&Object]) -> [Point3<f64>; 2] {
     let mut points: Vec<Point3<f64>> = Vec::new();
     for (object, state) in objects.iter().flat_map(|o| [(o, 0), (o, 1)]) {
         for (k, pose) in object.world_from_parts(state).iter().enumerate() {
-            points.extend(object.mesh(k).vertices.iter().map(|v| pose * v.cast::<f64>()));
+            points.extend(object.mesh_of_part(k).vertices.iter().map(|v| pose * v.cast::<f64>()));
         }
     }
     let (lower, upper) = bounding_box(points.iter().copied()).unwrap_or_default();
@@ -60,7 +60,7 @@ mod tests {
                 for (k, pose) in object.world_from_parts(state).iter().enumerate() {
                     let inside =
                         |p: Point3<f64>| (0..3).all(|a| (a == 2 || p[a] > lower[a]) && p[a] < upper[a]);
-                    assert!(object.mesh(k).vertices.iter().all(|v| inside(pose * v.cast::<f64>())));
+                    assert!(object.mesh_of_part(k).vertices.iter().all(|v| inside(pose * v.cast::<f64>())));
                 }
             }
         }

@@ -55,7 +55,7 @@ fn align(twin: &RunFiles, truth: &Truth, start: Pose) -> Pose {
         for _ in 0..STEPS {
             let mut pairs = Vec::new();
             for point in points.iter().map(|point| motion * point) {
-                let closest = distance.closest(&point.cast());
+                let closest = distance.closest_point(&point.cast());
                 if f64::from(closest.distance_m) < reach_m {
                     let normal = surface.area_normal(closest.triangle as usize).cast::<f64>().normalize();
                     pairs.push((point, normal, normal.dot(&(closest.point.cast::<f64>() - point))));

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use evaluate::{EvaluateOptions, Evaluation, run};
+use evaluate::{EvaluateOptions, Evaluation, evaluate_runs};
 use serde_json::Value;
 
 use super::table::{Figure, Key, Table};
@@ -14,7 +14,7 @@ pub fn json(path: &Path) -> Value {
 
 /// A twin in the world of the truth against it.
 pub fn evaluation(twin: &Path, truth: &Path) -> Evaluation {
-    let mut report = run(&[twin.to_owned()], truth, &EvaluateOptions::default()).unwrap();
+    let mut report = evaluate_runs(&[twin.to_owned()], truth, &EvaluateOptions::default()).unwrap();
     report.trials.remove(0)
 }
 

@@ -9,7 +9,7 @@ use geometry::Pose;
 use io::write_synth_bag;
 use model::{ArticulatedModel, JointKind};
 use nalgebra::{Point3, Unit, Vector3};
-use synth::{Family, Material, Object, PartJointKind, Solid, SynthConfig, film, generate};
+use synth::{Family, Material, Object, PartJointKind, Solid, SynthConfig, film_take, generate};
 
 use super::objects::{box_mesh, joint, link, write_truth};
 
@@ -61,7 +61,7 @@ impl BoxScene<'_> {
         let object = self.object(&synth);
         for state in 0..2 {
             let bag = folder.join(format!("state{state}"));
-            write_synth_bag(&bag, state, &film(&object, state, state, &synth)).unwrap();
+            write_synth_bag(&bag, state, &film_take(&object, state, state, &synth)).unwrap();
         }
         write_truth(&self.model(), folder);
     }
@@ -71,11 +71,11 @@ impl BoxScene<'_> {
         let mut object = generate(synth).unwrap();
         object.world_from_rest = Pose::identity();
         let [lower, upper] = self.still;
-        object.parts[0].solids = vec![Solid::between(lower, upper, &self.material(0))];
+        object.parts[0].solids = vec![Solid::box_between(lower, upper, &self.material(0))];
         for (k, moving) in self.moving.iter().enumerate() {
             let part = &mut object.parts[k + 1];
             let [lower, upper] = moving.corners;
-            part.solids = vec![Solid::between(lower, upper, &self.material(k + 1))];
+            part.solids = vec![Solid::box_between(lower, upper, &self.material(k + 1))];
             let part_joint = part.joint.as_mut().unwrap();
             part_joint.parent = 0;
             part_joint.kind = match moving.kind {

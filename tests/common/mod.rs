@@ -78,7 +78,7 @@ pub fn render(state: usize, i: usize) -> Rendered {
     let origin = Point3::from(world_from_camera.translation.vector);
     for p in 0..pixels {
         let ray =
-            world_from_camera.rotation * CAMERA.ray((p % CAMERA.width) as f64, (p / CAMERA.width) as f64);
+            world_from_camera.rotation * CAMERA.ray_at((p % CAMERA.width) as f64, (p / CAMERA.width) as f64);
         let floor = (ray.z < 0.0).then(|| -origin.z / ray.z).filter(|d| *d < 5.0);
         let hits = boxes(state).map(|b| hit(&origin, &ray, &b));
         let object = hits.into_iter().flatten().fold(f64::INFINITY, f64::min);

@@ -9,7 +9,7 @@ use geometry::Pose;
 use io::{Place, ResultKind, RunDir, read_mesh};
 use model::{
     ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link,
-    ModelConfig, MovingPart, TypeScores, build, validate,
+    ModelConfig, MovingPart, TypeScores, build_model, validate,
 };
 use nalgebra::{Matrix3, Point3, SMatrix, Unit, UnitQuaternion, Vector3};
 use surface::TriangleMesh;
@@ -251,7 +251,7 @@ pub fn chest_with(config: &ModelConfig) -> ArticulatedModel {
         [200, 170, 120],
     );
     let drawer = part(JointKind::Prismatic, [1.0, 0.0, 0.0], [0.0, 0.0, 0.1], 0.2, drawer);
-    build("chest", carcass, vec![drawer], config)
+    build_model("chest", carcass, vec![drawer], config)
 }
 
 /// A foot with a board on a level hinge at its edge, seen at two angles that nothing but friction holds.
@@ -259,7 +259,7 @@ pub fn lamp() -> ArticulatedModel {
     let foot = boards(&[[[-0.1, -0.1, 0.0], [0.1, 0.1, 0.03]]], [90, 90, 100]);
     let arm = boards(&[[[0.0, -0.05, 0.045], [0.25, 0.05, 0.06]]], [220, 200, 80]);
     let arm = part(JointKind::Revolute, [0.0, -1.0, 0.0], [-0.02, 0.0, 0.06], 1.0, arm);
-    build("lamp", foot, vec![arm], &ModelConfig::default())
+    build_model("lamp", foot, vec![arm], &ModelConfig::default())
 }
 
 /// A box with a plate on it that turns and rises by 12 mm a radian.
@@ -277,7 +277,7 @@ pub fn jar() -> ArticulatedModel {
     let lid = boards(&[[[-0.045, -0.045, 0.104], [0.045, 0.045, 0.12]]], [200, 60, 50]);
     let kind = JointKind::Screw { pitch_m_per_rad: 0.012 };
     let lid = part(kind, [0.0, 0.0, 1.0], [0.0, 0.0, 0.11], 2.4, lid);
-    build("jar", body, vec![lid], &ModelConfig::default())
+    build_model("jar", body, vec![lid], &ModelConfig::default())
 }
 
 /// Writes a model as a run: URDF, meshes and the states of the report.
@@ -337,7 +337,7 @@ pub fn write_truth(model: &ArticulatedModel, folder: &Path) {
         for (l, mesh) in placed.iter().enumerate() {
             fs::write(state.join(format!("part_{l}.ply")), ply(mesh)).expect("a written file");
         }
-        let whole = surface::merge(&placed.iter().collect::<Vec<_>>());
+        let whole = surface::merged_mesh(&placed.iter().collect::<Vec<_>>());
         fs::write(state.join("whole.ply"), ply(&whole)).expect("a written file");
     }
 }

@@ -2,7 +2,7 @@
 
 use capture::CaptureConfig;
 use common::stop::Stop;
-use gap::record::{command::Told, drive::Hold, inputs::complete, tracks::Streams};
+use gap::record::{command::Told, drive::Hold, inputs::complete_run, tracks::Streams};
 use io::{inspect, read_frame_run, read_joint_log, twin_of};
 
 use super::{
@@ -114,7 +114,7 @@ fn joint_logs() {
         for joint in &run.joints {
             assert_eq!((joint.position.len(), joint.effort.len()), (joint.time_s.len(), joint.time_s.len()));
         }
-        if complete(&mut run, &tree, Hold::Linear).is_err() {
+        if complete_run(&mut run, &tree, Hold::Linear).is_err() {
             return false;
         }
         let mut usable = false;

@@ -25,14 +25,14 @@ fn config() {
     target.run(|input| {
         let Ok(text) = std::str::from_utf8(input) else { return false };
         let mut layers = base.clone();
-        if layers.text("fuzz.yaml", text).is_err() {
+        if layers.add_text("fuzz.yaml", text).is_err() {
             return false;
         }
         let Ok(resolved) = layers.resolve::<Config>() else { return false };
         if resolved.config.check().is_ok() {
             // What a run keeps of its settings gives the same settings.
             let (kept, mut again) = (resolved.to_yaml().unwrap(), base.clone());
-            again.text("kept.yaml", &kept).unwrap();
+            again.add_text("kept.yaml", &kept).unwrap();
             assert_eq!(again.resolve::<Config>().unwrap().to_yaml().unwrap(), kept);
         }
         let _ = resolved.to_lines_with_origins();
@@ -54,7 +54,7 @@ fn assignments() {
     let target = Target { name: "settings::assignments", seeds, words: &YAML, assemble: plain, bytes: BYTES };
     target.run(|input| {
         let mut layers = base.clone();
-        let set = std::str::from_utf8(input).is_ok_and(|text| layers.set(text).is_ok());
+        let set = std::str::from_utf8(input).is_ok_and(|text| layers.add_setting(text).is_ok());
         if set && let Ok(resolved) = layers.resolve::<Config>() {
             let _ = resolved.config.check();
             return true;

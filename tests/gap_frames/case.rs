@@ -12,7 +12,7 @@ use io::{
     write_synth_bag, write_true_twin,
 };
 use serde_json::Value;
-use synth::{Family, Object, PartJointKind, SynthConfig, film, further_states, generate};
+use synth::{Family, Object, PartJointKind, SynthConfig, film_take, further_states, generate};
 
 use crate::{
     common::{BagWriter, START, write_metadata},
@@ -112,7 +112,7 @@ pub fn film_and_diagnose(
     hide_in_states(hidden, &mut states, config.seed);
     for (k, state) in states.iter().enumerate() {
         let take = k + 2;
-        let mut recording = film(state, 1, take, config);
+        let mut recording = film_take(state, 1, take, config);
         hide_in_recording(hidden, &mut recording);
         let bag = folder.join(format!("state{take}"));
         fs::remove_dir_all(&bag).ok();

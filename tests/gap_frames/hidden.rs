@@ -84,7 +84,7 @@ pub fn mount(size: f64) -> Pose {
 /// Middle of the moving part's bounds at position 0, in the object's rest frame, and half their diagonal,
 /// meters.
 fn middle_and_radius(object: &Object) -> (Point3<f64>, f64) {
-    let (low, high) = object.mesh(PART).bounds().unwrap();
+    let (low, high) = object.mesh_of_part(PART).bounds().unwrap();
     let (low, high): (Point3<f64>, Point3<f64>) = (low.cast(), high.cast());
     (nalgebra::center(&low, &high), 0.5 * (high - low).norm())
 }
@@ -138,7 +138,7 @@ pub fn play(states: &[Object], share: f64, seed: u64) -> Vec<[Vector3<f64>; 2]> 
         let mut rng = stage_rng(seed, "gap_frames/play", recording as u64);
         // Turns count with the radius, so that all six numbers are lengths.
         let mut motion = Vector6::from_fn(|_, _| 2.0 * (rng.next_u64() as f64 / u64::MAX as f64) - 1.0);
-        let middle = joint.motion(state.parts[PART].joint.unwrap().positions[1]) * middle;
+        let middle = joint.motion_at(state.parts[PART].joint.unwrap().positions[1]) * middle;
         let own = match joint.kind {
             PartJointKind::Prismatic => [axis, Vector3::zeros()],
             PartJointKind::Revolute => [axis.cross(&(middle - joint.origin)), axis * radius_m],
@@ -178,7 +178,7 @@ pub fn hide_in_states(hidden: Hidden, states: &mut [Object], seed: u64) {
     let (middle, _) = middle_and_radius(&states[0]);
     for (state, [shift, turn]) in states.iter_mut().zip(offs) {
         let joint = state.parts[PART].joint.unwrap();
-        let motion = joint.motion(joint.positions[1]);
+        let motion = joint.motion_at(joint.positions[1]);
         let middle = (motion * middle).coords;
         let turn = UnitQuaternion::from_scaled_axis(turn);
         let off = Pose::from_parts((middle + shift - turn * middle).into(), turn);

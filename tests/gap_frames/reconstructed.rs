@@ -3,7 +3,7 @@
 use std::{fs, process::Command};
 
 use io::write_synth_bag;
-use synth::{SynthConfig, film};
+use synth::{SynthConfig, film_take};
 
 use crate::{
     case::{Folder, film_and_diagnose, usable},
@@ -36,7 +36,7 @@ fn reconstructed_twins() {
         command.arg("reconstruct").args(["--name", "twin", "--out"]).arg(&temp.0);
         for k in 0..2 {
             let bag = temp.0.join(format!("state{k}"));
-            write_synth_bag(&bag, k, &film(&object, k, k, &config)).unwrap();
+            write_synth_bag(&bag, k, &film_take(&object, k, k, &config)).unwrap();
             command.arg(bag);
         }
         let output = command.output().unwrap();

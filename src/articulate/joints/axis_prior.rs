@@ -33,7 +33,7 @@ impl JointEstimate {
     /// The joint with a prior of its direction, the rest of it moved by its covariance with the direction
     /// (linear update of a Gaussian). `parents` are the motions of the parent to the states behind state 0.
     #[must_use]
-    pub fn towards(mut self, prior: &SeenDirection, parents: &[ParentMotion]) -> Self {
+    pub fn with_axis_prior(mut self, prior: &SeenDirection, parents: &[ParentMotion]) -> Self {
         let before = self.evidence.covariance;
         let (a, b) = frame_across(&prior.direction);
         let across = Matrix3x2::from_columns(&[a, b]);
@@ -48,9 +48,11 @@ impl JointEstimate {
         let gain = before * observe.transpose() * inverse;
         // In that plane the prior lies at the origin, so the innovation is minus the axis' offset.
         let step = gain * -(across.transpose() * self.axis.into_inner());
-        let farthest = (0..self.positions.len()).find(|&k| self.positions[k] == self.motion());
+        let farthest = (0..self.positions.len()).find(|&k| self.positions[k] == self.largest_position());
         // A step past the start of the motion is no small one: the linear update does not hold.
-        let Some(farthest) = farthest.filter(|_| self.motion() + step[6] > 0.0) else { return self };
+        let Some(farthest) = farthest.filter(|_| self.largest_position() + step[6] > 0.0) else {
+            return self;
+        };
         // The axis by the motion alone goes to the report, before the prior changes it.
         let std_rad = before.fixed_view::<3, 3>(0, 0).trace().sqrt();
         self.evidence.axis_alone = Some(AxisAlone { axis: self.axis, std_rad });
@@ -59,7 +61,7 @@ impl JointEstimate {
         for k in 0..self.positions.len() {
             // Joseph's form once more, in the space of the motion: `back` reads the axis off it, `slopes`
             // carries the change to it, and the rest of the motion stays.
-            let slopes = self.slopes(k, k == farthest, &parents[k].state1_from_state0);
+            let slopes = self.motion_slopes(k, k == farthest, &parents[k].state1_from_state0);
             let Ok(back) = slopes.clone().pseudo_inverse(FLAT * slopes.norm()) else { continue };
             let kept = DMatrix::identity(6, 6) - &slopes * gain * observe * back;
             let added = &slopes * gain * noise * gain.transpose() * slopes.transpose();
@@ -74,13 +76,13 @@ impl JointEstimate {
         if let Some(std) = self.evidence.position_std.get_mut(farthest) {
             *std = self.evidence.covariance[(6, 6)].max(0.0).sqrt();
         }
-        self.moved(parents.iter().map(|p| p.state1_from_state0))
+        self.with_motions_on(parents.iter().map(|p| p.state1_from_state0))
     }
 
     /// The joint with its motions on moved parents.
-    fn moved(mut self, parents: impl Iterator<Item = Pose>) -> Self {
-        let joint = self.placed();
-        self.motions = parents.enumerate().map(|(k, parent)| joint.motion(k, &parent)).collect();
+    fn with_motions_on(mut self, parents: impl Iterator<Item = Pose>) -> Self {
+        let joint = self.placed_joint();
+        self.motions = parents.enumerate().map(|(k, parent)| joint.world_motion(k, &parent)).collect();
         self
     }
 
@@ -100,30 +102,32 @@ impl JointEstimate {
         let chosen: Vec<JointMotion> = kept.iter().map(|&k| motions[k]).collect();
         let sigma_m = kept.iter().map(|&k| surface_sigma_m(&motions[k].evidence, &self.motions[k])).collect();
         // The first two parameters are the direction: the prior has decided them, they are held.
-        let mut start = self.placed();
+        let mut start = self.placed_joint();
         start.positions = kept.iter().map(|&k| self.positions[k]).collect();
-        let joint = Residuals { motions: &chosen, sigma_m, config }.fit(start, 2).joint;
+        let joint = Residuals { motions: &chosen, sigma_m, config }.fitted_joint(start, 2).joint;
         for (k, m) in motions.iter().enumerate() {
             self.positions[k] = match kept.iter().position(|&own| own == k) {
                 Some(own) => joint.positions[own],
                 // A motion left out has no say in the fit; it gets the nearest position.
-                None => joint.nearest(&(m.parent.state1_from_state0.inverse() * m.start), &joint.point),
+                None => {
+                    joint.nearest_position(&(m.parent.state1_from_state0.inverse() * m.start), &joint.point)
+                }
             };
         }
         self.point = joint.point;
         if joint.freedom == Freedom::Helix {
             self.kind = JointKind::Screw { pitch_m_per_rad: joint.pitch_m_per_rad };
         }
-        self.moved(motions.iter().map(|m| m.parent.state1_from_state0))
+        self.with_motions_on(motions.iter().map(|m| m.parent.state1_from_state0))
     }
 
     /// Left perturbation of motion `k` in the world per unit of (direction 3, point 3, motion 1), 6 x 7; the
     /// last column is zero where `own` is false: the motion parameter is that of another state.
-    fn slopes(&self, k: usize, own: bool, parent: &Pose) -> DMatrix<f64> {
+    fn motion_slopes(&self, k: usize, own: bool, parent: &Pose) -> DMatrix<f64> {
         let mut slopes = DMatrix::zeros(6, 7);
         for i in 0..7 {
             let [plus, minus] = [DIFFERENCE, -DIFFERENCE].map(|by| {
-                let mut joint = self.placed();
+                let mut joint = self.placed_joint();
                 match i {
                     0..3 => {
                         joint.direction = Unit::new_normalize(self.axis.into_inner() + Vector3::ith(i, by))
@@ -131,7 +135,7 @@ impl JointEstimate {
                     3..6 => joint.point += Vector3::ith(i - 3, by),
                     _ => joint.positions[k] += if own { by } else { 0.0 },
                 }
-                joint.motion(k, parent)
+                joint.world_motion(k, parent)
             });
             slopes.column_mut(i).copy_from(&(left_difference(&plus, &minus) / (2.0 * DIFFERENCE)));
         }
@@ -181,13 +185,13 @@ mod tests {
             covariances: Vec::new(),
             evidence,
         };
-        joint.motions = vec![joint.placed().motion(0, &parent.state1_from_state0)];
+        joint.motions = vec![joint.placed_joint().world_motion(0, &parent.state1_from_state0)];
         let across = Matrix3::identity() - axis.into_inner() * axis.transpose();
         let covariance = &mut joint.evidence.covariance;
         covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&(across * 3e-4));
         covariance.fixed_view_mut::<3, 3>(3, 3).copy_from(&(across * 1e-6));
         covariance[(6, 6)] = 2e-5;
-        let slopes = joint.slopes(0, true, &parent.state1_from_state0);
+        let slopes = joint.motion_slopes(0, true, &parent.state1_from_state0);
         let own = &slopes * joint.evidence.covariance * slopes.transpose();
         joint.covariances = vec![Matrix6::from_fn(|r, c| own[(r, c)]) + parent.covariance];
         joint
@@ -210,11 +214,11 @@ mod tests {
             let parent = ParentMotion {
                 state1_from_state0,
                 covariance: Matrix6::identity() * 1e-5,
-                ..ParentMotion::still()
+                ..ParentMotion::static_part()
             };
             let before = hinge(axis, Point3::from(place), angle_rad, &parent);
             let prior = SeenDirection { direction: axis, covariance: Matrix3::identity() * 1e-5 };
-            let after = before.clone().towards(&prior, &[parent]);
+            let after = before.clone().with_axis_prior(&prior, &[parent]);
             let [was, is] = [&before, &after].map(|j| j.covariances[0].trace());
             prop_assert!(is <= was * (1.0 + 1e-6), "{was:e} became {is:e}");
         }

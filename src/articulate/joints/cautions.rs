@@ -23,7 +23,7 @@ pub(crate) struct JudgedJoint<'a> {
 pub(crate) fn cautions(joint: &JudgedJoint<'_>) -> Vec<Note> {
     let JudgedJoint { kind, motion, scores, agreement: [agree, tried] } = *joint;
     let mut cautions = Vec::new();
-    let [p, r] = [JointFamily::Prismatic, JointFamily::Revolute].map(|t| scores.of(t));
+    let [p, r] = [JointFamily::Prismatic, JointFamily::Revolute].map(|t| scores.score_of(t));
     // A slide is a turn about an axis far away: a small motion may not distinguish them.
     if (p - r).abs() < DECISIVE {
         cautions.push(Note::new(
@@ -78,10 +78,10 @@ pub(crate) fn not_observable(kind: JointKind, states: usize) -> Vec<Note> {
 /// small.
 pub(crate) fn vagueness(joint: &JointEstimate, extent_m: f64) -> Vec<Note> {
     let turns = joint.kind.turns();
-    let motion = joint.motion().abs();
+    let motion = joint.largest_position().abs();
     let amount =
         if turns { format!("{:.1} deg", motion.to_degrees()) } else { format!("{:.1} mm", 1e3 * motion) };
-    let deviations = Deviations::of(&joint.evidence.covariance, &joint.axis, turns, extent_m);
+    let deviations = Deviations::of_covariance(&joint.evidence.covariance, &joint.axis, turns, extent_m);
     let mut notes = Vec::new();
     match deviations.axis_rad {
         None => notes.push(undetermined(&amount, "axis direction")),

@@ -31,7 +31,7 @@ impl DrawnResiduals {
         motion: &Pose,
         radius_m: f64,
     ) -> Self {
-        let count = draws[0].count().min(draws[1].count());
+        let count = draws[0].draw_count().min(draws[1].draw_count());
         if count == 0 {
             return Self::default();
         }
@@ -43,7 +43,9 @@ impl DrawnResiduals {
                 .map(|i| {
                     let point = warp * surfaces[s].points[i];
                     let normal = warp * surfaces[s].normals[i];
-                    let Some(j) = indices[1 - s].nearest(&point, &normal) else { return vec![0.0; count] };
+                    let Some(j) = indices[1 - s].nearest_sample(&point, &normal) else {
+                        return vec![0.0; count];
+                    };
                     // A point too high is too far away; a surface too high is too near.
                     let own_m = heights_m(&draws[s], i, &surfaces[s].normals[i]);
                     let partner_m = heights_m(&draws[1 - s], j, &surfaces[1 - s].normals[j]);
@@ -57,9 +59,11 @@ impl DrawnResiduals {
         let all: Vec<Vec<Vector3<f32>>> = matches
             .par_iter()
             .map(|ends| {
-                let [i, j] = [0, 1].map(|s| nearest[s].nearest(&ends[s]));
+                let [i, j] = [0, 1].map(|s| nearest[s].nearest_one(&ends[s]));
                 let (Some((i, _)), Some((j, _))) = (i, j) else { return vec![Vector3::zeros(); count] };
-                (0..count).map(|d| draws[1].of(j)[d] - turned * draws[0].of(i)[d]).collect()
+                (0..count)
+                    .map(|d| draws[1].displacements_of(j)[d] - turned * draws[0].displacements_of(i)[d])
+                    .collect()
             })
             .collect();
         Self { count, surfaces_m, matches_m: all.concat() }
@@ -67,7 +71,7 @@ impl DrawnResiduals {
 
     /// Number of draws.
     #[must_use]
-    pub fn count(&self) -> usize {
+    pub fn draw_count(&self) -> usize {
         self.count
     }
 
@@ -84,5 +88,5 @@ impl DrawnResiduals {
 
 /// Displacements of a sample along its normal, by draw, meters.
 fn heights_m(draws: &SurfaceDraws, sample: usize, normal: &Vector3<f64>) -> impl Iterator<Item = f64> {
-    draws.of(sample).iter().map(|displacement| normal.dot(&displacement.cast::<f64>()))
+    draws.displacements_of(sample).iter().map(|displacement| normal.dot(&displacement.cast::<f64>()))
 }

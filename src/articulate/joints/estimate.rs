@@ -10,8 +10,8 @@ use crate::joints::{
     joint::JointEstimate,
     joint_covariance::JointCovariance,
     joint_fit::{FreeFits, JointFit, JointMotion, PartPlace},
-    joint_motion::{Freedom, PlacedJoint, foot},
-    joint_type::{DECISIVE, TypeFits, excess},
+    joint_motion::{Freedom, PlacedJoint, foot_on_line},
+    joint_type::{DECISIVE, TypeFits, excess_over_free},
     motion_evidence::RefineConfig,
 };
 use common::note::{Note, NoteCode};
@@ -47,24 +47,29 @@ pub(crate) fn estimate_joint(
     let types = TypeFits::new(&found);
     if choice.doubt
         && motions.len() > 1
-        && let Some(left_out) = outlier(motions, place, excess(&types.scores, true), config)
+        && let Some(left_out) = outlier_motion(motions, place, excess_over_free(&types.scores, true), config)
     {
         // One motion at most is left out: without a doubt the call does not come here again.
-        let others = without(motions, left_out);
+        let others = motions_without(motions, left_out);
         let estimate = estimate_joint(&others, place, JointChoice { doubt: false, ..choice }, config);
         return with_contradiction(estimate, &found, left_out);
     }
-    let (fit, scores) = types.chosen(choice.kind);
+    let (fit, scores) = types.chosen_fit(choice.kind);
     estimate(&found, &fit, scores)
 }
 
 /// The motions but one.
-fn without<'a>(motions: &[JointMotion<'a>], left_out: usize) -> Vec<JointMotion<'a>> {
+fn motions_without<'a>(motions: &[JointMotion<'a>], left_out: usize) -> Vec<JointMotion<'a>> {
     motions.iter().enumerate().filter(|(k, _)| *k != left_out).map(|(_, m)| *m).collect()
 }
 
 /// The motion without which the others agree on a joint, where they do not with it (by the excess of `all`).
-fn outlier(motions: &[JointMotion], place: PartPlace, all: f64, config: &RefineConfig) -> Option<usize> {
+fn outlier_motion(
+    motions: &[JointMotion],
+    place: PartPlace,
+    all: f64,
+    config: &RefineConfig,
+) -> Option<usize> {
     // Where a joint explains all motions about as well as free ones do, there is nothing to doubt.
     if all <= DECISIVE {
         return None;
@@ -72,8 +77,8 @@ fn outlier(motions: &[JointMotion], place: PartPlace, all: f64, config: &RefineC
     // All others agree best without the wrong motion.
     let mut best: Option<(f64, usize)> = None;
     for k in 0..motions.len() {
-        let others = without(motions, k);
-        let left = excess(&TypeFits::new(&FreeFits::new(&others, place, config)).scores, true);
+        let others = motions_without(motions, k);
+        let left = excess_over_free(&TypeFits::new(&FreeFits::new(&others, place, config)).scores, true);
         if best.is_none_or(|b| left < b.0) {
             best = Some((left, k));
         }
@@ -84,12 +89,12 @@ fn outlier(motions: &[JointMotion], place: PartPlace, all: f64, config: &RefineC
 
 /// The estimate with a position for the motion left out of it, and a caution about this motion.
 fn with_contradiction(mut estimate: JointEstimate, found: &FreeFits, left_out: usize) -> JointEstimate {
-    let joint = estimate.placed();
+    let joint = estimate.placed_joint();
     let middle = &found.place.middle;
-    let relative = found.relative(left_out);
-    let parent = found.parent(left_out);
-    let q = joint.nearest(&relative, middle);
-    let pose = parent.state1_from_state0 * joint.at(q);
+    let relative = found.relative_motion(left_out);
+    let parent = found.parent_motion(left_out);
+    let q = joint.nearest_position(&relative, middle);
+    let pose = parent.state1_from_state0 * joint.motion_at(q);
     // In the coordinates of state 0, where the part's middle is known.
     let off = pose.inverse() * found.free[left_out].motion;
     estimate.evidence.cautions.push(Note::new(
@@ -114,7 +119,7 @@ fn with_contradiction(mut estimate: JointEstimate, found: &FreeFits, left_out: u
 /// The kind of a fitted joint.
 fn kind_of(joint: &PlacedJoint, place: &PartPlace) -> JointKind {
     let pitch_m_per_rad = joint.pitch_m_per_rad;
-    let off_m = (foot(&joint.point, &joint.direction, &place.middle) - place.middle).norm();
+    let off_m = (foot_on_line(&joint.point, &joint.direction, &place.middle) - place.middle).norm();
     match joint.freedom {
         Freedom::Slide => JointKind::Prismatic,
         Freedom::Turn => JointKind::Revolute,
@@ -135,7 +140,7 @@ fn estimate(found: &FreeFits, fit: &JointFit, scores: TypeScores) -> JointEstima
     let sign = if joint.positions[farthest] >= 0.0 { 1.0 } else { -1.0 };
     let axis = if sign > 0.0 { joint.direction } else { -joint.direction };
     let covariance = JointCovariance::new(fit, found);
-    let full = covariance.axis(farthest);
+    let full = covariance.axis_covariance(farthest);
     let pitch_std_m_per_rad = kind.pitch_m_per_rad().map(|_| full[(7, 7)].max(0.0).sqrt());
     let agreement = fit.quadratics.iter().fold([0, 0], |[a, b], q| [a + q.inliers, b + q.tried]);
     let judged = JudgedJoint { kind, motion: sizes[farthest], scores: &scores, agreement };
@@ -157,10 +162,13 @@ fn estimate(found: &FreeFits, fit: &JointFit, scores: TypeScores) -> JointEstima
     JointEstimate {
         kind,
         axis,
-        point: foot(&joint.point, &axis, &found.place.middle),
+        point: foot_on_line(&joint.point, &axis, &found.place.middle),
         positions: joint.positions.iter().map(|q| sign * q).collect(),
-        motions: motions.clone().map(|k| joint.motion(k, &found.parent(k).state1_from_state0)).collect(),
-        covariances: motions.clone().map(|k| covariance.motion(k)).collect(),
+        motions: motions
+            .clone()
+            .map(|k| joint.world_motion(k, &found.parent_motion(k).state1_from_state0))
+            .collect(),
+        covariances: motions.clone().map(|k| covariance.motion_covariance(k)).collect(),
         drawn: motions.map(|k| covariance.drawn_motion(k)).collect(),
         evidence,
     }

@@ -41,19 +41,19 @@ fn joint_of(motions: &[Pose], matched: usize) -> JointEstimate {
 /// The same where errors of poses and depth displace all states but state 0, by draw.
 fn joint_by(motions: &[Pose], matched: usize, draws: &[Vector3<f32>]) -> JointEstimate {
     let place = Pose::translation(0.1, 0.05, 0.0);
-    let scene = SceneBox::around(&Point3::new(-0.6, -0.6, -0.6), &Point3::new(0.6, 0.6, 0.6));
+    let scene = SceneBox::around_box(&Point3::new(-0.6, -0.6, -0.6), &Point3::new(0.6, 0.6, 0.6));
     let poses: Vec<Pose> = std::iter::once(place).chain(motions.iter().map(|m| m * place)).collect();
     let grid = |pose: &Pose| {
-        let mut grid = Grid3::over(&scene, 101, 0.0f32);
+        let mut grid = Grid3::over_scene(&scene, 101, 0.0f32);
         (0..grid.values.len()).for_each(|i| {
-            grid.values[i] = box_distance(&pose.inverse_transform_point(&grid.position(i))) as f32
+            grid.values[i] = box_distance(&pose.inverse_transform_point(&grid.position_of_index(i))) as f32
         });
         grid
     };
     let sdf: Vec<Grid3<f32>> = poses.iter().map(grid).collect();
     let samples: Vec<SurfaceSamples> = poses.iter().map(box_samples).collect();
-    let seen = Grid3::over(&scene, 101, true);
-    let still = ParentMotion::still();
+    let seen = Grid3::over_scene(&scene, 101, true);
+    let still = ParentMotion::static_part();
     let off = Pose::new(Vector3::new(0.006, -0.005, 0.007), Vector3::new(0.01, 0.015, -0.01));
     let on_box = |m: &Pose| -> Vec<MatchEvidence> {
         let of = |p: &Point3<f64>| MatchEvidence {
@@ -104,7 +104,7 @@ fn hinge(angle_rad: f64) -> Pose {
         angle_rad,
         advance_m: 0.0,
     }
-    .motion()
+    .to_motion()
 }
 
 /// Root of the sum of the variances of the axis direction, radians.
@@ -129,7 +129,7 @@ fn all_positions_of_one_hinge_are_found() {
     for (found, truth) in joint.positions.iter().zip(angles) {
         assert!((found - truth).abs() < 2e-3, "{found} {truth}");
     }
-    assert!((joint.motion() - 0.4).abs() < 2e-3);
+    assert!((joint.largest_position() - 0.4).abs() < 2e-3);
     assert_eq!(joint.evidence.position_std.len(), 3);
 }
 
@@ -188,10 +188,10 @@ fn a_turned_box_is_revolute_about_its_line() {
     let axis = Unit::new_normalize(Vector3::new(0.1, 0.2, 1.0));
     let screw =
         Screw { direction: axis, point: Point3::new(-0.1, 0.05, 0.0), angle_rad: 0.6, advance_m: 0.0 };
-    let e = check(&screw.motion(), JointKind::Revolute);
+    let e = check(&screw.to_motion(), JointKind::Revolute);
     assert!(e.axis.angle(&axis) < 4e-3, "{}", e.axis.angle(&axis));
     assert!(line_distance_m(&e.point, &e.axis, &screw.point, &axis) < 2e-3);
-    assert!((e.motion() - 0.6).abs() < 2e-3);
+    assert!((e.largest_position() - 0.6).abs() < 2e-3);
 }
 
 #[test]
@@ -202,7 +202,7 @@ fn a_small_turn_is_no_slide() {
         angle_rad: 0.1,
         advance_m: 0.0,
     };
-    check(&screw.motion(), JointKind::Revolute);
+    check(&screw.to_motion(), JointKind::Revolute);
 }
 
 #[test]
@@ -213,40 +213,41 @@ fn a_prior_moves_the_axis_and_what_goes_with_it() {
         angle_rad: 0.3,
         advance_m: 0.0,
     };
-    let e = check(&screw.motion(), JointKind::Revolute);
-    let still = [ParentMotion::still()];
+    let e = check(&screw.to_motion(), JointKind::Revolute);
+    let still = [ParentMotion::static_part()];
     let prior = |tilt: f64, std_rad: f64| {
         let direction = Unit::new_normalize(e.axis.into_inner() + Vector3::x() * tilt);
         SeenDirection { direction, covariance: Matrix3::identity() * std_rad.powi(2) }
     };
     let deviation = |e: &JointEstimate| e.evidence.covariance.fixed_view::<3, 3>(0, 0).trace().sqrt();
     // One that says nothing changes nothing.
-    let vague = e.clone().towards(&prior(0.03, 1e3), &still);
+    let vague = e.clone().with_axis_prior(&prior(0.03, 1e3), &still);
     assert!(vague.axis.angle(&e.axis) < 1e-6 && (deviation(&vague) / deviation(&e) - 1.0).abs() < 1e-6);
     assert!((vague.covariances[0] - e.covariances[0]).norm() < 1e-6 * e.covariances[0].norm());
     assert!(vague.evidence.axis_alone.is_some_and(|a| a.axis == e.axis && a.std_rad == deviation(&e)));
     // One that is known better is followed, and the motion is that of the joint.
-    let firm = e.clone().towards(&prior(0.03, 1e-5), &still);
+    let firm = e.clone().with_axis_prior(&prior(0.03, 1e-5), &still);
     assert!(firm.axis.angle(&prior(0.03, 1.0).direction) < 1e-4 && deviation(&firm) < 3e-5);
     assert!(firm.covariances[0].trace() < e.covariances[0].trace());
     let by_joint =
-        Screw { direction: firm.axis, point: firm.point, angle_rad: firm.motion(), advance_m: 0.0 }.motion();
+        Screw { direction: firm.axis, point: firm.point, angle_rad: firm.largest_position(), advance_m: 0.0 }
+            .to_motion();
     let middle = Point3::new(0.1, 0.05, 0.0);
     assert!((firm.motions[0] * by_joint.inverse()).rotation.angle() < 1e-9);
-    assert!((by_joint * middle - screw.motion() * middle).norm() < 5e-4);
+    assert!((by_joint * middle - screw.to_motion() * middle).norm() < 5e-4);
 }
 
 #[test]
 fn a_slid_box_is_prismatic() {
     let e = check(&Pose::translation(0.12, 0.0, 0.02), JointKind::Prismatic);
-    assert!((e.motion() - 0.12f64.hypot(0.02)).abs() < 1e-3);
+    assert!((e.largest_position() - 0.12f64.hypot(0.02)).abs() < 1e-3);
     assert!(e.evidence.covariance[(6, 6)].sqrt() < 1e-3);
 }
 
 #[test]
 fn an_advance_that_the_sensor_can_feign_is_no_screw() {
     let axis = Unit::new_normalize(Vector3::new(0.1, 0.2, 1.0));
-    let advanced = |advance_m: f64| Screw { advance_m, ..Screw::of(&hinge(0.6)).unwrap() }.motion();
+    let advanced = |advance_m: f64| Screw { advance_m, ..Screw::of_motion(&hinge(0.6)).unwrap() }.to_motion();
     // Errors of 2 mm, root mean square, along the axis.
     let draws: Vec<Vector3<f32>> =
         (0..32).map(|d| (axis.into_inner() * (2e-3 * (f64::from(d) - 15.5) / 9.23)).cast()).collect();
@@ -282,7 +283,7 @@ fn the_axis_points_to_where_the_farthest_motion_is_positive() {
     for (motion, position) in joint.motions.iter().zip(&joint.positions) {
         let by_joint =
             Screw { direction: joint.axis, point: joint.point, angle_rad: *position, advance_m: 0.0 };
-        let off = motion * by_joint.motion().inverse();
+        let off = motion * by_joint.to_motion().inverse();
         assert!(off.translation.vector.norm() < 1e-9 && off.rotation.angle() < 1e-9);
     }
 }
@@ -293,7 +294,7 @@ fn a_motion_left_out_has_the_position_next_to_it() {
     let joint = joint_of(&[hinge(0.4), astray, hinge(-0.3)], 0);
     let middle = Point3::new(0.1, 0.05, 0.0);
     let by_joint = |angle_rad: f64| {
-        Screw { direction: joint.axis, point: joint.point, angle_rad, advance_m: 0.0 }.motion()
+        Screw { direction: joint.axis, point: joint.point, angle_rad, advance_m: 0.0 }.to_motion()
     };
     // The turn about the axis that comes next to the rotation.
     let nearest = astray.rotation.scaled_axis().dot(&joint.axis);
@@ -328,7 +329,7 @@ fn motions_that_all_contradict_each_other_are_all_kept() {
 
 #[test]
 fn a_screw_states_how_well_its_thread_is_known() {
-    let threaded = Screw { advance_m: 0.03, ..Screw::of(&hinge(0.6)).unwrap() }.motion();
+    let threaded = Screw { advance_m: 0.03, ..Screw::of_motion(&hinge(0.6)).unwrap() }.to_motion();
     let joint = joint_of(&[threaded], 40);
     let JointKind::Screw { pitch_m_per_rad } = joint.kind else { panic!("{:?}", joint.kind) };
     assert!((pitch_m_per_rad - 0.05).abs() < 1e-3);

@@ -52,7 +52,7 @@ fn residuals_are_a_mean_over_the_points_of_all_motions() {
 #[test]
 fn a_joint_is_the_same_from_either_sense_of_its_axis() {
     of_motions(&[screw(0.2, 0.0), screw(-0.5, 0.0)], &[0.0; 2], 0, |found, _| {
-        let mut along = found.turn().unwrap().joint;
+        let mut along = found.fitted_turn().unwrap().joint;
         // The farthest motion, the second, is positive about the axis the other way round.
         if along.direction.dot(&direction()) < 0.0 {
             along.direction = -along.direction;
@@ -62,7 +62,7 @@ fn a_joint_is_the_same_from_either_sense_of_its_axis() {
         against.direction = -along.direction;
         against.positions.iter_mut().for_each(|q| *q = -*q);
         let [a, b] = [along, against]
-            .map(|joint| estimate(found, &found.residuals.fit(joint, 0), TypeScores::default()));
+            .map(|joint| estimate(found, &found.residuals.fitted_joint(joint, 0), TypeScores::default()));
         for joint in [&a, &b] {
             assert!(joint.axis.angle(&-direction()) < 1e-6, "{:?}", joint.axis);
             assert!((joint.positions[0] + 0.2).abs() < 1e-6 && (joint.positions[1] - 0.5).abs() < 1e-6);

@@ -37,7 +37,7 @@ pub(crate) fn flat_faces(surface: &SurfaceSamples) -> Vec<SeenDirection> {
         if count < LEAST_SHARE * normals.len() as f64 {
             break;
         }
-        let face = mean(normals, start, near);
+        let face = mean_normal_near(normals, start, near);
         let count = count_near(normals, &face, near);
         // A bent side has as many normals in the ring as in the middle; a face falls off sharply.
         if count > CONTRAST * (count_near(normals, &face, ring) - count) {
@@ -57,7 +57,7 @@ fn count_near(normals: &[Vector3<f64>], direction: &Vector3<f64>, cosine: f64) -
 }
 
 /// Mean of the normals, or their opposites, near a direction.
-fn mean(normals: &[Vector3<f64>], start: Vector3<f64>, near: f64) -> Unit<Vector3<f64>> {
+fn mean_normal_near(normals: &[Vector3<f64>], start: Vector3<f64>, near: f64) -> Unit<Vector3<f64>> {
     (0..10).fold(Unit::new_normalize(start), |d, _| {
         let sum: Vector3<f64> =
             normals.iter().filter(|n| n.dot(&d).abs() > near).map(|n| n * n.dot(&d).signum()).sum();

@@ -35,13 +35,13 @@ pub struct ParentMotion {
 impl ParentMotion {
     /// Left perturbation of the motion by a draw.
     #[must_use]
-    pub fn drawn(&self, draw: usize) -> Vector6<f64> {
+    pub fn drawn_perturbation(&self, draw: usize) -> Vector6<f64> {
         self.drawn.get(draw).copied().unwrap_or_default()
     }
 
     /// The static part.
     #[must_use]
-    pub fn still() -> Self {
+    pub fn static_part() -> Self {
         Self { state1_from_state0: Pose::identity(), covariance: Matrix6::zeros(), drawn: Vec::new() }
     }
 }
@@ -63,9 +63,9 @@ impl FreeFit {
     /// their deviation at the motion found.
     pub(crate) fn new(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> Self {
         // Away from the true motion residuals are large; only near it they have the scale of the errors.
-        let (near, _) = fit(start, evidence, surface_sigma_m(evidence, start), config);
+        let (near, _) = fitted_motion(start, evidence, surface_sigma_m(evidence, start), config);
         let sigma_m = surface_sigma_m(evidence, &near);
-        let (motion, quadratic) = fit(&near, evidence, sigma_m, config);
+        let (motion, quadratic) = fitted_motion(&near, evidence, sigma_m, config);
         // Errors may exceed the stated ones within blocks or across them: the larger excess holds.
         let scale = quadratic.cost / quadratic.independent.max(2.0);
         let dispersion = scale.max(quadratic.dispersion());
@@ -73,7 +73,7 @@ impl FreeFit {
     }
 
     /// Independent residuals.
-    pub(crate) fn independent(&self) -> f64 {
+    pub(crate) fn independent_residuals(&self) -> f64 {
         self.quadratic.independent.max(2.0)
     }
 }
@@ -83,7 +83,12 @@ pub(crate) fn surface_sigma_m(evidence: &MotionEvidence, motion: &Pose) -> f64 {
     evidence.surface_sigma_m(motion, evidence.reach_m * SIGMA_FLOOR)
 }
 
-fn fit(start: &Pose, evidence: &MotionEvidence, sigma_m: f64, config: &RefineConfig) -> (Pose, Quadratic) {
+fn fitted_motion(
+    start: &Pose,
+    evidence: &MotionEvidence,
+    sigma_m: f64,
+    config: &RefineConfig,
+) -> (Pose, Quadratic) {
     minimise(
         *start,
         config.iterations,
@@ -104,13 +109,15 @@ fn fit(start: &Pose, evidence: &MotionEvidence, sigma_m: f64, config: &RefineCon
 #[must_use]
 pub(crate) fn free_motion(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> ParentMotion {
     let free = FreeFit::new(start, evidence, config);
-    let displacements = free.quadratic.displacements();
+    let displacements = free.quadratic.displacement_covariance();
     let inverse = free.quadratic.information.cholesky().map(|c| c.inverse());
     // Zeros mean an unobserved direction; `static_motion` reads them so.
     let covariance = inverse.map_or_else(Matrix6::zeros, |c| c * free.dispersion + c * displacements * c);
     // The motion makes up for the change of the gradient by a draw.
     let drawn = match inverse {
-        Some(c) => evidence.drawn(&free.motion, free.sigma_m, config).iter().map(|g| -(c * g)).collect(),
+        Some(c) => {
+            evidence.drawn_gradients(&free.motion, free.sigma_m, config).iter().map(|g| -(c * g)).collect()
+        }
         None => Vec::new(),
     };
     ParentMotion { state1_from_state0: free.motion, covariance, drawn }

@@ -40,7 +40,7 @@ impl<'a> GrayFrames<'a> {
     }
 
     /// Bilinear gray value of a surface point in a frame; `None` where the frame does not see it.
-    fn see(&self, frame: usize, point: &Point3<f64>) -> Option<f32> {
+    fn gray_at(&self, frame: usize, point: &Point3<f64>) -> Option<f32> {
         let f = &self.frames[frame];
         let in_camera = self.camera_from_world[frame] * point;
         let (u, v) = f.intrinsics.project(&in_camera)?;
@@ -69,7 +69,12 @@ impl<'a> GrayFrames<'a> {
 
     /// Frames with the best view of a point: most pixels per area, at most `count`, in a fixed order; with
     /// the meters per pixel of the best one.
-    pub(crate) fn best(&self, point: &Point3<f64>, normal: &Vector3<f64>, count: usize) -> (Vec<usize>, f64) {
+    pub(crate) fn best_frames(
+        &self,
+        point: &Point3<f64>,
+        normal: &Vector3<f64>,
+        count: usize,
+    ) -> (Vec<usize>, f64) {
         let mut scored: Vec<(f64, usize, f64)> = (0..self.frames.len())
             .filter_map(|i| {
                 let f = &self.frames[i];
@@ -77,7 +82,7 @@ impl<'a> GrayFrames<'a> {
                 let cosine = -ray.dot(normal) / ray.norm();
                 let pixel_m = (self.camera_from_world[i] * point).z / f.intrinsics.fx;
                 // The score is the number of pixels on a unit of surface; grazing views smear the texture.
-                (cosine > LEAST_COSINE && self.see(i, point).is_some()).then_some((
+                (cosine > LEAST_COSINE && self.gray_at(i, point).is_some()).then_some((
                     cosine / (pixel_m * pixel_m),
                     i,
                     pixel_m,
@@ -91,7 +96,7 @@ impl<'a> GrayFrames<'a> {
     }
 
     /// The mean patch of the given frames on a tangent square.
-    pub(crate) fn patch(&self, tangent: &Tangent, frames: &[usize], radius: i32) -> GrayPatch {
+    pub(crate) fn mean_patch(&self, tangent: &Tangent, frames: &[usize], radius: i32) -> GrayPatch {
         let mut values = Vec::with_capacity(((2 * radius + 1) * (2 * radius + 1)) as usize);
         for v in -radius..=radius {
             for u in -radius..=radius {
@@ -100,7 +105,7 @@ impl<'a> GrayFrames<'a> {
                 let mut sum = 0.0;
                 let mut seen = 0;
                 for &f in frames {
-                    if let Some(g) = self.see(f, &point) {
+                    if let Some(g) = self.gray_at(f, &point) {
                         sum += g;
                         seen += 1;
                     }

@@ -32,12 +32,12 @@ pub struct JointEstimate {
 impl JointEstimate {
     /// Position farthest from state 0, radians or meters, positive.
     #[must_use]
-    pub fn motion(&self) -> f64 {
+    pub fn largest_position(&self) -> f64 {
         self.positions.iter().copied().fold(0.0, |a, b| if b.abs() > f64::abs(a) { b } else { a })
     }
 
     /// The joint as a family of motions.
-    pub fn placed(&self) -> PlacedJoint {
+    pub fn placed_joint(&self) -> PlacedJoint {
         PlacedJoint {
             freedom: match self.kind {
                 JointKind::Prismatic => Freedom::Slide,

@@ -27,13 +27,13 @@ pub(crate) struct JointCovariance<'a> {
 impl<'a> JointCovariance<'a> {
     pub(crate) fn new(fit: &'a JointFit, found: &'a FreeFits<'a>) -> Self {
         let dispersion = found.dispersion * shared_error(fit);
-        let own = fit.inverse.as_ref().map(|c| own(c, fit, dispersion));
+        let own = fit.inverse.as_ref().map(|c| own_covariance(c, fit, dispersion));
         // Errors of the parents are not of this part: its motions have them once, its axis through the fit.
-        let drawn = fit.inverse.as_ref().map_or_else(Vec::new, |c| drawn(c, fit, found));
+        let drawn = fit.inverse.as_ref().map_or_else(Vec::new, |c| drawn_parameters(c, fit, found));
         let total = own.as_ref().zip(fit.inverse.as_ref()).map(|(own, c)| {
             let squares = drawn.iter().map(|d| d * d.transpose());
             let of_draws = squares.fold(DMatrix::zeros(c.nrows(), c.ncols()), |sum, square| sum + square);
-            total(own, c, fit, found) + of_draws / drawn.len().max(1) as f64
+            total_covariance(own, c, fit, found) + of_draws / drawn.len().max(1) as f64
         });
         Self { fit, found, dispersion, own, total, drawn }
     }
@@ -45,23 +45,25 @@ impl<'a> JointCovariance<'a> {
     }
 
     /// Covariance of a left perturbation of motion `k` in the world.
-    pub(crate) fn motion(&self, k: usize) -> Matrix6<f64> {
+    pub(crate) fn motion_covariance(&self, k: usize) -> Matrix6<f64> {
         let t = &self.fit.tangents[k];
         let own = self.own.as_ref().map(|c| t * c * t.transpose());
         let own = own.map_or_else(Matrix6::zeros, |c| Matrix6::from_fn(|r, k| c[(r, k)]));
-        own + self.found.parent(k).covariance
+        own + self.found.parent_motion(k).covariance
     }
 
     /// Left perturbation of motion `k` in the world by every draw, on top of its covariance.
     pub(crate) fn drawn_motion(&self, k: usize) -> Vec<Vector6<f64>> {
-        let parent = self.found.parent(k);
+        let parent = self.found.parent_motion(k);
         let own = self.drawn.iter().map(|by| &self.fit.tangents[k] * by);
-        own.enumerate().map(|(draw, own)| parent.drawn(draw) + Vector6::from_fn(|r, _| own[r])).collect()
+        own.enumerate()
+            .map(|(draw, own)| parent.drawn_perturbation(draw) + Vector6::from_fn(|r, _| own[r]))
+            .collect()
     }
 
     /// Covariance of (direction 3, point 3, motion 1, pitch 1); the motion is number `farthest`. The axis is
     /// turned round where this motion is negative. Infinite where some direction is not observed.
-    pub(crate) fn axis(&self, farthest: usize) -> SMatrix<f64, 8, 8> {
+    pub(crate) fn axis_covariance(&self, farthest: usize) -> SMatrix<f64, 8, 8> {
         let Some(total) = &self.total else { return SMatrix::from_element(f64::INFINITY) };
         let joint = &self.fit.joint;
         let (a, b) = frame_across(&joint.direction);
@@ -78,48 +80,53 @@ impl<'a> JointCovariance<'a> {
         }
         to[(6, joint.axis_dimension() + farthest)] = 1.0;
         let full = &to * total * to.transpose();
-        directed(&full, joint.positions[farthest] >= 0.0)
+        directed_covariance(&full, joint.positions[farthest] >= 0.0)
     }
 }
 
 /// The covariance of (direction 3, point 3, motion 1, pitch 1) where the axis is turned round unless it
 /// points `forward`.
-fn directed(covariance: &DMatrix<f64>, forward: bool) -> SMatrix<f64, 8, 8> {
+fn directed_covariance(covariance: &DMatrix<f64>, forward: bool) -> SMatrix<f64, 8, 8> {
     // Direction and motion change their sign together; the point and the pitch stay.
     let turned = |i: usize| !forward && !(3..6).contains(&i) && i != 7;
     SMatrix::from_fn(|r, c| if turned(r) == turned(c) { covariance[(r, c)] } else { -covariance[(r, c)] })
 }
 
 /// Covariance of the parameters by residuals, and by displacements of the surfaces.
-fn own(inverse: &DMatrix<f64>, fit: &JointFit, dispersion: f64) -> DMatrix<f64> {
+fn own_covariance(inverse: &DMatrix<f64>, fit: &JointFit, dispersion: f64) -> DMatrix<f64> {
     let mut covariance = inverse * dispersion;
     for (q, t) in fit.quadratics.iter().zip(&fit.tangents) {
         // Displacements leave no residual: the dispersion does not hold them, docs/method.md (8.12).
         let response = inverse * t.transpose();
-        covariance += &response * q.displacements() * response.transpose();
+        covariance += &response * q.displacement_covariance() * response.transpose();
     }
     covariance
 }
 
 /// The own covariance with the covariances of the parents' motions: these shift the joint through the fit.
 /// See docs/method.md (8.12).
-fn total(own: &DMatrix<f64>, inverse: &DMatrix<f64>, fit: &JointFit, found: &FreeFits) -> DMatrix<f64> {
+fn total_covariance(
+    own: &DMatrix<f64>,
+    inverse: &DMatrix<f64>,
+    fit: &JointFit,
+    found: &FreeFits,
+) -> DMatrix<f64> {
     let mut covariance = own.clone();
     for (k, (q, t)) in fit.quadratics.iter().zip(&fit.tangents).enumerate() {
         // A small motion of a parent moves the fitted surface by as much.
         let carried = inverse * t.transpose() * q.information;
-        covariance += &carried * found.parent(k).covariance * carried.transpose();
+        covariance += &carried * found.parent_motion(k).covariance * carried.transpose();
     }
     covariance
 }
 
 /// Changes of the parameters by errors of poses and depth, by draw: through the part's own residuals, and
 /// through the parents' motions. See docs/method.md (8.13).
-fn drawn(inverse: &DMatrix<f64>, fit: &JointFit, found: &FreeFits) -> Vec<DVector<f64>> {
+fn drawn_parameters(inverse: &DMatrix<f64>, fit: &JointFit, found: &FreeFits) -> Vec<DVector<f64>> {
     let mut drawn: Vec<DVector<f64>> = Vec::new();
     for (k, (q, t)) in fit.quadratics.iter().zip(&fit.tangents).enumerate() {
-        let motion = fit.joint.motion(k, &found.parent(k).state1_from_state0);
-        let gradients = found.drawn(k, &motion, &q.information);
+        let motion = fit.joint.world_motion(k, &found.parent_motion(k).state1_from_state0);
+        let gradients = found.drawn_gradients(k, &motion, &q.information);
         drawn.resize(gradients.len().max(drawn.len()), DVector::zeros(inverse.nrows()));
         let response = inverse * t.transpose();
         drawn.iter_mut().zip(gradients).for_each(|(sum, gradient)| *sum -= &response * gradient);
@@ -133,7 +140,7 @@ fn drawn(inverse: &DMatrix<f64>, fit: &JointFit, found: &FreeFits) -> Vec<DVecto
 fn shared_error(fit: &JointFit) -> f64 {
     let Some(inverse) = &fit.inverse else { return 1.0 };
     let [joined, apart] = [true, false].map(|joined| -> f64 {
-        let robust = inverse * blocks(fit, joined) * inverse;
+        let robust = inverse * block_scatter(fit, joined) * inverse;
         // Shares of the variance: radians and meters add up.
         (0..fit.joint.axis_dimension()).map(|i| robust[(i, i)] / inverse[(i, i)]).sum()
     });
@@ -141,7 +148,7 @@ fn shared_error(fit: &JointFit) -> f64 {
 }
 
 /// Sum of the squared gradients of all blocks in the joint's parameters.
-fn blocks(fit: &JointFit, joined: bool) -> DMatrix<f64> {
+fn block_scatter(fit: &JointFit, joined: bool) -> DMatrix<f64> {
     let n = fit.joint.dimension();
     let mut gradients = BTreeMap::new();
     for (k, (q, t)) in fit.quadratics.iter().zip(&fit.tangents).enumerate() {

@@ -40,7 +40,7 @@ fn quadratic(k: usize) -> Quadratic {
     let rows: Vec<Vector6<f64>> = (0..9).map(|i| six(100 + 10 * k + i)).collect();
     let information: Matrix6<f64> = rows.iter().map(|r| r * r.transpose()).sum();
     let at = Point3::new(0.05, 0.05, 0.05);
-    let block = |source: Source| Block::of(&at, 0.1, source);
+    let block = |source: Source| Block::block_of(&at, 0.1, source);
     Quadratic {
         information: information * 1e4,
         block_gradients: [Source::Surface0, Source::Surface1, Source::Matches]
@@ -53,7 +53,7 @@ fn quadratic(k: usize) -> Quadratic {
             .map(|i| {
                 let at = Point3::new(0.3 * f64::from(i), 0.0, 0.0);
                 (
-                    DisplacedPatch::of(&at, &Vector3::z(), 0.1, Source::Surface0),
+                    DisplacedPatch::patch_of(&at, &Vector3::z(), 0.1, Source::Surface0),
                     six(50 + 5 * k + i as usize) * 3.0,
                 )
             })
@@ -94,7 +94,8 @@ fn of_joint(freedom: Freedom, positions: [f64; STATES], test: impl Fn(&JointFit,
         pitch_m_per_rad: if freedom == Freedom::Helix { 0.05 } else { 0.0 },
         positions: positions.to_vec(),
     };
-    let tangents: Vec<_> = (0..STATES).map(|k| joint.tangent(k, &parents[k].state1_from_state0)).collect();
+    let tangents: Vec<_> =
+        (0..STATES).map(|k| joint.motion_tangent(k, &parents[k].state1_from_state0)).collect();
     let quadratics: Vec<_> = (0..STATES).map(quadratic).collect();
     let information =
         tangents.iter().zip(&quadratics).fold(
@@ -202,7 +203,7 @@ fn a_covariance_is_made_of_residuals_displacements_parents_and_draws() {
                 let t = &fit.tangents[k];
                 let own: DMatrix<f64> = t * &own * t.transpose();
                 let motion = own + stacked(|_| parent(k, 2).covariance).view((0, 0), (6, 6));
-                let found = covariance.motion(k);
+                let found = covariance.motion_covariance(k);
                 assert_near(&DMatrix::from_fn(6, 6, |r, c| found[(r, c)]), &motion);
                 for draw in 0..2 {
                     let expected = t * response.drawn(draw) + parent(k, 2).drawn[draw];
@@ -240,7 +241,7 @@ fn the_axis_has_the_covariance_that_its_parameters_give_it() {
                     slopes.column_mut(i).copy_from(&((&moved[0] - &moved[1]) / 2e-6));
                 }
                 let expected = &slopes * covariance.total.as_ref().unwrap() * slopes.transpose();
-                let found = covariance.axis(farthest);
+                let found = covariance.axis_covariance(farthest);
                 assert_near(&DMatrix::from_fn(8, 8, |r, c| found[(r, c)]), &expected);
             });
         }
@@ -258,8 +259,11 @@ fn what_is_not_observed_has_no_bound() {
         };
         let covariance = JointCovariance::new(&open, found);
         assert_eq!((covariance.dispersion, covariance.position_std(0)), (DISPERSION, f64::INFINITY));
-        assert!(covariance.axis(1).iter().all(|c| *c == f64::INFINITY));
-        assert!(covariance.motion(1) == parent(1, 2).covariance && covariance.drawn_motion(0).is_empty());
+        assert!(covariance.axis_covariance(1).iter().all(|c| *c == f64::INFINITY));
+        assert!(
+            covariance.motion_covariance(1) == parent(1, 2).covariance
+                && covariance.drawn_motion(0).is_empty()
+        );
     });
 }
 

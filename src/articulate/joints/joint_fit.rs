@@ -60,38 +60,38 @@ pub(crate) struct Residuals<'a> {
 
 impl Residuals<'_> {
     /// Quadratic models of the costs of all motions, each at the pose `motion(k)`.
-    pub(crate) fn at(&self, motion: impl Fn(usize) -> Pose) -> Vec<Quadratic> {
+    pub(crate) fn models_at(&self, motion: impl Fn(usize) -> Pose) -> Vec<Quadratic> {
         let numbered = self.motions.iter().enumerate();
         numbered.map(|(k, m)| m.evidence.linearise(&motion(k), self.sigma_m[k], self.config)).collect()
     }
 
     fn at_joint(&self, joint: &PlacedJoint) -> Vec<Quadratic> {
-        self.at(|k| joint.motion(k, &self.motions[k].parent.state1_from_state0))
+        self.models_at(|k| joint.world_motion(k, &self.motions[k].parent.state1_from_state0))
     }
 
     /// The joint of the lowest cost near a start; the first `held` of its parameters stay.
-    pub(crate) fn fit(&self, start: PlacedJoint, held: usize) -> JointFit {
+    pub(crate) fn fitted_joint(&self, start: PlacedJoint, held: usize) -> JointFit {
         let (joint, quadratics) = minimise(
             start,
             self.config.iterations,
             |joint| self.at_joint(joint),
             |all| all.iter().map(|q| q.cost).sum(),
             |joint, all| {
-                let (h, g) = normal_equations(&self.tangents(joint), all);
+                let (h, g) = normal_equations(&self.motion_tangents(joint), all);
                 // A held parameter has no column: the others are fitted to it.
                 (h.remove_rows(0, held).remove_columns(0, held), g.remove_rows(0, held))
             },
             |joint, step| joint.stepped(&step.clone().insert_rows(0, held, 0.0)),
         );
         // The covariance is of all parameters, also of the held ones.
-        let tangents = self.tangents(&joint);
+        let tangents = self.motion_tangents(&joint);
         let (h, _) = normal_equations(&tangents, &quadratics);
         JointFit { joint, quadratics, tangents, inverse: h.cholesky().map(|c| c.inverse()) }
     }
 
-    fn tangents(&self, joint: &PlacedJoint) -> Vec<DMatrix<f64>> {
+    fn motion_tangents(&self, joint: &PlacedJoint) -> Vec<DMatrix<f64>> {
         let numbered = self.motions.iter().enumerate();
-        numbered.map(|(k, m)| joint.tangent(k, &m.parent.state1_from_state0)).collect()
+        numbered.map(|(k, m)| joint.motion_tangent(k, &m.parent.state1_from_state0)).collect()
     }
 }
 
@@ -123,8 +123,8 @@ impl<'a> FreeFits<'a> {
         let free: Vec<FreeFit> =
             motions.iter().map(|m| FreeFit::new(&m.start, &m.evidence, config)).collect();
         // A motion with more residuals is more evidence on their errors.
-        let independent: f64 = free.iter().map(FreeFit::independent).sum();
-        let weighed: f64 = free.iter().map(|f| f.independent() * f.dispersion).sum();
+        let independent: f64 = free.iter().map(FreeFit::independent_residuals).sum();
+        let weighed: f64 = free.iter().map(|f| f.independent_residuals() * f.dispersion).sum();
         let dispersion = weighed / independent;
         // All types are judged by one scale, the free motion's, or the worst fit would forgive itself.
         let sigma_m = free.iter().map(|f| f.sigma_m).collect();
@@ -134,60 +134,65 @@ impl<'a> FreeFits<'a> {
     }
 
     /// Motion `k` of the parent.
-    pub(crate) fn parent(&self, k: usize) -> &ParentMotion {
+    pub(crate) fn parent_motion(&self, k: usize) -> &ParentMotion {
         self.residuals.motions[k].parent
     }
 
     /// Motion `k` relative to the parent, without a joint.
-    pub(crate) fn relative(&self, k: usize) -> Pose {
-        self.parent(k).state1_from_state0.inverse() * self.free[k].motion
+    pub(crate) fn relative_motion(&self, k: usize) -> Pose {
+        self.parent_motion(k).state1_from_state0.inverse() * self.free[k].motion
     }
 
     /// Change of half the gradient of motion `k` by errors of poses and depth, by draw: by the part's own
     /// residuals, and by the motion of its parent, made a gradient by the `information`.
-    pub(crate) fn drawn(&self, k: usize, motion: &Pose, information: &Matrix6<f64>) -> Vec<Vector6<f64>> {
+    pub(crate) fn drawn_gradients(
+        &self,
+        k: usize,
+        motion: &Pose,
+        information: &Matrix6<f64>,
+    ) -> Vec<Vector6<f64>> {
         let Residuals { motions, sigma_m, config } = &self.residuals;
-        let own = motions[k].evidence.drawn(motion, sigma_m[k], config).into_iter().enumerate();
-        own.map(|(draw, g)| g + information * self.parent(k).drawn(draw)).collect()
+        let own = motions[k].evidence.drawn_gradients(motion, sigma_m[k], config).into_iter().enumerate();
+        own.map(|(draw, g)| g + information * self.parent_motion(k).drawn_perturbation(draw)).collect()
     }
 
     /// All motions relative to the parent, without a joint.
     fn all_relative(&self) -> impl Iterator<Item = Pose> {
-        (0..self.free.len()).map(|k| self.relative(k))
+        (0..self.free.len()).map(|k| self.relative_motion(k))
     }
 
     /// The best slide for all motions.
-    pub(crate) fn slide(&self) -> JointFit {
-        self.fit(self.all_relative().map(|m| PlacedJoint::slide(&m, &self.place.middle)).collect())
+    pub(crate) fn fitted_slide(&self) -> JointFit {
+        self.fit_from_best(self.all_relative().map(|m| PlacedJoint::slide(&m, &self.place.middle)).collect())
     }
 
     /// The best turn about one axis for all motions; `None` where none of them turns.
-    pub(crate) fn turn(&self) -> Option<JointFit> {
+    pub(crate) fn fitted_turn(&self) -> Option<JointFit> {
         let starts: Vec<PlacedJoint> =
             self.all_relative().filter_map(|m| PlacedJoint::turn(&m, &self.place.middle)).collect();
-        (!starts.is_empty()).then(|| self.fit(starts))
+        (!starts.is_empty()).then(|| self.fit_from_best(starts))
     }
 
     /// The best screw for all motions; `None` where none of them turns.
-    pub(crate) fn helix(&self) -> Option<JointFit> {
+    pub(crate) fn fitted_helix(&self) -> Option<JointFit> {
         let starts: Vec<PlacedJoint> =
             self.all_relative().filter_map(|m| PlacedJoint::helix(&m, &self.place.middle)).collect();
-        (!starts.is_empty()).then(|| self.fit(starts))
+        (!starts.is_empty()).then(|| self.fit_from_best(starts))
     }
 
     /// The joint fitted from the best of some starts, each with the positions nearest to the motions: the
     /// largest motion shows the axis most sharply, but a wrong one may be the largest.
-    fn fit(&self, starts: Vec<PlacedJoint>) -> JointFit {
+    fn fit_from_best(&self, starts: Vec<PlacedJoint>) -> JointFit {
         let mut starts: Vec<(f64, PlacedJoint)> = starts
             .into_iter()
             .map(|mut joint| {
                 joint.positions =
-                    self.all_relative().map(|m| joint.nearest(&m, &self.place.middle)).collect();
+                    self.all_relative().map(|m| joint.nearest_position(&m, &self.place.middle)).collect();
                 (self.residuals.at_joint(&joint).iter().map(|q| q.cost).sum::<f64>(), joint)
             })
             .collect();
         let best = (1..starts.len()).fold(0, |a, b| if starts[b].0 < starts[a].0 { b } else { a });
-        self.residuals.fit(starts.swap_remove(best).1, 0)
+        self.residuals.fitted_joint(starts.swap_remove(best).1, 0)
     }
 }
 

@@ -87,7 +87,7 @@ pub fn direction() -> Unit<Vector3<f64>> {
 }
 
 pub fn screw(angle_rad: f64, advance_m: f64) -> Pose {
-    Screw { direction: direction(), point: Point3::new(0.1, 0.0, 0.3), angle_rad, advance_m }.motion()
+    Screw { direction: direction(), point: Point3::new(0.1, 0.0, 0.3), angle_rad, advance_m }.to_motion()
 }
 
 /// The test of the fits of a part that moved so on parents that moved themselves.
@@ -140,13 +140,13 @@ fn free_motions_are_found_and_weighed_by_what_bears_them_out() {
         // Errors of one motion make its own scale, and count by its residuals in that of all.
         let [first, second] = &found.free[..] else { panic!("two motions") };
         assert!(first.dispersion > 2.0 && (second.dispersion - 1.0).abs() < 1e-6, "{}", first.dispersion);
-        assert_eq!((first.independent(), second.independent()), (24.0, 24.0));
+        assert_eq!((first.independent_residuals(), second.independent_residuals()), (24.0, 24.0));
         let expected = 0.5 * (first.dispersion + second.dispersion);
         assert!((found.dispersion - expected).abs() < 1e-9);
         assert!((found.count - 48.0 / expected).abs() < 1e-9);
         let off = second.motion * world[1].inverse();
         assert!(off.translation.vector.norm() < 1e-9 && off.rotation.angle() < 1e-9, "{off}");
-        let off = found.relative(1) * relative[1].inverse();
+        let off = found.relative_motion(1) * relative[1].inverse();
         assert!(off.translation.vector.norm() < 1e-9 && off.rotation.angle() < 1e-9, "{off}");
         // Without a surface, three deviations fit into the reach.
         assert!((second.sigma_m - 0.02).abs() < 1e-12, "{}", second.sigma_m);
@@ -155,12 +155,12 @@ fn free_motions_are_found_and_weighed_by_what_bears_them_out() {
     // Where no match is, at least two readings count.
     let one = matches(&screw(0.4, 0.0), 0.0, 1);
     let around = Empty::new(&one, &[]);
-    let still = ParentMotion::still();
+    let still = ParentMotion::static_part();
     let motion = JointMotion { start: screw(0.4, 0.0), parent: &still, evidence: around.evidence(&[]) };
     let motions = [motion];
     let config = RefineConfig::default();
     let found = FreeFits::new(&motions, PLACE, &config);
-    assert_eq!((found.free[0].independent(), found.count), (2.0, 2.0));
+    assert_eq!((found.free[0].independent_residuals(), found.count), (2.0, 2.0));
 }
 
 #[test]
@@ -179,7 +179,10 @@ fn a_free_motion_is_known_as_well_as_its_matches() {
         let shift = Vector6::new(f64::from(draw.x), f64::from(draw.y), f64::from(draw.z), 0.0, 0.0, 0.0);
         assert!((drawn - shift).amax() < 1e-6, "{drawn} {draw}");
     }
-    assert_eq!((found.drawn(1), found.drawn(2)), (found.drawn[1], Vector6::zeros()));
+    assert_eq!(
+        (found.drawn_perturbation(1), found.drawn_perturbation(2)),
+        (found.drawn[1], Vector6::zeros())
+    );
     // Errors beyond the stated ones widen it.
     let rough = matches(&motion, 0.004, 8);
     let around = Empty::new(&rough, &[]);
@@ -191,7 +194,7 @@ fn a_free_motion_is_known_as_well_as_its_matches() {
     // Without a match nothing is observed.
     let none = free_motion(&motion, &around.evidence(&[]), &config);
     assert!(none.covariance == Matrix6::zeros() && none.drawn.is_empty());
-    let still = ParentMotion::still();
+    let still = ParentMotion::static_part();
     assert!(still.state1_from_state0 == Pose::identity() && still.covariance == Matrix6::zeros());
 }
 
@@ -199,7 +202,7 @@ fn a_free_motion_is_known_as_well_as_its_matches() {
 fn one_joint_is_fitted_to_all_motions() {
     let relative = [screw(0.4, 0.0), screw(-0.25, 0.0)];
     of_motions(&relative, &[0.0; 2], 0, |found, world| {
-        let turn = found.turn().unwrap();
+        let turn = found.fitted_turn().unwrap();
         assert!(turn.joint.freedom == Freedom::Turn && turn.joint.direction.angle(&direction()) < 1e-6);
         assert!(
             (turn.joint.positions[0] - 0.4).abs() < 1e-6 && (turn.joint.positions[1] + 0.25).abs() < 1e-6
@@ -207,7 +210,7 @@ fn one_joint_is_fitted_to_all_motions() {
         assert!(turn.cost() < 1e-6, "{}", turn.cost());
         // Its information is that of both motions in its parameters.
         let expected = (0..2).fold(DMatrix::<f64>::zeros(6, 6), |sum: DMatrix<f64>, k: usize| {
-            let tangent = turn.joint.tangent(k, &found.parent(k).state1_from_state0);
+            let tangent = turn.joint.motion_tangent(k, &found.parent_motion(k).state1_from_state0);
             sum + tangent.transpose() * information(&world[k]) * tangent
         });
         let inverse = turn.inverse.as_ref().unwrap();
@@ -219,19 +222,19 @@ fn one_joint_is_fitted_to_all_motions() {
         assert!(turn.tangents.len() == 2 && turn.quadratics.len() == 2);
         // A slide explains neither; a helix both, without a thread.
         let costs = |fit: &JointFit| fit.quadratics.iter().map(|q| q.cost).sum::<f64>();
-        let slide = found.slide();
+        let slide = found.fitted_slide();
         assert!(slide.cost() == costs(&slide) && slide.cost() > 50.0, "{}", slide.cost());
-        let helix = found.helix().unwrap();
+        let helix = found.fitted_helix().unwrap();
         assert!(helix.cost() < 1e-6 && helix.joint.pitch_m_per_rad.abs() < 1e-6);
     });
     // A thread, and motions that do not turn.
     of_motions(&[screw(0.5, 0.02), screw(-0.25, -0.01)], &[0.0; 2], 0, |found, _| {
-        let helix = found.helix().unwrap();
+        let helix = found.fitted_helix().unwrap();
         assert!((helix.joint.pitch_m_per_rad - 0.04).abs() < 1e-6 && helix.cost() < 1e-6);
-        assert!(found.turn().unwrap().cost() > 10.0);
+        assert!(found.fitted_turn().unwrap().cost() > 10.0);
     });
     of_motions(&[screw(0.0, 0.1), screw(0.0, -0.05)], &[0.0; 2], 0, |found, _| {
-        let slide = found.slide();
+        let slide = found.fitted_slide();
         assert!(
             slide.joint.direction.angle(&direction()) < 1e-6
                 || slide.joint.direction.angle(&-direction()) < 1e-6
@@ -239,18 +242,18 @@ fn one_joint_is_fitted_to_all_motions() {
         assert!(
             slide.cost() < 1e-6 && (slide.joint.positions[0] + 2.0 * slide.joint.positions[1]).abs() < 1e-6
         );
-        assert!(found.turn().is_none() && found.helix().is_none());
+        assert!(found.fitted_turn().is_none() && found.fitted_helix().is_none());
     });
 }
 
 #[test]
 fn what_is_held_stays_and_the_rest_suits_it() {
     of_motions(&[screw(0.4, 0.0), screw(-0.25, 0.0)], &[0.0; 2], 0, |found, _| {
-        let best = found.turn().unwrap();
+        let best = found.fitted_turn().unwrap();
         let mut start = best.joint.clone();
         start.direction = Unit::new_normalize(direction().into_inner() + Vector3::x() * 0.01);
         start.positions[0] += 0.05;
-        let held = found.residuals.fit(start.clone(), 2);
+        let held = found.residuals.fitted_joint(start.clone(), 2);
         assert_eq!(held.joint.direction, start.direction);
         // Nothing near it with this direction costs less.
         for i in 2..6 {
@@ -264,7 +267,7 @@ fn what_is_held_stays_and_the_rest_suits_it() {
         }
         assert!((held.joint.positions[0] - 0.4).abs() < 0.01 && held.cost() > best.cost() + 1.0);
         assert_eq!(held.inverse.unwrap().nrows(), 6);
-        let free = found.residuals.fit(start, 0);
+        let free = found.residuals.fitted_joint(start, 0);
         assert!(free.joint.direction.angle(&direction()) < 1e-6);
     });
 }
@@ -273,12 +276,12 @@ fn what_is_held_stays_and_the_rest_suits_it() {
 fn errors_of_poses_pull_by_residuals_and_by_parents() {
     of_motions(&[screw(0.4, 0.0)], &[0.0], 3, |found, world| {
         let information = information(&world[0]);
-        let drawn = found.drawn(0, &world[0], &information);
+        let drawn = found.drawn_gradients(0, &world[0], &information);
         assert_eq!(drawn.len(), 3);
         // Matches lie 2 mm further along z than the motion, which does so with a gradient against it.
         let shifted = Vector6::new(0.0, 0.0, -2e-3, 0.0, 0.0, 0.0);
         for (draw, gradient) in drawn.iter().enumerate() {
-            let expected = information * (shifted + found.parent(0).drawn[draw]);
+            let expected = information * (shifted + found.parent_motion(0).drawn[draw]);
             assert!((gradient - expected).amax() < 1e-3 * expected.amax(), "{gradient} {expected}");
         }
     });

@@ -64,8 +64,8 @@ impl PlacedJoint {
     /// The turn about the screw axis of a motion relative to the parent, its point near another; without
     /// positions. `None` where the motion hardly turns.
     pub fn turn(motion: &Pose, near: &Point3<f64>) -> Option<Self> {
-        let screw = Screw::of(motion).filter(|s| s.angle_rad > LEAST_ANGLE_RAD)?;
-        let point = foot(&screw.point, &screw.direction, near);
+        let screw = Screw::of_motion(motion).filter(|s| s.angle_rad > LEAST_ANGLE_RAD)?;
+        let point = foot_on_line(&screw.point, &screw.direction, near);
         Some(Self {
             freedom: Freedom::Turn,
             direction: screw.direction,
@@ -77,7 +77,7 @@ impl PlacedJoint {
 
     /// The screw of a motion relative to the parent, as [`Self::turn`].
     pub fn helix(motion: &Pose, near: &Point3<f64>) -> Option<Self> {
-        let pitch_m_per_rad = Screw::of(motion).map_or(0.0, |s| s.advance_m / s.angle_rad);
+        let pitch_m_per_rad = Screw::of_motion(motion).map_or(0.0, |s| s.advance_m / s.angle_rad);
         Self::turn(motion, near).map(|turn| Self { freedom: Freedom::Helix, pitch_m_per_rad, ..turn })
     }
 
@@ -112,22 +112,22 @@ impl PlacedJoint {
     }
 
     /// Motion relative to the parent at a position.
-    pub fn at(&self, position: f64) -> Pose {
+    pub fn motion_at(&self, position: f64) -> Pose {
         let (angle_rad, advance_m) = match self.freedom {
             Freedom::Slide => (0.0, position),
             Freedom::Turn => (position, 0.0),
             Freedom::Helix => (position, self.pitch_m_per_rad * position),
         };
-        Screw { direction: self.direction, point: self.point, angle_rad, advance_m }.motion()
+        Screw { direction: self.direction, point: self.point, angle_rad, advance_m }.to_motion()
     }
 
     /// Motion number `k` in the world, on a moved parent.
-    pub fn motion(&self, k: usize, parent: &Pose) -> Pose {
-        parent * self.at(self.positions[k])
+    pub fn world_motion(&self, k: usize, parent: &Pose) -> Pose {
+        parent * self.motion_at(self.positions[k])
     }
 
     /// The position nearest to a motion relative to the parent.
-    pub fn nearest(&self, relative: &Pose, near: &Point3<f64>) -> f64 {
+    pub fn nearest_position(&self, relative: &Pose, near: &Point3<f64>) -> f64 {
         match self.freedom {
             // At the part's middle: a rotation in the motion moves this point least.
             Freedom::Slide => self.direction.dot(&(relative * near - near)),
@@ -137,14 +137,14 @@ impl PlacedJoint {
 
     /// Left perturbation of motion `k` in the world per unit of each parameter, 6 x dimension (central
     /// differences).
-    pub fn tangent(&self, k: usize, parent: &Pose) -> DMatrix<f64> {
+    pub fn motion_tangent(&self, k: usize, parent: &Pose) -> DMatrix<f64> {
         let n = self.dimension();
         let mut tangent = DMatrix::zeros(6, n);
         for i in 0..n {
             let mut step = DVector::zeros(n);
             step[i] = DIFFERENCE;
-            let plus = self.stepped(&step).motion(k, parent);
-            let minus = self.stepped(&-step).motion(k, parent);
+            let plus = self.stepped(&step).world_motion(k, parent);
+            let minus = self.stepped(&-step).world_motion(k, parent);
             tangent.column_mut(i).copy_from(&(left_difference(&plus, &minus) / (2.0 * DIFFERENCE)));
         }
         tangent
@@ -160,7 +160,11 @@ pub(crate) fn frame_across(direction: &Unit<Vector3<f64>>) -> (Vector3<f64>, Vec
 }
 
 /// The point of a line nearest to another point.
-pub(crate) fn foot(point: &Point3<f64>, direction: &Unit<Vector3<f64>>, near: &Point3<f64>) -> Point3<f64> {
+pub(crate) fn foot_on_line(
+    point: &Point3<f64>,
+    direction: &Unit<Vector3<f64>>,
+    near: &Point3<f64>,
+) -> Point3<f64> {
     point + direction.into_inner() * direction.dot(&(near - point))
 }
 

@@ -31,7 +31,7 @@ fn a_joint_moves_along_and_about_its_axis() {
     for (freedom, angle_rad, advance_m) in
         [(Freedom::Slide, 0.0, 0.6), (Freedom::Turn, 0.6, 0.0), (Freedom::Helix, 0.6, 0.03)]
     {
-        let motion = joint(freedom).at(0.6);
+        let motion = joint(freedom).motion_at(0.6);
         // The axis stays on itself; what is beside it turns by the angle.
         let along = direction().into_inner() * advance_m;
         assert!((motion * point - (point + along)).norm() < 1e-12, "{freedom:?}");
@@ -49,8 +49,10 @@ fn a_motion_on_a_parent_follows_the_parent() {
     let parent = Pose::new(Vector3::new(0.1, 0.2, 0.3), Vector3::new(0.2, 0.1, -0.4));
     for joint in ALL.map(joint) {
         for (k, position) in [0.4, -0.7].into_iter().enumerate() {
-            assert!(distance_m(&joint.motion(k, &parent), &(parent * joint.at(position))) < 1e-12);
-            assert!(distance_m(&joint.motion(k, &parent), &joint.at(position)) > 0.1);
+            assert!(
+                distance_m(&joint.world_motion(k, &parent), &(parent * joint.motion_at(position))) < 1e-12
+            );
+            assert!(distance_m(&joint.world_motion(k, &parent), &joint.motion_at(position)) > 0.1);
         }
     }
 }
@@ -60,7 +62,7 @@ fn the_nearest_position_is_that_of_the_motion() {
     let near = Point3::new(0.5, -0.2, 0.1);
     for joint in ALL.map(joint) {
         for position in [0.6, -0.3] {
-            assert!((joint.nearest(&joint.at(position), &near) - position).abs() < 1e-12);
+            assert!((joint.nearest_position(&joint.motion_at(position), &near) - position).abs() < 1e-12);
         }
     }
     // A slide takes what the part's middle moves along it, whatever turns there.
@@ -69,14 +71,14 @@ fn the_nearest_position_is_that_of_the_motion() {
         Pose::translation(near.x, near.y, near.z) * turn * Pose::translation(-near.x, -near.y, -near.z);
     let moved =
         Pose::from_parts((direction().into_inner() * 0.25).into(), nalgebra::UnitQuaternion::identity());
-    assert!((joint(Freedom::Slide).nearest(&(moved * about), &near) - 0.25).abs() < 1e-12);
+    assert!((joint(Freedom::Slide).nearest_position(&(moved * about), &near) - 0.25).abs() < 1e-12);
 }
 
 #[test]
 fn fits_start_from_the_screw_of_a_motion() {
     let near = Point3::new(0.5, -0.2, 0.1);
     let motion = |angle_rad: f64, advance_m: f64| {
-        Screw { direction: direction(), point: Point3::new(0.2, 0.1, -0.3), angle_rad, advance_m }.motion()
+        Screw { direction: direction(), point: Point3::new(0.2, 0.1, -0.3), angle_rad, advance_m }.to_motion()
     };
     let slide = PlacedJoint::slide(&motion(0.0, 0.2), &near);
     assert!(slide.freedom == Freedom::Slide && slide.direction.angle(&direction()) < 1e-9);
@@ -88,7 +90,7 @@ fn fits_start_from_the_screw_of_a_motion() {
     for angle_rad in [0.5, 0.0011] {
         let turn = PlacedJoint::turn(&motion(angle_rad, 0.02), &near).unwrap();
         assert!(turn.freedom == Freedom::Turn && turn.direction.angle(&direction()) < 1e-6);
-        let foot = foot(&Point3::new(0.2, 0.1, -0.3), &direction(), &near);
+        let foot = foot_on_line(&Point3::new(0.2, 0.1, -0.3), &direction(), &near);
         assert!((turn.point - foot).norm() < 1e-6, "{} {foot}", turn.point);
         assert!(turn.pitch_m_per_rad == 0.0 && turn.positions.is_empty());
         let helix = PlacedJoint::helix(&motion(angle_rad, 0.02), &near).unwrap();
@@ -135,7 +137,7 @@ fn tangents_are_the_twists_of_the_parameters() {
     for joint in ALL.map(joint) {
         let k = 1;
         let first = joint.axis_dimension();
-        let tangent = joint.tangent(k, &parent);
+        let tangent = joint.motion_tangent(k, &parent);
         assert_eq!((tangent.nrows(), tangent.ncols()), (6, joint.dimension()));
         let column = |i: usize| Vector6::from_fn(|r, _| tangent[(r, i)]);
         let is_near = |i: usize, v: Vector3<f64>, w: Vector3<f64>| {
@@ -155,7 +157,7 @@ fn tangents_are_the_twists_of_the_parameters() {
         is_near(first, nothing, nothing);
         if joint.freedom != Freedom::Slide {
             // c + R (x - c) moves by c' - R c'.
-            let rest = Matrix3::identity() - turn_of(&joint.at(joint.positions[k]).rotation);
+            let rest = Matrix3::identity() - turn_of(&joint.motion_at(joint.positions[k]).rotation);
             let (a, b) = frame_across(&joint.direction);
             is_near(2, turned * rest * a, nothing);
             is_near(3, turned * rest * b, nothing);
@@ -187,7 +189,7 @@ fn the_frame_across_is_right_handed_for_every_direction() {
 fn the_foot_is_the_nearest_point_of_a_line() {
     let point = Point3::new(0.2, 0.1, -0.3);
     let near = Point3::new(0.5, -0.2, 0.1);
-    let foot = foot(&point, &direction(), &near);
+    let foot = foot_on_line(&point, &direction(), &near);
     assert!((foot - point).cross(&direction()).norm() < 1e-12);
     assert!((near - foot).dot(&direction()).abs() < 1e-12 && (foot - point).norm() > 0.1);
 }

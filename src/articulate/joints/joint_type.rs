@@ -8,7 +8,7 @@
 use crate::joints::{
     free_motion::FREEDOMS,
     joint_fit::{FreeFits, JointFit, PartPlace},
-    joint_motion::{Freedom, PlacedJoint, foot},
+    joint_motion::{Freedom, PlacedJoint, foot_on_line},
     misfit::Misfit,
 };
 use model::{JointFamily, JointKind, TypeScores};
@@ -29,31 +29,31 @@ pub(crate) struct TypeFits {
 
 impl TypeFits {
     pub(crate) fn new(found: &FreeFits) -> Self {
-        let slide = found.slide();
-        let turn = found.turn();
-        let helix = found.helix();
+        let slide = found.fitted_slide();
+        let turn = found.fitted_turn();
+        let helix = found.fitted_helix();
         // A part at rest is scored for the report alone: no choice rests on it.
-        let still = found.residuals.at(|k| found.parent(k).state1_from_state0);
+        let still = found.residuals.models_at(|k| found.parent_motion(k).state1_from_state0);
         let free: f64 = found.free.iter().map(|f| f.quadratic.cost).sum();
         let misfit = Misfit::new(found);
         // The free motion has six parameters in every state, a joint one.
         let mut scores = vec![
-            (JointFamily::Fixed, score(found, still.iter().map(|q| q.cost).sum(), 0.0)),
-            (JointFamily::Free, score(found, free, FREEDOMS * found.free.len() as f64)),
+            (JointFamily::Fixed, type_score(found, still.iter().map(|q| q.cost).sum(), 0.0)),
+            (JointFamily::Free, type_score(found, free, FREEDOMS * found.free.len() as f64)),
         ];
         for fit in [Some(&slide), turn.as_ref(), helix.as_ref()].into_iter().flatten() {
             // Misfit by errors without a residual counts against no joint.
             let excess = (fit.cost() - free).max(0.0);
-            let left = misfit.as_ref().map_or(excess, |m| m.left(excess, fit, found));
+            let left = misfit.as_ref().map_or(excess, |m| m.unexplained_misfit(excess, fit, found));
             let cost = fit.cost() - excess + left;
-            let score = score(found, cost, fit.joint.dimension() as f64);
+            let score = type_score(found, cost, fit.joint.dimension() as f64);
             scores.push((fit.joint.freedom.family(), score + far(&fit.joint, &found.place)));
         }
         Self { slide, turn, helix, scores: scores.into_iter().collect() }
     }
 
     /// The joint of the best type, or of a known kind.
-    pub(crate) fn chosen(self, known: Option<JointKind>) -> (JointFit, TypeScores) {
+    pub(crate) fn chosen_fit(self, known: Option<JointKind>) -> (JointFit, TypeScores) {
         let best = match known.map_or_else(|| best_type(&self.scores), JointKind::family) {
             JointFamily::Revolute => self.turn,
             JointFamily::Screw => self.helix,
@@ -64,15 +64,15 @@ impl TypeFits {
     }
 }
 
-fn score(found: &FreeFits, cost: f64, parameters: f64) -> f64 {
+fn type_score(found: &FreeFits, cost: f64, parameters: f64) -> f64 {
     cost / found.dispersion + parameters * found.count.ln()
 }
 
 /// The type of the lowest score, a screw only decisively.
 fn best_type(scores: &TypeScores) -> JointFamily {
-    let [slide, turn] = [JointFamily::Prismatic, JointFamily::Revolute].map(|t| scores.of(t));
+    let [slide, turn] = [JointFamily::Prismatic, JointFamily::Revolute].map(|t| scores.score_of(t));
     // A screw explains any motion of two states, a slide and a turn only some.
-    if scores.of(JointFamily::Screw) + DECISIVE < slide.min(turn) {
+    if scores.score_of(JointFamily::Screw) + DECISIVE < slide.min(turn) {
         JointFamily::Screw
     } else if turn < slide {
         JointFamily::Revolute
@@ -83,10 +83,10 @@ fn best_type(scores: &TypeScores) -> JointFamily {
 
 /// Score of the best joint with one freedom, less the free motion's. Any motion has a screw: it pays as in
 /// the choice of the type, and counts only where it is `threaded`. See docs/method.md (8.15).
-pub(crate) fn excess(scores: &TypeScores, threaded: bool) -> f64 {
-    let screw = if threaded { scores.of(JointFamily::Screw) + DECISIVE } else { f64::INFINITY };
-    let simple = scores.of(JointFamily::Prismatic).min(scores.of(JointFamily::Revolute));
-    simple.min(screw) - scores.of(JointFamily::Free)
+pub(crate) fn excess_over_free(scores: &TypeScores, threaded: bool) -> f64 {
+    let screw = if threaded { scores.score_of(JointFamily::Screw) + DECISIVE } else { f64::INFINITY };
+    let simple = scores.score_of(JointFamily::Prismatic).min(scores.score_of(JointFamily::Revolute));
+    simple.min(screw) - scores.score_of(JointFamily::Free)
 }
 
 /// Evidence against an axis far from its part, on the scale of the scores: a hinge is on the part or beside
@@ -98,7 +98,7 @@ fn far(joint: &PlacedJoint, place: &PartPlace) -> f64 {
     if joint.freedom == Freedom::Slide {
         return 0.0;
     }
-    let off_m = (foot(&joint.point, &joint.direction, &place.middle) - place.middle).norm();
+    let off_m = (foot_on_line(&joint.point, &joint.direction, &place.middle) - place.middle).norm();
     4.0 * (off_m / (2.0 * place.radius_m)).powi(2).ln_1p()
 }
 

@@ -52,11 +52,11 @@ fn the_excess_is_that_of_the_best_joint_over_the_free_motion() {
             (JointFamily::Free, 20.0),
         ])
     };
-    assert_eq!(excess(&of(60.0, 50.0, 90.0), true), 30.0);
-    assert_eq!(excess(&of(50.0, 60.0, 90.0), true), 30.0);
+    assert_eq!(excess_over_free(&of(60.0, 50.0, 90.0), true), 30.0);
+    assert_eq!(excess_over_free(&of(50.0, 60.0, 90.0), true), 30.0);
     // A screw pays what it must in the choice, and counts where it is threaded alone.
-    assert_eq!(excess(&of(60.0, 50.0, 25.0), true), 15.0);
-    assert_eq!(excess(&of(60.0, 50.0, 25.0), false), 30.0);
+    assert_eq!(excess_over_free(&of(60.0, 50.0, 25.0), true), 15.0);
+    assert_eq!(excess_over_free(&of(60.0, 50.0, 25.0), false), 30.0);
 }
 
 #[test]
@@ -85,7 +85,7 @@ fn a_kind_that_is_known_is_taken_where_it_was_fitted() {
         scores: scores(&[(JointFamily::Prismatic, 50.0), (JointFamily::Revolute, 40.0)]),
     };
     let chosen = |all: bool, kind: Option<JointKind>| {
-        let (fit, scores) = fits(all).chosen(kind);
+        let (fit, scores) = fits(all).chosen_fit(kind);
         assert_eq!(scores, fits(all).scores);
         fit.joint.freedom
     };

@@ -19,7 +19,7 @@ use crate::{
         joint_config::JointConfig,
         joint_type::DECISIVE,
         pair_evidence::ObservedState,
-        parent_candidates::{Candidates, ParentCandidate, candidates},
+        parent_candidates::{Candidates, ParentCandidate, parent_candidates},
         part_evidence::PartEvidence,
         square_axes::{SeenDirection, square_priors},
     },
@@ -50,30 +50,32 @@ pub fn kinematic_tree(
 ) -> Vec<TreeJointEstimate> {
     // A joint hides the space between its two surfaces.
     let contact_m = (HINGE * extent_m).max(2.0 * states[0].sdf.spacing_m);
-    let still: Vec<SurfaceSamples> = states.iter().map(|s| s.part(0)).collect();
+    let still: Vec<SurfaceSamples> = states.iter().map(|s| s.samples_of_part(0)).collect();
     // Contact and simplicity make the tree before any axis is drawn to another.
-    let candidates = candidates(root, parts, &still, contact_m, config);
-    let parents = attach(&candidates, contact_m);
+    let candidates = parent_candidates(root, parts, &still, contact_m, config);
+    let parents = chosen_parents(&candidates, contact_m);
     let doubtful = JointChoice { doubt: true, kind: None };
     // The prior of each axis rests on the other axes, each by its motions alone.
-    let alone = grown(&parents, root, |k, carried| parts[k].joint(carried, doubtful, config));
+    let alone =
+        joints_of_tree(&parents, root, |k, carried| parts[k].estimated_joint(carried, doubtful, config));
     let axes: Vec<_> = alone.iter().map(JointEstimate::seen_direction).collect();
     let priors = square_priors(&axes, &flat_faces(&still[0]), &config.square);
-    let mut joints = grown(&parents, root, |k, carried| {
+    let mut joints = joints_of_tree(&parents, root, |k, carried| {
         // Where the parent's joint changes, so does the motion against it, not its kind.
         let known = JointChoice { kind: Some(alone[k].kind), ..doubtful };
-        let joint = if parents[k] == 0 { alone[k].clone() } else { parts[k].joint(carried, known, config) };
+        let joint =
+            if parents[k] == 0 { alone[k].clone() } else { parts[k].estimated_joint(carried, known, config) };
         with_prior(joint, priors[k].as_ref(), &parts[k], carried, config)
     });
     for (k, joint) in joints.iter_mut().enumerate() {
-        explain(joint, &parts[k], extent_m, config);
-        candidates[k].explain(joint, k, parents[k]);
+        add_open_properties(joint, &parts[k], extent_m, config);
+        candidates[k].add_doubts(joint, k, parents[k]);
     }
     joints.into_iter().zip(parents).map(|(joint, parent)| TreeJointEstimate { parent, joint }).collect()
 }
 
 /// Adds notes on properties of a joint not determined by the motions of its part.
-fn explain(joint: &mut JointEstimate, part: &PartEvidence, extent_m: f64, config: &JointConfig) {
+fn add_open_properties(joint: &mut JointEstimate, part: &PartEvidence, extent_m: f64, config: &JointConfig) {
     // A turning part has shown its turn; a round one may have turned as it slid.
     if joint.kind == JointKind::Prismatic && part.looks_alike_round(joint, config) {
         let open = "a turn about its axis: the part looks alike all round, so that a screw would do as well";
@@ -92,13 +94,13 @@ fn with_prior(
     config: &JointConfig,
 ) -> JointEstimate {
     match prior {
-        Some(prior) => part.settled(joint.towards(prior, carried), carried, config),
+        Some(prior) => part.settled(joint.with_axis_prior(prior, carried), carried, config),
         None => joint,
     }
 }
 
 /// The joints of a tree, parents first: each is estimated with its parent's motions as the tree makes them.
-fn grown(
+fn joints_of_tree(
     parents: &[usize],
     root: &[ParentMotion],
     estimate: impl Fn(usize, &[ParentMotion]) -> JointEstimate + Sync,
@@ -115,7 +117,7 @@ fn grown(
             .par_iter()
             .map(|&k| {
                 let parent = parents[k].checked_sub(1).and_then(|p| found[p].as_ref());
-                estimate(k, &parent.map_or_else(|| root.to_vec(), carried))
+                estimate(k, &parent.map_or_else(|| root.to_vec(), motions_of_part))
             })
             .collect();
         next.into_iter().zip(estimates).for_each(|(k, estimate)| found[k] = Some(estimate));
@@ -123,7 +125,7 @@ fn grown(
 }
 
 /// The motion of the joint's part to every state behind state 0.
-fn carried(joint: &JointEstimate) -> Vec<ParentMotion> {
+fn motions_of_part(joint: &JointEstimate) -> Vec<ParentMotion> {
     let mut motions = Vec::with_capacity(joint.motions.len());
     for (k, (motion, covariance)) in joint.motions.iter().zip(&joint.covariances).enumerate() {
         let drawn = joint.drawn.get(k).cloned().unwrap_or_default();
@@ -134,7 +136,7 @@ fn carried(joint: &JointEstimate) -> Vec<ParentMotion> {
 
 /// Parent of every part: the static part where it qualifies, else a qualified candidate in the tree already,
 /// simplest and nearest first; the static part where there is none.
-fn attach(candidates: &[Candidates], contact_m: f64) -> Vec<usize> {
+fn chosen_parents(candidates: &[Candidates], contact_m: f64) -> Vec<usize> {
     let qualified: Vec<Vec<&ParentCandidate>> = candidates.iter().map(Candidates::qualified).collect();
     let mut parents: Vec<Option<usize>> =
         qualified.iter().map(|all| all.iter().any(|c| c.parent == 0).then_some(0)).collect();

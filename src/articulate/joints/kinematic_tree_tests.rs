@@ -17,13 +17,14 @@ const NODES: usize = 121;
 fn tree_of(scene: &Scene) -> Vec<TreeJointEstimate> {
     let cameras = camera_ring(10);
     let observed = [0, 1].map(|s| scene.surface(s, &cameras, 0.005));
-    let around = SceneBox::around(&Point3::new(-0.35, -0.35, -0.1), &Point3::new(0.35, 0.35, 0.6));
+    let around = SceneBox::around_box(&Point3::new(-0.35, -0.35, -0.1), &Point3::new(0.35, 0.35, 0.6));
     let sdf = [0, 1].map(|s| {
-        let mut grid = Grid3::over(&around, NODES, 0.0f32);
-        (0..grid.values.len()).for_each(|i| grid.values[i] = scene.distance_m(s, &grid.position(i)) as f32);
+        let mut grid = Grid3::over_scene(&around, NODES, 0.0f32);
+        (0..grid.values.len())
+            .for_each(|i| grid.values[i] = scene.distance_m(s, &grid.position_of_index(i)) as f32);
         grid
     });
-    let seen = Grid3::over(&around, NODES, true);
+    let seen = Grid3::over_scene(&around, NODES, true);
     let none = SurfaceDraws::default();
     let states = [0, 1].map(|s| ObservedState {
         frames: &[],
@@ -43,7 +44,7 @@ fn tree_of(scene: &Scene) -> Vec<TreeJointEstimate> {
     };
     let parts: Vec<PartEvidence> =
         (1..scene.parts.len()).filter_map(|k| PartEvidence::new([gather(k)])).collect();
-    kinematic_tree(&[ParentMotion::still()], &parts, &states, extent_m, &config)
+    kinematic_tree(&[ParentMotion::static_part()], &parts, &states, extent_m, &config)
 }
 
 /// Distance of a joint's axis from the line through a point along a direction, meters.
@@ -64,7 +65,10 @@ fn a_lamp_is_a_chain_although_its_axes_are_parallel() {
             line_error_m(&t.joint, at, Vector3::y())
         );
     }
-    assert!((found[0].joint.motion() - 0.5).abs() < 0.01 && (found[1].joint.motion() - 0.6).abs() < 0.01);
+    assert!(
+        (found[0].joint.largest_position() - 0.5).abs() < 0.01
+            && (found[1].joint.largest_position() - 0.6).abs() < 0.01
+    );
     // The carried motion is that of both joints.
     let apart = found[1].joint.motions[0] * Scene::lamp().truth(2).inverse();
     assert!(apart.rotation.angle() < 0.01 && found[1].joint.evidence.parents.len() == 2);
@@ -91,8 +95,8 @@ fn an_unscrewed_lid_has_its_pitch() {
     assert!((pitch_m_per_rad - 0.008).abs() < 0.0003, "{pitch_m_per_rad}");
     assert!(found[0].joint.evidence.pitch_std_m_per_rad > 0.0);
     assert!(line_error_m(&found[0].joint, [0.0; 3], Vector3::z()) < 0.002);
-    let truth = Screw::of(&Scene::jar().truth(1)).unwrap();
-    assert!((found[0].joint.motion() - truth.angle_rad).abs() < 0.01);
+    let truth = Screw::of_motion(&Scene::jar().truth(1)).unwrap();
+    assert!((found[0].joint.largest_position() - truth.angle_rad).abs() < 0.01);
 }
 
 #[test]

@@ -27,11 +27,11 @@ impl Misfit {
         for (k, free) in found.free.iter().enumerate() {
             let at = 6 * k;
             let information = &free.quadratic.information;
-            let own: Matrix6<f64> =
-                free.quadratic.displacements() + information * found.parent(k).covariance * information;
+            let own: Matrix6<f64> = free.quadratic.displacement_covariance()
+                + information * found.parent_motion(k).covariance * information;
             by_residuals.fixed_view_mut::<6, 6>(at, at).copy_from(information);
             of_gradient.fixed_view_mut::<6, 6>(at, at).copy_from(&own);
-            let changes = found.drawn(k, &free.motion, information);
+            let changes = found.drawn_gradients(k, &free.motion, information);
             drawn.resize(changes.len().max(drawn.len()), DVector::zeros(size));
             drawn.iter_mut().zip(changes).for_each(|(all, by)| all.rows_mut(at, 6).copy_from(&by));
         }
@@ -44,17 +44,20 @@ impl Misfit {
     }
 
     /// The rest of a joint's misfit (its cost less the free motions') beyond errors without a residual.
-    pub(crate) fn left(&self, misfit: f64, fit: &JointFit, found: &FreeFits) -> f64 {
+    pub(crate) fn unexplained_misfit(&self, misfit: f64, fit: &JointFit, found: &FreeFits) -> f64 {
         let differences = found.free.iter().enumerate().map(|(k, free)| -> Vector6<f64> {
-            left_difference(&fit.joint.motion(k, &found.parent(k).state1_from_state0), &free.motion)
+            left_difference(
+                &fit.joint.world_motion(k, &found.parent_motion(k).state1_from_state0),
+                &free.motion,
+            )
         });
         let off = DVector::from_vec(differences.flat_map(|d| d.data.0[0]).collect());
         let mut tangents = DMatrix::zeros(off.len(), fit.joint.dimension());
         for (k, t) in fit.tangents.iter().enumerate() {
             tangents.rows_mut(6 * k, 6).copy_from(t);
         }
-        let [left, all] =
-            [&self.by_all, &self.by_residuals].map(|metric| least(metric, off.column(0), &tangents));
+        let [left, all] = [&self.by_all, &self.by_residuals]
+            .map(|metric| least_squared_length(metric, off.column(0), &tangents));
         match (left, all) {
             // The cost is robust: far from the motions it is less than the square.
             (Some(left), Some(all)) if all > 0.0 => misfit.min(left / all * misfit.max(all)),
@@ -64,7 +67,11 @@ impl Misfit {
 }
 
 /// The least squared length of `off + tangents p` over all p, in a metric.
-fn least(metric: &DMatrix<f64>, off: DVectorView<f64>, tangents: &DMatrix<f64>) -> Option<f64> {
+fn least_squared_length(
+    metric: &DMatrix<f64>,
+    off: DVectorView<f64>,
+    tangents: &DMatrix<f64>,
+) -> Option<f64> {
     let pull = metric * off;
     let by_parameters = tangents.tr_mul(&pull);
     let information = tangents.tr_mul(&(metric * tangents)).cholesky()?;

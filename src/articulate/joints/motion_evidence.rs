@@ -124,8 +124,8 @@ impl MotionEvidence<'_> {
 
     /// Changes of half the gradient of [`Self::linearise`] by errors of poses and depth, by draw.
     #[must_use]
-    pub fn drawn(&self, motion: &Pose, sigma_m: f64, config: &RefineConfig) -> Vec<Vector6<f64>> {
-        match self.drawn.count() {
+    pub fn drawn_gradients(&self, motion: &Pose, sigma_m: f64, config: &RefineConfig) -> Vec<Vector6<f64>> {
+        match self.drawn.draw_count() {
             0 => Vec::new(),
             count => self.linearise_drawn(motion, sigma_m, config, count).drawn,
         }
@@ -168,14 +168,14 @@ impl MotionEvidence<'_> {
         let mut q = Quadratic::with_draws(draws);
         let source = [Source::Surface0, Source::Surface1][state];
         let warp = if state == 0 { *motion } else { motion.inverse() };
-        let share = self.share(state);
+        let share = self.independent_share(state);
         // A point without a partner costs as much as the worst partner: leaving the evidence must not pay.
         let missing = share * config.robust_sigmas * config.robust_sigmas;
         for i in points {
             let x = &self.surfaces[state].points[i];
             let n = &self.surfaces[state].normals[i];
             let y = warp * x;
-            let Some((d, g)) = self.distance(1 - state, &y) else {
+            let Some((d, g)) = self.signed_distance(1 - state, &y) else {
                 q.cost += missing;
                 continue;
             };
@@ -197,9 +197,15 @@ impl MotionEvidence<'_> {
                 q.surface_inliers += 1;
                 q.squared_m2 += d * d;
             }
-            let weight = q.add(r, &row, share, config.robust_sigmas, Block::of(x, self.block_m, source));
+            let weight = q.add_residual(
+                r,
+                &row,
+                share,
+                config.robust_sigmas,
+                Block::block_of(x, self.block_m, source),
+            );
             // The change of the gradient by a displacement of the patch, e_c of docs/method.md (8.12).
-            *q.displaced.entry(DisplacedPatch::of(x, n, self.patch_m, source)).or_default() +=
+            *q.displaced.entry(DisplacedPatch::patch_of(x, n, self.patch_m, source)).or_default() +=
                 row * (weight * self.displacement_m / sigma_m);
             for (sum, change_m) in q.drawn.iter_mut().zip(self.drawn.of_point(state, i)) {
                 *sum += row * (weight * f64::from(*change_m) / sigma_m);
@@ -210,10 +216,10 @@ impl MotionEvidence<'_> {
 
     /// Signed distance of a point from the surface of a state, meters, and its gradient; `None` where it is
     /// not known.
-    fn distance(&self, state: usize, y: &Point3<f64>) -> Option<(f64, Vector3<f64>)> {
+    fn signed_distance(&self, state: usize, y: &Point3<f64>) -> Option<(f64, Vector3<f64>)> {
         let visible = self.visible[state];
         // First, as it costs least.
-        if !visible.nearest(y).is_some_and(|i| visible.values[i]) {
+        if !visible.nearest_node(y).is_some_and(|i| visible.values[i]) {
             return None;
         }
         let (d, g) = self.sdf[state].sample_with_gradient(y);
@@ -224,7 +230,7 @@ impl MotionEvidence<'_> {
 
     /// Share of a sample of a state in an independent observation: samples closer than the correlation length
     /// of errors are not independent.
-    fn share(&self, state: usize) -> f64 {
+    fn independent_share(&self, state: usize) -> f64 {
         let independent = self.areas_m2[state] / self.independent_area_m2;
         (independent / self.surfaces[state].points.len().max(1) as f64).min(1.0)
     }
@@ -255,8 +261,10 @@ impl MotionEvidence<'_> {
             let weight = m.share * u * u;
             let move_by = whiten;
             let turn_by = -whiten * y.coords.cross_matrix();
-            let block =
-                q.block_gradients.entry(Block::of(&m.point0, self.block_m, Source::Matches)).or_default();
+            let block = q
+                .block_gradients
+                .entry(Block::block_of(&m.point0, self.block_m, Source::Matches))
+                .or_default();
             for i in 0..3 {
                 let a = move_by.row(i);
                 let b = turn_by.row(i);
@@ -283,7 +291,7 @@ impl MotionEvidence<'_> {
         for state in [0, 1] {
             let warp = if state == 0 { *motion } else { motion.inverse() };
             all.extend(self.surfaces[state].points.iter().enumerate().filter_map(|(i, x)| {
-                let (d, _) = self.distance(1 - state, &(warp * x))?;
+                let (d, _) = self.signed_distance(1 - state, &(warp * x))?;
                 Some((d + self.offset_m(state, i)).abs())
             }));
         }
@@ -334,17 +342,17 @@ mod tests {
 
     #[test]
     fn space_seen_empty_in_front_of_a_side_that_was_not_read_moves_nothing() {
-        let scene = SceneBox::around(&Point3::new(-0.3, -0.3, -0.3), &Point3::new(0.3, 0.3, 0.3));
+        let scene = SceneBox::around_box(&Point3::new(-0.3, -0.3, -0.3), &Point3::new(0.3, 0.3, 0.3));
         let field = |distance: &dyn Fn(&Point3<f64>) -> f64| {
-            let mut grid = Grid3::over(&scene, 201, 0.0f32);
-            (0..grid.values.len()).for_each(|i| grid.values[i] = distance(&grid.position(i)) as f32);
+            let mut grid = Grid3::over_scene(&scene, 201, 0.0f32);
+            (0..grid.values.len()).for_each(|i| grid.values[i] = distance(&grid.position_of_index(i)) as f32);
             grid
         };
         let sdf = [field(&panel_distance), field(&|p| half_seen(p, 0.004))];
         let samples = sides();
         let down: Vec<usize> = (0..samples.points.len()).filter(|&i| samples.normals[i].y < 0.0).collect();
-        let lower = samples.some(&down);
-        let seen = Grid3::over(&scene, 201, true);
+        let lower = samples.chosen_samples(&down);
+        let seen = Grid3::over_scene(&scene, 201, true);
         let drawn = DrawnResiduals::default();
         let evidence = MotionEvidence {
             surfaces: [&samples, &lower],

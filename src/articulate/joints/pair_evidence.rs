@@ -12,7 +12,7 @@ use crate::{
         match_evidence::match_evidence,
         motion_evidence::{MatchEvidence, MotionEvidence},
         surface_draws::SurfaceDraws,
-        surface_error::{ReadingHeights, clear, surface_error_m},
+        surface_error::{ReadingHeights, clear_offsets, surface_error_m},
         texture::texture_matches,
     },
     observations::{LiftedMatch, SurfaceSamples},
@@ -42,8 +42,8 @@ pub struct ObservedState<'a> {
 impl ObservedState<'_> {
     /// Points on the surface of one part.
     #[must_use]
-    pub fn part(&self, part: u8) -> SurfaceSamples {
-        self.samples.some(&self.points_of(part))
+    pub fn samples_of_part(&self, part: u8) -> SurfaceSamples {
+        self.samples.chosen_samples(&self.points_of(part))
     }
 
     fn points_of(&self, part: u8) -> Vec<usize> {
@@ -106,7 +106,7 @@ impl<'a> PairEvidence<'a> {
         extent_m: f64,
         config: &JointConfig,
     ) -> Self {
-        let surfaces = states.each_ref().map(|s| s.part(part));
+        let surfaces = states.each_ref().map(|s| s.samples_of_part(part));
         let areas_m2 = [0, 1].map(|s| {
             // Samples are even over the area: their share is the area's.
             let share = surfaces[s].points.len() as f64 / states[s].samples.points.len().max(1) as f64;
@@ -119,7 +119,7 @@ impl<'a> PairEvidence<'a> {
             match_evidence(matches, frames, noise, config.refine.match_pixel_sigma, 2.0 * spacing_m);
         let mut pair = Self {
             states,
-            place: place(&surfaces[0]),
+            place: place_of_surface(&surfaces[0]),
             surfaces,
             matches,
             motion: *start,
@@ -130,8 +130,8 @@ impl<'a> PairEvidence<'a> {
             offsets_m: [Vec::new(), Vec::new()],
             drawn: DrawnResiduals::default(),
         };
-        pair.refine(noise, config);
-        let draws = states.map(|s| s.draws.some(&s.points_of(part)));
+        pair.refine_motion(noise, config);
+        let draws = states.map(|s| s.draws.chosen_samples(&s.points_of(part)));
         let matches: Vec<[Point3<f64>; 2]> = pair.matches.iter().map(|m| [m.point0, m.point1]).collect();
         pair.drawn =
             DrawnResiduals::new(&draws, pair.surfaces.each_ref(), &matches, &pair.motion, pair.correlation_m);
@@ -139,7 +139,7 @@ impl<'a> PairEvidence<'a> {
     }
 
     /// Rounds of offsets of the surfaces, joint and dense texture.
-    fn refine(&mut self, noise: &NoiseConfig, config: &JointConfig) {
+    fn refine_motion(&mut self, noise: &NoiseConfig, config: &JointConfig) {
         let (frames, sdf) = (self.states.map(|s| s.frames), self.states.map(|s| s.sdf));
         let spacing_m = sdf[0].spacing_m;
         let correlation_m = self.correlation_m;
@@ -149,8 +149,8 @@ impl<'a> PairEvidence<'a> {
         let sparse = self.matches.len();
         for _ in 0..ROUNDS {
             let offsets_m = heights.offsets_m(self.surfaces.each_ref(), &self.motion, correlation_m);
-            self.offsets_m = offsets_m.map(|o| clear(o, unclear_m));
-            let still = ParentMotion::still();
+            self.offsets_m = offsets_m.map(|o| clear_offsets(o, unclear_m));
+            let still = ParentMotion::static_part();
             let found = estimate_joint(
                 &[self.joint_motion(&still)],
                 self.place,
@@ -169,24 +169,24 @@ impl<'a> PairEvidence<'a> {
         // Offsets under the last motion are the remaining error.
         let offsets_m = heights.offsets_m(self.surfaces.each_ref(), &self.motion, correlation_m);
         self.displacement_m = surface_error_m(&offsets_m[0]);
-        self.offsets_m = offsets_m.map(|o| clear(o, unclear_m));
+        self.offsets_m = offsets_m.map(|o| clear_offsets(o, unclear_m));
     }
 
     /// The evidence for the part's motion, on a moved parent.
     #[must_use]
     pub fn joint_motion<'m>(&'m self, parent: &'m ParentMotion) -> JointMotion<'m> {
-        JointMotion { start: self.motion, parent, evidence: self.evidence() }
+        JointMotion { start: self.motion, parent, evidence: self.motion_evidence() }
     }
 
     /// The motion of this part by itself, with its covariance.
     #[must_use]
     pub fn free_motion(&self, config: &JointConfig) -> ParentMotion {
-        free_motion(&self.motion, &self.evidence(), &config.refine)
+        free_motion(&self.motion, &self.motion_evidence(), &config.refine)
     }
 
     /// The residuals of a motion.
     #[must_use]
-    pub fn evidence(&self) -> MotionEvidence<'_> {
+    pub fn motion_evidence(&self) -> MotionEvidence<'_> {
         let side_m = (0.5 * (self.areas_m2[0] + self.areas_m2[1])).sqrt();
         MotionEvidence {
             surfaces: self.surfaces.each_ref(),
@@ -206,7 +206,7 @@ impl<'a> PairEvidence<'a> {
 }
 
 /// Where a surface is.
-fn place(surface: &SurfaceSamples) -> PartPlace {
+fn place_of_surface(surface: &SurfaceSamples) -> PartPlace {
     let sum: Vector3<f64> = surface.points.iter().map(|p| p.coords).sum();
     let middle = Point3::from(sum / surface.points.len().max(1) as f64);
     let radius_m = surface.points.iter().map(|p| (p - middle).norm()).fold(0.0, f64::max);

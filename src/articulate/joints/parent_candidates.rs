@@ -8,7 +8,7 @@ use crate::{
         free_motion::ParentMotion,
         joint::JointEstimate,
         joint_config::JointConfig,
-        joint_type::{DECISIVE, excess},
+        joint_type::{DECISIVE, excess_over_free},
         part_evidence::PartEvidence,
     },
     observations::SurfaceSamples,
@@ -58,7 +58,7 @@ impl Candidates {
     }
 
     /// Adds notes on doubts of the parent of part number `part` and on other possible ones.
-    pub(crate) fn explain(&self, joint: &mut JointEstimate, part: usize, parent: usize) {
+    pub(crate) fn add_doubts(&self, joint: &mut JointEstimate, part: usize, parent: usize) {
         let all = if joint.positions.len() == 1 { "both" } else { "all" };
         let scores =
             self.all.iter().map(|c| (link_name(c.parent), ParentScore { excess: c.excess, gap_m: c.gap_m }));
@@ -121,7 +121,7 @@ impl<'a> PossibleParent<'a> {
             surfaces,
             // All candidates are judged by motions without a joint: their errors are much alike.
             motions: motions
-                .map(|state1_from_state0| ParentMotion { state1_from_state0, ..ParentMotion::still() })
+                .map(|state1_from_state0| ParentMotion { state1_from_state0, ..ParentMotion::static_part() })
                 .collect(),
         }
     }
@@ -139,7 +139,7 @@ impl<'a> PossibleParent<'a> {
 
 /// The possible parents of every part. `root` are the motions of the static part, `still` its surface in
 /// every state; parts closer than `contact_m` touch.
-pub(crate) fn candidates(
+pub(crate) fn parent_candidates(
     root: &[ParentMotion],
     parts: &[PartEvidence],
     still: &[SurfaceSamples],
@@ -158,25 +158,25 @@ pub(crate) fn candidates(
         .into_par_iter()
         .map(|k| {
             let others = (0..bodies.len()).into_par_iter().filter(|&parent| parent != k + 1);
-            let all =
-                others.map(|parent| candidate(&parts[k], &bodies[k + 1], parent, &bodies[parent], config));
+            let all = others
+                .map(|parent| parent_candidate(&parts[k], &bodies[k + 1], parent, &bodies[parent], config));
             Candidates { all: all.collect(), contact_m }
         })
         .collect()
 }
 
 /// The evidence for body number `parent` as the parent of a part.
-fn candidate(
+fn parent_candidate(
     part: &PartEvidence,
     own: &PossibleParent,
     parent: usize,
     body: &PossibleParent,
     config: &JointConfig,
 ) -> ParentCandidate {
-    let joint = part.joint(&body.motions, JointChoice::default(), config);
+    let joint = part.estimated_joint(&body.motions, JointChoice::default(), config);
     // Any motion has a screw line: beside the part it makes no parent simple.
     let threaded = matches!(joint.kind, JointKind::Screw { .. });
-    let excess = excess(&joint.evidence.type_scores, threaded);
+    let excess = excess_over_free(&joint.evidence.type_scores, threaded);
     let off_m = if joint.kind == JointKind::Revolute {
         axis_off_m(&joint.point, &joint.axis, &own.surfaces[0].points, &body.surfaces[0].points)
     } else {

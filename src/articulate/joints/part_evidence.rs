@@ -45,13 +45,13 @@ impl<'a> PartEvidence<'a> {
 
     /// The joint between a parent, by its motions to all other states, and this part.
     #[must_use]
-    pub fn joint(
+    pub fn estimated_joint(
         &self,
         parents: &[ParentMotion],
         choice: JointChoice,
         config: &JointConfig,
     ) -> JointEstimate {
-        estimate_joint(&self.motions(parents), self.place(), choice, &config.refine)
+        estimate_joint(&self.joint_motions(parents), self.place(), choice, &config.refine)
     }
 
     /// A turning joint with the best place of its axis for a fixed direction.
@@ -62,20 +62,20 @@ impl<'a> PartEvidence<'a> {
         parents: &[ParentMotion],
         config: &JointConfig,
     ) -> JointEstimate {
-        joint.settled(&self.motions(parents), &config.refine)
+        joint.settled(&self.joint_motions(parents), &config.refine)
     }
 
     /// Whether the part would fit all states as well if it had turned about the axis of a joint.
     #[must_use]
     pub fn looks_alike_round(&self, joint: &JointEstimate, config: &JointConfig) -> bool {
-        self.pairs()
-            .zip(&joint.motions)
-            .all(|(pair, motion)| looks_alike_round(&pair.evidence(), motion, &joint.axis, &config.refine))
+        self.pairs().zip(&joint.motions).all(|(pair, motion)| {
+            looks_alike_round(&pair.motion_evidence(), motion, &joint.axis, &config.refine)
+        })
     }
 
     /// The evidence for all motions, with blocks of one size: the blocks of state 0 are counted across
     /// motions.
-    fn motions<'m>(&'m self, parents: &'m [ParentMotion]) -> Vec<JointMotion<'m>> {
+    fn joint_motions<'m>(&'m self, parents: &'m [ParentMotion]) -> Vec<JointMotion<'m>> {
         let mut motions: Vec<JointMotion> =
             self.pairs().zip(parents).map(|(pair, parent)| pair.joint_motion(parent)).collect();
         let block_m = motions.iter().map(|m| m.evidence.block_m).fold(0.0, f64::max);

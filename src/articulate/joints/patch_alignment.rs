@@ -38,7 +38,7 @@ impl GrayPatch {
     }
 
     /// Bilinear value; NaN outside or where a neighbor was not seen.
-    fn sample(&self, u: f64, v: f64) -> f64 {
+    fn bilinear_value(&self, u: f64, v: f64) -> f64 {
         let x = u.floor() as i32;
         let y = v.floor() as i32;
         if x < -self.radius || y < -self.radius || x >= self.radius || y >= self.radius {
@@ -77,11 +77,12 @@ type Row = (f64, f64, Vector2<f64>);
 
 /// Looks for a patch in a larger one (Lucas and Kanade 1981). `None` without contrast, outside the reach, or
 /// if the search does not converge. See docs/method.md (8.6).
-pub(crate) fn align(reference: &GrayPatch, target: &GrayPatch, min_contrast: f64) -> Option<Shift> {
+pub(crate) fn aligned_shift(reference: &GrayPatch, target: &GrayPatch, min_contrast: f64) -> Option<Shift> {
     let mut shift = Vector2::zeros();
     let mut last: Option<Shift> = None;
     for _ in 0..ITERATIONS {
-        let (step, covariance, correlation) = step(&rows(reference, target, &shift), min_contrast)?;
+        let (step, covariance, correlation) =
+            alignment_step(&seen_rows(reference, target, &shift), min_contrast)?;
         last = Some(Shift { shift, covariance, correlation });
         // The image's slope holds for about a sample and no farther.
         shift += step.map(|s| s.clamp(-1.0, 1.0));
@@ -97,17 +98,17 @@ pub(crate) fn align(reference: &GrayPatch, target: &GrayPatch, min_contrast: f64
 }
 
 /// The samples of a patch seen in both.
-fn rows(reference: &GrayPatch, target: &GrayPatch, shift: &Vector2<f64>) -> Vec<Row> {
+fn seen_rows(reference: &GrayPatch, target: &GrayPatch, shift: &Vector2<f64>) -> Vec<Row> {
     let mut rows = Vec::new();
     for v in -RADIUS..=RADIUS {
         for u in -RADIUS..=RADIUS {
             let x = f64::from(u) + shift.x;
             let y = f64::from(v) + shift.y;
             let a = f64::from(reference.at(u, v));
-            let b = target.sample(x, y);
+            let b = target.bilinear_value(x, y);
             let gradient = Vector2::new(
-                target.sample(x + 0.5, y) - target.sample(x - 0.5, y),
-                target.sample(x, y + 0.5) - target.sample(x, y - 0.5),
+                target.bilinear_value(x + 0.5, y) - target.bilinear_value(x - 0.5, y),
+                target.bilinear_value(x, y + 0.5) - target.bilinear_value(x, y - 0.5),
             );
             if a.is_finite() && b.is_finite() && gradient.x.is_finite() && gradient.y.is_finite() {
                 rows.push((a, b, gradient));
@@ -119,7 +120,7 @@ fn rows(reference: &GrayPatch, target: &GrayPatch, shift: &Vector2<f64>) -> Vec<
 
 /// A step of the shift, its covariance and the correlation before it; `None` where too little is seen, or is
 /// plain.
-fn step(rows: &[Row], min_contrast: f64) -> Option<(Vector2<f64>, Matrix2<f64>, f64)> {
+fn alignment_step(rows: &[Row], min_contrast: f64) -> Option<(Vector2<f64>, Matrix2<f64>, f64)> {
     let n = rows.len() as f64;
     if n < MIN_SEEN * f64::from((2 * RADIUS + 1).pow(2)) {
         return None;
@@ -169,7 +170,7 @@ mod tests {
         for (du, dv) in [(0.0, 0.0), (1.3, -0.7), (-2.2, 1.9)] {
             let reference = patch(RADIUS, texture);
             let target = patch(RADIUS + REACH, |u, v| 0.1 + 0.6 * texture(u - du, v - dv));
-            let found = align(&reference, &target, 0.01).unwrap();
+            let found = aligned_shift(&reference, &target, 0.01).unwrap();
             assert!((found.shift - Vector2::new(du, dv)).norm() < 0.1, "{}", found.shift);
             assert!(found.correlation > 0.98);
         }
@@ -189,7 +190,7 @@ mod tests {
             if reference.is_lost(0.006) {
                 lost += 1;
                 let target = patch(RADIUS + REACH, |u, v| texture(u - 0.3, v + 0.2));
-                assert!(align(&reference, &target, 0.006).is_none(), "{k}");
+                assert!(aligned_shift(&reference, &target, 0.006).is_none(), "{k}");
             }
         }
         assert!(lost > 50 && lost < 350, "{lost}");
@@ -198,8 +199,8 @@ mod tests {
     #[test]
     fn a_plain_patch_and_an_unseen_one_are_not_found() {
         let plain = patch(RADIUS + REACH, |_, _| 0.4);
-        assert!(align(&patch(RADIUS, |_, _| 0.4), &plain, 0.01).is_none());
+        assert!(aligned_shift(&patch(RADIUS, |_, _| 0.4), &plain, 0.01).is_none());
         let hidden = patch(RADIUS + REACH, |u, v| if u > 0.0 { f32::NAN } else { texture(u, v) });
-        assert!(align(&patch(RADIUS, texture), &hidden, 0.01).is_none());
+        assert!(aligned_shift(&patch(RADIUS, texture), &hidden, 0.01).is_none());
     }
 }

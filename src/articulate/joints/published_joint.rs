@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix6, Point3, SMatrix, Unit, Vector3};
 
-use crate::joints::{joint::JointEstimate, joint_motion::foot, kinematic_tree::TreeJointEstimate};
+use crate::joints::{joint::JointEstimate, joint_motion::foot_on_line, kinematic_tree::TreeJointEstimate};
 use common::note::{Note, NoteCode};
 use geometry::{Pose, Screw};
 use model::{JointEvidence, JointKind, TypeScores};
@@ -24,12 +24,12 @@ const UNKNOWN: f64 = 1e12;
 /// meters. Its deviations are not determined.
 #[must_use]
 pub fn published_joint(state1_from_state0: &Pose, middle: &Point3<f64>) -> TreeJointEstimate {
-    let turn = Screw::of(state1_from_state0).filter(|s| s.angle_rad >= LEAST_TURN_RAD);
+    let turn = Screw::of_motion(state1_from_state0).filter(|s| s.angle_rad >= LEAST_TURN_RAD);
     let shift = state1_from_state0.translation.vector;
     let (kind, axis, point, position, motion) = match turn {
         // The pivot is the least squares solution of p = R p + t: the advance along the axis is left out.
         Some(s) => {
-            let point = foot(&s.point, &s.direction, middle);
+            let point = foot_on_line(&s.point, &s.direction, middle);
             (JointKind::Revolute, s.direction, point, s.angle_rad, s.motion_by(s.angle_rad, 0.0))
         }
         None => {
@@ -79,7 +79,7 @@ mod tests {
         let middle = Point3::new(1.0, 1.0, 1.0);
         let turned = |degrees: f64, advance_m: f64| {
             let screw = Screw { direction: axis, point: pivot, angle_rad: degrees.to_radians(), advance_m };
-            (published_joint(&screw.motion(), &middle).joint, screw)
+            (published_joint(&screw.to_motion(), &middle).joint, screw)
         };
         let (joint, screw) = turned(10.5, 0.002);
         assert_eq!(joint.kind, JointKind::Revolute);
@@ -90,7 +90,7 @@ mod tests {
         // The advance is no part of a revolute joint.
         assert!((joint.motions[0] * pivot - pivot).norm() < 1e-9);
         let (joint, screw) = turned(9.5, 0.3);
-        let shift = screw.motion().translation.vector;
+        let shift = screw.to_motion().translation.vector;
         assert_eq!(joint.kind, JointKind::Prismatic);
         assert!((joint.positions[0] - shift.norm()).abs() < 1e-12);
         assert!((joint.motions[0] * middle - middle - shift).norm() < 1e-12);

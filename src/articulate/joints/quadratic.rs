@@ -26,8 +26,8 @@ pub struct Block {
 impl Block {
     /// The block of side `side_m` with a point in it.
     #[must_use]
-    pub fn of(x: &Point3<f64>, side_m: f64, source: Source) -> Self {
-        Self { cell: cell(x, side_m), source }
+    pub fn block_of(x: &Point3<f64>, side_m: f64, source: Source) -> Self {
+        Self { cell: cell_of(x, side_m), source }
     }
 }
 
@@ -42,13 +42,13 @@ pub struct DisplacedPatch {
 impl DisplacedPatch {
     /// The patch of size `size_m` with a point of a normal in it.
     #[must_use]
-    pub fn of(x: &Point3<f64>, normal: &Vector3<f64>, size_m: f64, source: Source) -> Self {
+    pub fn patch_of(x: &Point3<f64>, normal: &Vector3<f64>, size_m: f64, source: Source) -> Self {
         let axis = normal.iamax();
-        Self { cell: cell(x, size_m), side: 2 * axis + usize::from(normal[axis] > 0.0), source }
+        Self { cell: cell_of(x, size_m), side: 2 * axis + usize::from(normal[axis] > 0.0), source }
     }
 }
 
-fn cell(x: &Point3<f64>, side_m: f64) -> [i64; 3] {
+fn cell_of(x: &Point3<f64>, side_m: f64) -> [i64; 3] {
     [x.x, x.y, x.z].map(|x| (x / side_m).floor() as i64)
 }
 
@@ -107,7 +107,7 @@ impl Quadratic {
 
     /// Adds one residual `r` (in standard deviations) with its row, robustly, as `share` of an observation;
     /// its weight.
-    pub fn add(&mut self, r: f64, row: &Vector6<f64>, share: f64, scale: f64, block: Block) -> f64 {
+    pub fn add_residual(&mut self, r: f64, row: &Vector6<f64>, share: f64, scale: f64, block: Block) -> f64 {
         // Cost and weight of docs/method.md (8.5).
         let k = scale * scale;
         let u = k / (k + r * r);
@@ -141,7 +141,7 @@ impl Quadratic {
 
     /// Covariance of the gradient by displacements of the surfaces' patches.
     #[must_use]
-    pub fn displacements(&self) -> Matrix6<f64> {
+    pub fn displacement_covariance(&self) -> Matrix6<f64> {
         self.displaced.values().map(|g| g * g.transpose()).sum()
     }
 

@@ -90,7 +90,7 @@ impl View {
     }
 
     /// Information and gradient on the frame's rotation.
-    fn information(&self) -> (Matrix3<f64>, Vector3<f64>) {
+    fn rotation_information(&self) -> (Matrix3<f64>, Vector3<f64>) {
         // The step of expectation: how likely the direction is a square one.
         let weight = 1.0 / (1.0 + (self.likelihood.other - self.likelihood.square).exp());
         let weighed = self.slope.transpose() * self.precision * weight;
@@ -98,14 +98,14 @@ impl View {
     }
 
     /// The prior of this direction by the information of others; `None` where it is likelier to run anywhere.
-    fn prior(
+    fn prior_by_others(
         &self,
         others: impl Iterator<Item = (Matrix3<f64>, Vector3<f64>)>,
         seen: &SeenDirection,
         config: &SquareConfig,
     ) -> Option<SeenDirection> {
         // By the others alone: an axis must not bear itself out.
-        let (h, g) = summed(others);
+        let (h, g) = summed_information(others);
         let turn = h.try_inverse()?;
         let mean = self.slope * turn * g;
         let frame = self.slope * turn * self.slope.transpose();
@@ -175,11 +175,11 @@ pub(crate) fn square_priors(
     config: &SquareConfig,
 ) -> Vec<Option<SeenDirection>> {
     let known: Vec<SeenDirection> = axes.iter().flatten().chain(faces).copied().collect();
-    let Some(frame) = (config.share > 0.0).then(|| fit(&known, config)).flatten() else {
+    let Some(frame) = (config.share > 0.0).then(|| fitted_frame(&known, config)).flatten() else {
         return vec![None; axes.len()];
     };
     let views: Vec<Option<View>> = known.iter().map(|seen| View::new(&frame, seen, config)).collect();
-    let information: Vec<_> = views.iter().map(|v| v.as_ref().map(View::information)).collect();
+    let information: Vec<_> = views.iter().map(|v| v.as_ref().map(View::rotation_information)).collect();
     let mut priors = Vec::with_capacity(axes.len());
     // Only known axes have a view; the faces' views come behind theirs.
     let mut own = 0;
@@ -189,7 +189,7 @@ pub(crate) fn square_priors(
             continue;
         };
         let others = information.iter().enumerate().filter(|(k, _)| *k != own).filter_map(|(_, t)| *t);
-        priors.push(views[own].as_ref().and_then(|view| view.prior(others, seen, config)));
+        priors.push(views[own].as_ref().and_then(|view| view.prior_by_others(others, seen, config)));
         own += 1;
     }
     priors
@@ -197,16 +197,19 @@ pub(crate) fn square_priors(
 
 /// Information and gradient on the frame's rotation of all directions. Without any, the rotation to the
 /// nearest of 24 square frames is known to about a radian.
-fn summed(all: impl Iterator<Item = (Matrix3<f64>, Vector3<f64>)>) -> (Matrix3<f64>, Vector3<f64>) {
+fn summed_information(
+    all: impl Iterator<Item = (Matrix3<f64>, Vector3<f64>)>,
+) -> (Matrix3<f64>, Vector3<f64>) {
     all.fold((Matrix3::identity(), Vector3::zeros()), |(h, g), (i, r)| (h + i, g + r))
 }
 
 /// The likeliest frame; its columns are the directions.
-fn fit(known: &[SeenDirection], config: &SquareConfig) -> Option<Matrix3<f64>> {
+fn fitted_frame(known: &[SeenDirection], config: &SquareConfig) -> Option<Matrix3<f64>> {
     // The likelihood has a peak for each way to lay the frame along the directions: every pair of them starts
     // one fit.
-    let starts = known.iter().flat_map(|a| known.iter().filter_map(|b| start(&a.direction, &b.direction)));
-    let fits = starts.map(|start| polish(start, known, config));
+    let starts =
+        known.iter().flat_map(|a| known.iter().filter_map(|b| start_frame(&a.direction, &b.direction)));
+    let fits = starts.map(|start| polished_frame(start, known, config));
     let valued = fits.map(|frame| (log_likelihood(&frame, known, config), frame));
     valued.reduce(|a, b| if b.0 > a.0 { b } else { a }).map(|(_, frame)| frame)
 }
@@ -222,18 +225,19 @@ fn log_likelihood(frame: &Matrix3<f64>, known: &[SeenDirection], config: &Square
 }
 
 /// A frame along a direction and, as far as it is square to it, another (or the same).
-fn start(first: &Unit<Vector3<f64>>, second: &Unit<Vector3<f64>>) -> Option<Matrix3<f64>> {
+fn start_frame(first: &Unit<Vector3<f64>>, second: &Unit<Vector3<f64>>) -> Option<Matrix3<f64>> {
     let a = first.into_inner();
     let b = if first == second { frame_across(first).0 } else { second.into_inner() };
     let b = Unit::try_new(b - a * a.dot(&b), LEAST_COSINE)?;
     Some(Matrix3::from_columns(&[a, b.into_inner(), a.cross(&b)]))
 }
 
-fn polish(mut frame: Matrix3<f64>, known: &[SeenDirection], config: &SquareConfig) -> Matrix3<f64> {
+fn polished_frame(mut frame: Matrix3<f64>, known: &[SeenDirection], config: &SquareConfig) -> Matrix3<f64> {
     for _ in 0..ITERATIONS {
         // Expectation, the weights by the frame so far, then one step of maximization.
-        let all = known.iter().filter_map(|seen| View::new(&frame, seen, config)).map(|v| v.information());
-        let (h, g) = summed(all);
+        let all =
+            known.iter().filter_map(|seen| View::new(&frame, seen, config)).map(|v| v.rotation_information());
+        let (h, g) = summed_information(all);
         let Some(turn) = h.cholesky().map(|c| c.solve(&g)) else { break };
         frame = UnitQuaternion::from_scaled_axis(turn).to_rotation_matrix() * frame;
         if turn.norm() < 1e-10 {

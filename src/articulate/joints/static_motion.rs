@@ -15,7 +15,7 @@ use numeric::statistics::CHI_SQUARE_999;
 pub fn static_motion(own: &ParentMotion, still: &Matrix6<f64>) -> ParentMotion {
     // The part's own surfaces left some direction open (see `free_motion`).
     if own.covariance == Matrix6::zeros() {
-        return ParentMotion { covariance: *still, ..ParentMotion::still() };
+        return ParentMotion { covariance: *still, ..ParentMotion::static_part() };
     }
     let Some(both) = (own.covariance + still).cholesky().map(|c| c.inverse()) else { return own.clone() };
     let motion = shift_and_turn(&own.state1_from_state0);
@@ -67,7 +67,7 @@ mod tests {
         let own = ParentMotion {
             state1_from_state0: motion,
             covariance: diagonal([1e-3; 6]),
-            ..ParentMotion::still()
+            ..ParentMotion::static_part()
         };
         assert_eq!(static_motion(&own, &diagonal([1e-3; 6])).state1_from_state0, motion);
         let unseen = ParentMotion { covariance: Matrix6::zeros(), ..own };

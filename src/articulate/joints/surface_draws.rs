@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use crate::observations::SurfaceSamples;
 use capture::{ErrorDraw, GRAZING_COSINE, NoiseConfig, RgbdFrame};
-use geometry::skew;
+use geometry::skew_matrix;
 
 /// Displacements of the samples of one state, meters.
 #[derive(Clone, Debug, Default)]
@@ -52,7 +52,7 @@ impl SurfaceDraws {
     /// The motion of some of the samples as one body by every draw (least squares): translation, meters, and
     /// rotation, radians, about the world's origin. None where they do not determine one.
     #[must_use]
-    pub fn rigid(&self, points: &[Point3<f64>], chosen: &[usize]) -> Vec<Vector6<f64>> {
+    pub fn rigid_motions(&self, points: &[Point3<f64>], chosen: &[usize]) -> Vec<Vector6<f64>> {
         let slopes: Vec<Matrix3x6<f64>> = chosen.iter().map(|&i| displacement_slope(&points[i])).collect();
         let information: Matrix6<f64> = slopes.iter().map(|slope| slope.tr_mul(slope)).sum();
         let Some(information) = information.cholesky() else { return Vec::new() };
@@ -60,7 +60,7 @@ impl SurfaceDraws {
         for draw in 0..self.count {
             let samples = chosen.iter().zip(&slopes);
             let right: Vector6<f64> =
-                samples.map(|(&i, slope)| slope.tr_mul(&self.of(i)[draw].cast::<f64>())).sum();
+                samples.map(|(&i, slope)| slope.tr_mul(&self.displacements_of(i)[draw].cast::<f64>())).sum();
             motions.push(information.solve(&right));
         }
         motions
@@ -68,7 +68,7 @@ impl SurfaceDraws {
 
     /// The displacements less those by motions of all points as one body, one by draw.
     #[must_use]
-    pub fn without(mut self, motions: &[Vector6<f64>], points: &[Point3<f64>]) -> Self {
+    pub fn without_motions(mut self, motions: &[Vector6<f64>], points: &[Point3<f64>]) -> Self {
         for (x, all) in points.iter().zip(self.displacements_m.chunks_mut(self.count.max(1))) {
             for (displacement, motion) in all.iter_mut().zip(motions) {
                 let shift = motion.fixed_rows::<3>(0);
@@ -81,20 +81,20 @@ impl SurfaceDraws {
 
     /// Number of draws.
     #[must_use]
-    pub fn count(&self) -> usize {
+    pub fn draw_count(&self) -> usize {
         self.count
     }
 
     /// Of one sample, by draw.
     #[must_use]
-    pub fn of(&self, sample: usize) -> &[Vector3<f32>] {
+    pub fn displacements_of(&self, sample: usize) -> &[Vector3<f32>] {
         &self.displacements_m[sample * self.count..(sample + 1) * self.count]
     }
 
     /// The same of some of the samples.
     #[must_use]
-    pub fn some(&self, samples: &[usize]) -> Self {
-        let displacements_m = samples.iter().flat_map(|&i| self.of(i)).copied().collect();
+    pub fn chosen_samples(&self, samples: &[usize]) -> Self {
+        let displacements_m = samples.iter().flat_map(|&i| self.displacements_of(i)).copied().collect();
         Self { count: self.count, displacements_m }
     }
 }
@@ -102,7 +102,7 @@ impl SurfaceDraws {
 /// Derivative of the displacement of a point by a motion (v, w): it is `v + w x point`.
 fn displacement_slope(point: &Point3<f64>) -> Matrix3x6<f64> {
     let mut slope = Matrix3x6::identity();
-    slope.fixed_view_mut::<3, 3>(0, 3).copy_from(&-skew(&point.coords));
+    slope.fixed_view_mut::<3, 3>(0, 3).copy_from(&-skew_matrix(&point.coords));
     slope
 }
 
@@ -120,7 +120,7 @@ fn displacements_m(
     let mut weights = 0.0;
     for (f, frame) in frames.iter().enumerate() {
         let at = frame.in_camera(point);
-        let Some(pixel) = frame.intrinsics.pixel(&at) else { continue };
+        let Some(pixel) = frame.intrinsics.pixel_of(&at) else { continue };
         let sigma_m = frame.sigma_m(pixel, noise);
         let read_m = f64::from(frame.depth_m[pixel]);
         let sight = (frame.world_from_camera.translation.vector - point.coords).normalize();

@@ -47,7 +47,7 @@ impl ReadingHeights {
             let offsets_m = samples.map(|i| -> Option<f64> {
                 let point = warp * surfaces[s].points[i];
                 let normal = warp * surfaces[s].normals[i];
-                Some(self.of[s][i]? - self.of[1 - s][indices[1 - s].nearest(&point, &normal)?]?)
+                Some(self.of[s][i]? - self.of[1 - s][indices[1 - s].nearest_sample(&point, &normal)?]?)
             });
             offsets_m.map(|offset_m| offset_m.unwrap_or(0.0)).collect()
         })
@@ -56,7 +56,7 @@ impl ReadingHeights {
 
 /// Clear offsets of a displaced surface: offsets smaller than `noise_m`, as by chance between averaged
 /// readings, shrink to nothing. See docs/method.md (8.7).
-pub(crate) fn clear(offsets_m: Vec<f64>, noise_m: f64) -> Vec<f64> {
+pub(crate) fn clear_offsets(offsets_m: Vec<f64>, noise_m: f64) -> Vec<f64> {
     offsets_m.into_iter().map(|o| o * o * o / (o * o + noise_m * noise_m)).collect()
 }
 
@@ -94,7 +94,7 @@ fn mean_height(
     let point = &surface.points[sample];
     let normal = &surface.normals[sample];
     let [mut sum, mut weights] = [0.0; 2];
-    index.around(point, |j, place| {
+    index.visit_around(point, |j, place| {
         let offset = place - point;
         // The other side of a thin panel is as near.
         let near = offset.norm_squared() < radius_m * radius_m && offset.dot(normal).abs() < reach_m;
@@ -117,7 +117,7 @@ fn weighed_height(
     let point = surface.points[sample];
     let normal = surface.normals[sample];
     frames.iter().fold([0.0; 2], |[sum, weights], frame| {
-        let Some(pixel) = frame.intrinsics.pixel(&frame.in_camera(&point)) else { return [sum, weights] };
+        let Some(pixel) = frame.intrinsics.pixel_of(&frame.in_camera(&point)) else { return [sum, weights] };
         let Some(reading) = frame.world_point(pixel) else { return [sum, weights] };
         let sight = (frame.world_from_camera.translation.vector - reading.coords).normalize();
         let cosine = sight.dot(&normal);

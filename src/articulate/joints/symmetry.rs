@@ -35,11 +35,11 @@ pub(crate) fn looks_alike_round(
     config: &RefineConfig,
 ) -> bool {
     let sigma_m = surface_sigma_m(evidence, motion);
-    let Some(center) = center(evidence.surfaces[0], direction) else { return false };
+    let Some(center) = axis_center(evidence.surfaces[0], direction) else { return false };
     let mut agreements = (0..TURNS).map(|k| {
         let angle_rad = TAU * k as f64 / TURNS as f64;
         let turn = Screw { direction: *direction, point: center, angle_rad, advance_m: 0.0 };
-        let q = evidence.linearise(&(motion * turn.motion()), sigma_m, config);
+        let q = evidence.linearise(&(motion * turn.to_motion()), sigma_m, config);
         (q.inliers as f64, q.tried as f64)
     });
     let Some((inliers, tried)) = agreements.next() else { return false };
@@ -50,7 +50,7 @@ pub(crate) fn looks_alike_round(
 
 /// A point of the line along a direction through most normals of a surface: least squares, weighed (Geman and
 /// McClure) by how far they pass it, as marks on a round part have other normals; `None` for too few points.
-fn center(surface: &SurfaceSamples, direction: &Unit<Vector3<f64>>) -> Option<Point3<f64>> {
+fn axis_center(surface: &SurfaceSamples, direction: &Unit<Vector3<f64>>) -> Option<Point3<f64>> {
     let u = direction.into_inner();
     // The normal n at x meets the axis u through c where (x - c) x n has nothing along u: linear in c.
     let across: Vec<(Vector3<f64>, f64)> = surface
@@ -101,12 +101,12 @@ mod tests {
             let (normal, _) = facing(v.y.atan2(v.x));
             (normal.dot(&v) - RADIUS_M).max(v.z.abs() - 0.03)
         };
-        let around = SceneBox::around(&Point3::new(-0.05, -0.1, -0.15), &Point3::new(0.25, 0.2, 0.15));
-        let seen = Grid3::over(&around, 101, true);
+        let around = SceneBox::around_box(&Point3::new(-0.05, -0.1, -0.15), &Point3::new(0.25, 0.2, 0.15));
+        let seen = Grid3::over_scene(&around, 101, true);
         let sdf = [Pose::identity(), lift].map(|pose| {
-            let mut grid = Grid3::over(&around, 101, 0.0f32);
+            let mut grid = Grid3::over_scene(&around, 101, 0.0f32);
             (0..grid.values.len()).for_each(|i| {
-                grid.values[i] = distance_m(&pose.inverse_transform_point(&grid.position(i))) as f32
+                grid.values[i] = distance_m(&pose.inverse_transform_point(&grid.position_of_index(i))) as f32
             });
             grid
         });

@@ -14,7 +14,7 @@ use crate::{
         gray_frames::{GrayFrames, Tangent},
         joint_motion::frame_across,
         motion_evidence::MatchEvidence,
-        patch_alignment::{RADIUS, REACH, Shift, align},
+        patch_alignment::{RADIUS, REACH, Shift, aligned_shift},
     },
     observations::SurfaceSamples,
 };
@@ -134,8 +134,8 @@ fn match_point(
     }
     // On the other state's surface: off it, frames from several sides would show it displaced.
     let center = warped - other_normal * f64::from(distance);
-    let (frames, pixel_m) = from.best(point, normal, config.frames);
-    let (other_frames, other_pixel_m) = to.best(&center, &other_normal, config.frames);
+    let (frames, pixel_m) = from.best_frames(point, normal, config.frames);
+    let (other_frames, other_pixel_m) = to.best_frames(&center, &other_normal, config.frames);
     if frames.is_empty() || other_frames.is_empty() {
         return None;
     }
@@ -146,12 +146,12 @@ fn match_point(
     let spacing_m = config.spacing_pixels * pixel_m;
     let here = Tangent { center: *point, normal: *normal, axes, spacing_m };
     let there = Tangent { center, normal: other_normal, axes: axes.map(|a| warp.rotation * a), spacing_m };
-    let reference = from.patch(&here, &frames, RADIUS);
+    let reference = from.mean_patch(&here, &frames, RADIUS);
     if reference.is_lost(config.min_contrast) {
         return None;
     }
-    let target = to.patch(&there, &other_frames, RADIUS + REACH);
-    let Shift { shift, covariance, correlation } = align(&reference, &target, config.min_contrast)?;
+    let target = to.mean_patch(&there, &other_frames, RADIUS + REACH);
+    let Shift { shift, covariance, correlation } = aligned_shift(&reference, &target, config.min_contrast)?;
     if correlation < config.min_correlation {
         return None;
     }

@@ -36,22 +36,26 @@ struct LiftedFeature {
 /// they agree in 3D. A pair of points is returned once, and dropped where another pair of either point has
 /// more than twice as many pixel matches. See docs/method.md 4.4.
 #[must_use]
-pub fn lift(states: [&[RgbdFrame]; 2], matches: &[PixelMatch], noise: &NoiseConfig) -> Vec<LiftedMatch> {
+pub fn lifted_matches(
+    states: [&[RgbdFrame]; 2],
+    matches: &[PixelMatch],
+    noise: &NoiseConfig,
+) -> Vec<LiftedMatch> {
     let lifted: Vec<Option<[LiftedFeature; 2]>> = matches
         .par_iter()
         .map(|m| {
-            let end0 = reading(states[0].get(m.frame0)?, m.pixel0, noise)?;
-            let end1 = reading(states[1].get(m.frame1)?, m.pixel1, noise)?;
+            let end0 = lifted_feature(states[0].get(m.frame0)?, m.pixel0, noise)?;
+            let end1 = lifted_feature(states[1].get(m.frame1)?, m.pixel1, noise)?;
             Some([end0, end1])
         })
         .collect();
     let kept: Vec<(&PixelMatch, [LiftedFeature; 2])> =
         matches.iter().zip(lifted).filter_map(|(m, l)| Some((m, l?))).collect();
-    merged(&kept)
+    merged_matches(&kept)
 }
 
 /// The point at a sub-pixel position by the inverse-depth plane of its surroundings.
-fn reading(frame: &RgbdFrame, [u, v]: [f32; 2], noise: &NoiseConfig) -> Option<LiftedFeature> {
+fn lifted_feature(frame: &RgbdFrame, [u, v]: [f32; 2], noise: &NoiseConfig) -> Option<LiftedFeature> {
     let k = &frame.intrinsics;
     let cx = u.round() as i64;
     let cy = v.round() as i64;
@@ -94,7 +98,7 @@ fn reading(frame: &RgbdFrame, [u, v]: [f32; 2], noise: &NoiseConfig) -> Option<L
         plane = fit_plane(patch.iter().copied().filter(near))?;
     }
     let depth_m = 1.0 / plane[0];
-    let ray = k.ray(f64::from(u), f64::from(v));
+    let ray = k.ray_at(f64::from(u), f64::from(v));
     // 1 / z = a + b (u - u0) + c (v - v0) is the plane with normal (b fx, c fy, 1 / z - b (u0 - cx) - c (v0 -
     // cy)).
     let normal = Vector3::new(
@@ -134,7 +138,7 @@ fn feature_key(m: &PixelMatch, state: usize) -> FeatureKey {
 }
 
 /// Matches of one pair of merged points.
-fn merged(matches: &[(&PixelMatch, [LiftedFeature; 2])]) -> Vec<LiftedMatch> {
+fn merged_matches(matches: &[(&PixelMatch, [LiftedFeature; 2])]) -> Vec<LiftedMatch> {
     let keys = [0, 1].map(|s| {
         let mut keys: Vec<FeatureKey> = matches.iter().map(|(m, _)| feature_key(m, s)).collect();
         keys.sort_unstable();
@@ -146,8 +150,8 @@ fn merged(matches: &[(&PixelMatch, [LiftedFeature; 2])]) -> Vec<LiftedMatch> {
         .iter()
         .map(|(m, _)| [0, 1].map(|s| keys[s].binary_search(&feature_key(m, s)).unwrap_or_default()))
         .collect();
-    let clusters = [0, 1].map(|s| clusters(matches, &ends, s, [keys[0].len(), keys[1].len()]));
-    let points = [0, 1].map(|s| averaged(matches, &ends, &clusters[s], s));
+    let clusters = [0, 1].map(|s| feature_clusters(matches, &ends, s, [keys[0].len(), keys[1].len()]));
+    let points = [0, 1].map(|s| cluster_means(matches, &ends, &clusters[s], s));
     let mut pairs: Vec<([usize; 2], usize)> =
         ends.iter().enumerate().map(|(i, e)| ([clusters[0][e[0]], clusters[1][e[1]]], i)).collect();
     pairs.sort_unstable();
@@ -188,7 +192,7 @@ fn merged(matches: &[(&PixelMatch, [LiftedFeature; 2])]) -> Vec<LiftedMatch> {
 
 /// Cluster of every feature of one state: features with a match to one feature of the other state, in
 /// agreement in 3D.
-fn clusters(
+fn feature_clusters(
     matches: &[(&PixelMatch, [LiftedFeature; 2])],
     ends: &[[usize; 2]],
     state: usize,
@@ -209,11 +213,11 @@ fn clusters(
             }
         }
     }
-    (0..counts[state]).map(|i| sets.root(i)).collect()
+    (0..counts[state]).map(|i| sets.root_of(i)).collect()
 }
 
 /// Weighted mean point of every cluster, by the index of its root. See docs/method.md (4.3).
-fn averaged(
+fn cluster_means(
     matches: &[(&PixelMatch, [LiftedFeature; 2])],
     ends: &[[usize; 2]],
     clusters: &[usize],
@@ -259,7 +263,7 @@ mod tests {
         let mut exact = 0;
         for i in 0..40u8 {
             let pixel = [120.3 + 2.3 * f32::from(i), 90.7 + 1.9 * f32::from(i)];
-            if let Some(r) = reading(frame, pixel, &noise) {
+            if let Some(r) = lifted_feature(frame, pixel, &noise) {
                 let truth = scene.ray_hit(0, frame, pixel).expect("a reading is on the surface");
                 let error_m = (r.point - truth).norm();
                 assert!(error_m < 3.0 * r.sigma_m, "{error_m}");
@@ -279,18 +283,18 @@ mod tests {
         let w = frame.intrinsics.width;
         let pixel = (0..w * 240).find(|&i| frame.depth_m[i] > 0.0).map(|i| [(i % w) as f32, (i / w) as f32]);
         let pixel = pixel.expect("the object is in the picture");
-        assert!(reading(&frame, pixel, &noise).is_none(), "silhouette");
-        assert!(reading(&frame, [0.0, 0.0], &noise).is_none());
+        assert!(lifted_feature(&frame, pixel, &noise).is_none(), "silhouette");
+        assert!(lifted_feature(&frame, [0.0, 0.0], &noise).is_none());
         let inner = (0..400)
             .map(|i| [100.0 + (i % 20) as f32 * 6.0, 80.0 + (i / 20) as f32 * 5.0])
-            .find(|p| reading(&frame, *p, &noise).is_some());
+            .find(|p| lifted_feature(&frame, *p, &noise).is_some());
         let [u, v] = inner.expect("a pixel on the object");
         let x = u as usize;
         let y = v as usize;
         for i in 0..5 {
             (0..5).for_each(|j| frame.depth_m[(y + j - 2) * w + x + i - 2] += if i < 2 { 0.0 } else { 0.08 });
         }
-        assert!(reading(&frame, [u, v], &noise).is_none(), "depth edge");
+        assert!(lifted_feature(&frame, [u, v], &noise).is_none(), "depth edge");
     }
 
     #[test]
@@ -318,13 +322,13 @@ mod tests {
             [r(0.001), r(0.501)],
             [r(0.0), r(0.9)],
         ];
-        let out = merged(&list.iter().zip(ends).collect::<Vec<_>>());
+        let out = merged_matches(&list.iter().zip(ends).collect::<Vec<_>>());
         assert_eq!(out.len(), 1);
         assert!((out[0].point0.x - 0.0005).abs() < 1e-9 && (out[0].point1.x - 0.5005).abs() < 1e-9);
         assert!(out[0].sigma_m < 0.001 * 2f64.sqrt());
         // Two points that match the same feature but lie apart stay apart.
         let list = [m(0, 10.0, 0, 20.0), m(1, 11.0, 0, 20.0)];
-        let out = merged(&list.iter().zip([[r(0.0), r(0.5)], [r(0.3), r(0.5)]]).collect::<Vec<_>>());
+        let out = merged_matches(&list.iter().zip([[r(0.0), r(0.5)], [r(0.3), r(0.5)]]).collect::<Vec<_>>());
         assert_eq!(out.len(), 2);
     }
 }

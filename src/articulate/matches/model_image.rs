@@ -35,7 +35,7 @@ impl ModelImage {
     /// the upper left, its border repeated to the right and below. Where the model leaves the size open the
     /// longer side is `max_side_px` at most.
     #[must_use]
-    pub fn of(frame: &RgbdFrame, format: ImageFormat, max_side_px: usize) -> Self {
+    pub fn from_frame(frame: &RgbdFrame, format: ImageFormat, max_side_px: usize) -> Self {
         let size = [frame.intrinsics.width, frame.intrinsics.height];
         let fixed = [format.width, format.height];
         let room = [0, 1].map(|k| fixed[k].unwrap_or(max_side_px));
@@ -44,7 +44,7 @@ impl ModelImage {
         let scale = if fixed.iter().all(Option::is_some) { scale } else { scale.min(1.0) };
         let inner = [0, 1].map(|k| ((size[k] as f64 * scale).round() as usize).clamp(1, room[k]));
         let outer = [0, 1].map(|k| fixed[k].unwrap_or(inner[k].next_multiple_of(SIDE_MULTIPLE)));
-        let taps = [0, 1].map(|k| taps(size[k], inner[k]));
+        let taps = [0, 1].map(|k| taps_of_targets(size[k], inner[k]));
         let planes: Vec<Vec<f32>> = if format.channels == 1 {
             vec![frame.rgb.iter().map(|c| luma(*c)).collect()]
         } else {
@@ -82,7 +82,7 @@ impl Tap {
 
 /// The tap of every target sample: a triangle as wide as two source samples, or two target samples where the
 /// image shrinks.
-fn taps(source: usize, target: usize) -> Vec<Tap> {
+fn taps_of_targets(source: usize, target: usize) -> Vec<Tap> {
     let ratio = source as f64 / target as f64;
     let reach = ratio.max(1.0);
     let mut taps = Vec::with_capacity(target);
@@ -138,7 +138,7 @@ mod tests {
 
     #[test]
     fn a_frame_that_fits_keeps_its_pixels_and_is_filled_up() {
-        let image = ModelImage::of(&ramp(40, 30), OPEN, 640);
+        let image = ModelImage::from_frame(&ramp(40, 30), OPEN, 640);
         assert_eq!((image.width, image.height, image.values.len()), (64, 32, 64 * 32));
         let luma = |u: f32, v: f32| (0.299 * u + 0.587 * v) / 255.0;
         for (u, v, expected) in [
@@ -166,7 +166,7 @@ mod tests {
             (fixed(400, 300), 100, [400, 240]),
             (ImageFormat { height: None, ..fixed(50, 0) }, 1000, [50, 30]),
         ] {
-            let image = ModelImage::of(&ramp(width, height), format, max_side_px);
+            let image = ModelImage::from_frame(&ramp(width, height), format, max_side_px);
             assert_eq!(image.values.len(), 3 * image.width * image.height);
             let plane = image.width * image.height;
             for (u, v) in [(inner[0] / 3, inner[1] / 2), (inner[0] / 2, inner[1] / 5)] {

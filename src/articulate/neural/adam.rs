@@ -104,7 +104,7 @@ impl FieldMoments {
     }
 
     /// Whether these are moments of a field of this shape.
-    pub(crate) fn fits(&self, field: &SegmentationField) -> bool {
+    pub(crate) fn has_shape_of(&self, field: &SegmentationField) -> bool {
         let lengths: Vec<usize> =
             field.layers.iter().flat_map(|l| [l.weights.len(), l.biases.len()]).collect();
         self.grid.has_length(field.grid.len())

@@ -55,7 +55,7 @@ impl Consistency<'_> {
         if !self.batch.visible[sample] {
             return (discount.offset, vec![0.0; p.len()]);
         }
-        let seen: Vec<f64> = images.iter().map(|y| f64::from(u8::from(self.target.visible(y)))).collect();
+        let seen: Vec<f64> = images.iter().map(|y| f64::from(u8::from(self.target.is_visible(y)))).collect();
         // docs/method.md (12.14).
         let both: f64 = seen.iter().zip(p).map(|(s, p)| s * f64::from(*p)).sum();
         // Without this gradient no point gains by joining a motion that takes it out of sight.
@@ -63,7 +63,7 @@ impl Consistency<'_> {
         (discount.offset + discount.slope * both, seen.iter().map(|s| pass * s).collect())
     }
 
-    fn images(&self, point: &Point3<f64>) -> Vec<Point3<f64>> {
+    fn part_images(&self, point: &Point3<f64>) -> Vec<Point3<f64>> {
         (0..self.parts()).map(|i| self.motions.apply(i, self.way, point)).collect()
     }
 
@@ -88,7 +88,7 @@ impl Consistency<'_> {
 
     fn add_sdf(&self, sample: usize, weight: f64, p: &[f32], row: usize, term: &mut LossTerm) {
         let point = &self.batch.points[sample];
-        let images = self.images(point);
+        let images = self.part_images(point);
         let (v, by_p) = self.visibility(sample, &images, p);
         let found: Vec<(f64, Vector3<f64>)> = images.iter().map(|y| self.target.sdf(y)).collect();
         // docs/method.md (12.16), first part.
@@ -117,7 +117,7 @@ impl Consistency<'_> {
         let rays: Vec<usize> = (0..ray_weights.len()).filter(|r| ray_weights[*r] > 0.0).collect();
         let own_points: Vec<_> = rays
             .iter()
-            .map(|r| self.source.scene.world(&self.batch.points[self.batch.colored[*r]]))
+            .map(|r| self.source.scene.to_world(&self.batch.points[self.batch.colored[*r]]))
             .collect();
         let own_directions: Vec<_> = rays.iter().map(|r| self.batch.directions[*r]).collect();
         let mut points = Vec::new();
@@ -125,7 +125,7 @@ impl Consistency<'_> {
         for r in &rays {
             for i in 0..parts {
                 let image = self.motions.apply(i, self.way, &self.batch.points[self.batch.colored[*r]]);
-                points.push(self.target.scene.world(&image));
+                points.push(self.target.scene.to_world(&image));
                 directions.push(self.motions.turn(i, self.way, &self.batch.directions[*r]));
             }
         }
@@ -157,7 +157,7 @@ impl Consistency<'_> {
         let parts = self.parts();
         let point = &self.batch.points[sample];
         let p = &p[sample * parts..(sample + 1) * parts];
-        let (v, by_p) = self.visibility(sample, &self.images(point), p);
+        let (v, by_p) = self.visibility(sample, &self.part_images(point), p);
         // docs/method.md (12.16), second part.
         let blended: Vector3<f32> = found.iter().zip(p).map(|(c, p)| c.rgb * *p).sum();
         let difference: Vector3<f64> = (blended - own.rgb).cast();

@@ -15,7 +15,7 @@ pub(crate) struct Cell {
 
 impl Cell {
     /// The cell of a normalised point; one outside the cube takes the values at the nearest border.
-    pub(crate) fn of(nodes: usize, point: [f32; 3]) -> Self {
+    pub(crate) fn cell_of(nodes: usize, point: [f32; 3]) -> Self {
         let scale = 0.5 * (nodes - 1) as f32;
         let mut corner = [0; 3];
         let mut fraction = [0.0; 3];
@@ -38,11 +38,11 @@ impl Cell {
     pub(crate) fn corners(&self) -> [(usize, f32); 8] {
         let [a, b, c] = self.fraction;
         std::array::from_fn(|k| {
-            (self.node(k), axis_weight(k, 0, a) * axis_weight(k, 1, b) * axis_weight(k, 2, c))
+            (self.node_index(k), axis_weight(k, 0, a) * axis_weight(k, 1, b) * axis_weight(k, 2, c))
         })
     }
 
-    fn node(&self, corner: usize) -> usize {
+    fn node_index(&self, corner: usize) -> usize {
         self.base + (corner & 1) + self.nodes * ((corner >> 1 & 1) + self.nodes * (corner >> 2 & 1))
     }
 
@@ -71,7 +71,7 @@ impl Cell {
     pub(crate) fn by_position(&self, grid: &[f32], by_features: &[f32]) -> [f32; 3] {
         // The features are contracted first: one number a corner is left to differentiate.
         let corner: [f32; 8] = std::array::from_fn(|k| {
-            let node = self.node(k);
+            let node = self.node_index(k);
             grid[node * FEATURES..(node + 1) * FEATURES].iter().zip(by_features).map(|(g, d)| g * d).sum()
         });
         let mut gradient = [0.0; 3];
@@ -109,14 +109,14 @@ mod tests {
         }
         let p = [0.13, -0.61, 0.97];
         let mut out = [0.0; FEATURES];
-        let cell = Cell::of(nodes, p);
+        let cell = Cell::cell_of(nodes, p);
         cell.gather(&grid, &mut out);
         assert!((out[4] - f(p)).abs() < 1e-6);
         let mut by_features = [0.0; FEATURES];
         by_features[4] = 2.0;
         let g = cell.by_position(&grid, &by_features);
         assert!((g[0] - 0.6).abs() < 1e-5 && (g[1] + 1.4).abs() < 1e-5 && (g[2] - 0.4).abs() < 1e-5);
-        assert_eq!(Cell::of(nodes, [1.5, 0.0, 0.0]).by_position(&grid, &by_features)[0], 0.0);
+        assert_eq!(Cell::cell_of(nodes, [1.5, 0.0, 0.0]).by_position(&grid, &by_features)[0], 0.0);
         let mut by_grid = vec![0.0; grid.len()];
         let mut touched = vec![false; nodes * nodes * nodes];
         cell.scatter(&by_features, &mut by_grid, &mut touched);

@@ -48,7 +48,7 @@ impl<'a> Fixture<'a> {
         let mut rng = stage_rng(5, "test/gradient", source as u64);
         let near = Pose::new(Vector3::new(0.07, -0.02, 0.03), Vector3::new(0.05, 0.05, 0.3));
         let motions = Motions::from_world(&[Pose::identity(), near], &scene.scene);
-        let mut field = SegmentationField::init(2, config.grid_nodes, &mut rng);
+        let mut field = SegmentationField::random_field(2, config.grid_nodes, &mut rng);
         let mut draw = || (rand_core::Rng::next_u32(&mut rng) >> 8) as f32 / (1u32 << 23) as f32 - 1.0;
         field.grid.iter_mut().for_each(|g| *g = draw());
         let v0 = scene.volume(0, &config);
@@ -204,7 +204,7 @@ fn all_losses_together_have_their_gradient() {
 fn truth(scene: &TestScene, state: usize, points: impl Iterator<Item = Point3<f64>>) -> Vec<f32> {
     points
         .flat_map(|p| {
-            [0, 1].map(|i| f32::from(u8::from(scene.shapes[state].nearest(&scene.scene.world(&p)).0 == i)))
+            [0, 1].map(|i| f32::from(u8::from(scene.shapes[state].nearest(&scene.scene.to_world(&p)).0 == i)))
         })
         .collect()
 }

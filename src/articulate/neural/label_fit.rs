@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
 use crate::neural::segmentation::{SegmentationField, SegmentationGradient, softmax, softmax_backward};
-use numeric::random::{below, unit};
+use numeric::random::{index_below, unit_uniform};
 
 /// Labelled points of one state, normalised.
 pub(crate) struct LabelSet {
@@ -24,10 +24,10 @@ impl LabelSet {
         rng: &mut impl Rng,
     ) -> f64 {
         let parts = field.parts;
-        let chosen: Vec<usize> = (0..count).map(|_| below(rng, self.points.len())).collect();
+        let chosen: Vec<usize> = (0..count).map(|_| index_below(rng, self.points.len())).collect();
         let mut points: Vec<[f32; 3]> = Vec::with_capacity(count);
         for &i in &chosen {
-            let p = self.points[i] + Vector3::from_fn(|_, _| (2.0 * unit(rng) - 1.0) * reach);
+            let p = self.points[i] + Vector3::from_fn(|_, _| (2.0 * unit_uniform(rng) - 1.0) * reach);
             points.push([p.x as f32, p.y as f32, p.z as f32]);
         }
         let activations = field.forward(&points, std::mem::take(&mut gradient.spare));

@@ -52,7 +52,7 @@ impl Matching<'_> {
         let mut term = self.sum(probabilities, |pair, blend| {
             let end = self.end();
             let (camera, world_from_camera) = &self.target.model.cameras[pair.frames[end]];
-            let point = world_from_camera.inverse_transform_point(&self.target.scene.world(blend));
+            let point = world_from_camera.inverse_transform_point(&self.target.scene.to_world(blend));
             // Close to the camera the slope of the projection has no bound.
             let (u, v) = camera.project(&point).filter(|_| point.z > self.target.truncation_m)?;
             valid += 1;

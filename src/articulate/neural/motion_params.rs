@@ -155,7 +155,7 @@ mod tests {
 
     #[test]
     fn the_gradient_of_an_image_is_exact_both_ways() {
-        let scene = SceneBox::around(&Point3::new(0.0, 0.1, 0.2), &Point3::new(0.5, 0.4, 0.3));
+        let scene = SceneBox::around_box(&Point3::new(0.0, 0.1, 0.2), &Point3::new(0.5, 0.4, 0.3));
         let world = Pose::new(Vector3::new(0.1, -0.2, 0.05), Vector3::new(0.4, 0.3, -0.8));
         let motions = Motions::from_world(&[Pose::identity(), world], &scene);
         let back = motions.world(&scene)[1];
@@ -181,7 +181,7 @@ mod tests {
 
     #[test]
     fn the_static_part_never_moves() {
-        let scene = SceneBox::around(&Point3::origin(), &Point3::new(1.0, 1.0, 1.0));
+        let scene = SceneBox::around_box(&Point3::origin(), &Point3::new(1.0, 1.0, 1.0));
         let mut motions = Motions::from_world(&[Pose::identity(); 2], &scene);
         let one = Vector3::new(1.0, 1.0, 1.0);
         motions.step(&MotionGradient { parts: vec![[one, one]; 2] }, 0.01);

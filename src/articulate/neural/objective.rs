@@ -106,7 +106,8 @@ impl Queries {
         let start = self.points.len();
         for (index, point) in points {
             self.points.push([point.x as f32, point.y as f32, point.z as f32]);
-            self.noise.extend((0..self.parts as u64).map(|k| noise.at(group, index * self.parts as u64 + k)));
+            self.noise
+                .extend((0..self.parts as u64).map(|k| noise.noise_at(group, index * self.parts as u64 + k)));
         }
         start..self.points.len()
     }

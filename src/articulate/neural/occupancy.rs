@@ -92,7 +92,7 @@ impl<'a> BackwardFlow<'a> {
     }
 
     /// Mean over the points of a loss of `O(x)`, given with its derivative.
-    pub(crate) fn loss(
+    pub(crate) fn occupancy_mean_loss(
         &self,
         probabilities: &[f32],
         loss: impl Fn(usize, f64) -> (f64, f64) + Sync,
@@ -134,7 +134,7 @@ pub(crate) fn occupancy_loss(
     other: &Volume<'_>,
     config: &ArticulationConfig,
 ) -> LossTerm {
-    flow.loss(probabilities, |k, predicted| {
+    flow.occupancy_mean_loss(probabilities, |k, predicted| {
         let x = &flow.points[k];
         let target = match config.compatibility.occupancy_target {
             MethodVersion::Paper => here.occupancy(x).0,
@@ -146,8 +146,8 @@ pub(crate) fn occupancy_loss(
         if error == 0.0 {
             return (0.0, 0.0);
         }
-        let seen = here.visible(x)
-            && (0..flow.motions.parts.len()).any(|i| other.visible(&flow.motions.apply(i, flow.way, x)));
+        let seen = here.is_visible(x)
+            && (0..flow.motions.parts.len()).any(|i| other.is_visible(&flow.motions.apply(i, flow.way, x)));
         let v = if seen == (config.compatibility.visibility == MethodVersion::Paper) {
             1.0
         } else {

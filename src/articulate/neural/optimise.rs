@@ -23,7 +23,7 @@ use crate::{
     observations::LiftedMatch,
 };
 use geometry::{Pose, SceneBox};
-use numeric::random::{below, stage_rng};
+use numeric::random::{index_below, stage_rng};
 use numeric::statistics::median;
 use rand_core::Rng;
 use rand_pcg::Pcg64Mcg;
@@ -127,7 +127,7 @@ impl<'a> ArticulationTrainer<'a> {
         });
         let fields = STREAMS.map(|name| {
             // The number of a step never taken: initial values draw from a stream of their own.
-            SegmentationField::init(parts, config.grid_nodes, &mut stage_rng(seed, name, u64::MAX))
+            SegmentationField::random_field(parts, config.grid_nodes, &mut stage_rng(seed, name, u64::MAX))
         });
         let moments = [FieldMoments::new(&fields[0]), FieldMoments::new(&fields[1])];
         Ok(Self {
@@ -155,7 +155,7 @@ impl<'a> ArticulationTrainer<'a> {
 
     /// Steps in all, those of the fit of labels included.
     #[must_use]
-    pub fn total(&self) -> usize {
+    pub fn total_steps(&self) -> usize {
         self.state.total
     }
 
@@ -167,7 +167,7 @@ impl<'a> ArticulationTrainer<'a> {
 
     /// Whether all steps were taken.
     #[must_use]
-    pub fn done(&self) -> bool {
+    pub fn is_done(&self) -> bool {
         self.state.steps >= self.state.total
     }
 
@@ -219,10 +219,9 @@ impl<'a> ArticulationTrainer<'a> {
         if checkpoint.total != self.state.total || checkpoint.steps > checkpoint.total {
             return differs("the number of steps");
         }
-        let fits =
-            self.state.fields.iter().enumerate().all(|(s, field)| {
-                checkpoint.fields[s].same_shape(field) && checkpoint.moments[s].fits(field)
-            });
+        let fits = self.state.fields.iter().enumerate().all(|(s, field)| {
+            checkpoint.fields[s].same_shape(field) && checkpoint.moments[s].has_shape_of(field)
+        });
         if checkpoint.motions.parts.len() != self.state.motions.parts.len() || !fits {
             return differs("the shape of the fields");
         }
@@ -252,14 +251,15 @@ impl<'a> ArticulationTrainer<'a> {
     fn motion_step(&mut self) -> ArticulationLosses {
         let done = self.state.steps - self.label_steps;
         let main = self.state.total - self.label_steps;
-        let (losses, by_motions) = self.evaluate(done as f64 >= self.config.late_start * main as f64);
+        let (losses, by_motions) =
+            self.losses_and_gradients(done as f64 >= self.config.late_start * main as f64);
         self.step_fields(rate_at(self.config.field_rate, done, main));
         self.state.motions.step(&by_motions, rate_at(self.motion_rate, done, main));
         losses
     }
 
     /// Losses and gradients of both states at fresh samples.
-    fn evaluate(&mut self, volumes_active: bool) -> (ArticulationLosses, MotionGradient) {
+    fn losses_and_gradients(&mut self, volumes_active: bool) -> (ArticulationLosses, MotionGradient) {
         let Self { volumes, occupied, matches, config, state, gradients, typical_sigma_m, .. } = self;
         // By the number of the step: a continued run has the same draws as an uninterrupted one.
         let mut rngs = STREAMS.map(|name| stage_rng(state.seed, name, state.steps as u64));
@@ -341,7 +341,7 @@ fn choose_matches(matches: &[LiftedMatch], count: usize, rng: &mut impl Rng) -> 
     if matches.len() <= count {
         matches.to_vec()
     } else {
-        (0..count).map(|_| matches[below(rng, matches.len())]).collect()
+        (0..count).map(|_| matches[index_below(rng, matches.len())]).collect()
     }
 }
 

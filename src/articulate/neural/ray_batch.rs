@@ -8,7 +8,7 @@ use crate::neural::{
     config::{ArticulationConfig, MethodVersion},
     state_model::{SurfaceRay, Volume},
 };
-use numeric::random::{below, unit};
+use numeric::random::{index_below, unit_uniform};
 
 /// Steepness of the weight near the surface, 1 / truncation distance.
 /// derived: the published one, docs/method.md (12.15)
@@ -52,9 +52,9 @@ impl RayBatch {
         let rays = volume.model.rays;
         let samples = config.samples_per_ray;
         // Random numbers are drawn one after the other; only the computation of the samples runs in parallel.
-        let chosen: Vec<SurfaceRay> = (0..config.rays).map(|_| rays[below(rng, rays.len())]).collect();
-        let jitter: Vec<f64> = (0..config.rays * samples).map(|_| unit(rng)).collect();
-        let picks: Vec<f64> = (0..config.rays).map(|_| unit(rng)).collect();
+        let chosen: Vec<SurfaceRay> = (0..config.rays).map(|_| rays[index_below(rng, rays.len())]).collect();
+        let jitter: Vec<f64> = (0..config.rays * samples).map(|_| unit_uniform(rng)).collect();
+        let picks: Vec<f64> = (0..config.rays).map(|_| unit_uniform(rng)).collect();
         let all: Vec<RaySample> = (0..chosen.len() * samples)
             .into_par_iter()
             .map(|i| {
@@ -102,7 +102,7 @@ fn ray_sample(
     // No field is defined outside the scene cube.
     let inside = point.coords.amax() <= 1.0;
     let weight = if inside { trust * near_surface_weight(sdf, version) } else { 0.0 };
-    RaySample { point, sdf, weight, visible: volume.visible(&point) }
+    RaySample { point, sdf, weight, visible: volume.is_visible(&point) }
 }
 
 /// Index drawn in proportion to the weights by a uniform number in `[0, 1)`.

@@ -10,7 +10,7 @@ use crate::neural::{
 use geometry::Pose;
 
 fn run(trainer: &mut ArticulationTrainer<'_>) {
-    while !trainer.done() {
+    while !trainer.is_done() {
         trainer.step();
     }
 }
@@ -236,7 +236,7 @@ fn step_time() {
     };
     let mut trainer = ArticulationTrainer::new(&problem, start, &config, 3).unwrap();
     let mut last = processor_ms();
-    while !trainer.done() {
+    while !trainer.is_done() {
         trainer.step();
         if trainer.steps().is_multiple_of(50) {
             eprintln!(

@@ -10,7 +10,7 @@ use crate::neural::{
     dense_kernel::{multiply, multiply_transposed},
     feature_grid::{Cell, FEATURES},
 };
-use numeric::random::{STREAM_STEP, mix};
+use numeric::random::{STREAM_STEP, split_mix};
 
 /// Width of the network's input: grid features, x, y, z, and one zero that fills a vector register.
 const INPUTS: usize = 24;
@@ -36,7 +36,7 @@ pub(crate) struct Dense {
 impl Dense {
     /// Weights and biases uniform in `+-1/sqrt(fan_in)`; rows of unused inputs and columns of unused outputs
     /// are zero.
-    fn init(
+    fn random_layer(
         inputs: usize,
         outputs: usize,
         used_inputs: usize,
@@ -81,7 +81,7 @@ impl Dense {
         }
     }
 
-    fn transposed(&self) -> Vec<f32> {
+    fn transposed_weights(&self) -> Vec<f32> {
         let mut t = vec![0.0; self.weights.len()];
         for i in 0..self.inputs {
             for o in 0..self.outputs {
@@ -131,13 +131,13 @@ pub(crate) struct SegmentationGradient {
 
 impl SegmentationField {
     /// A fresh field: grid features zero, layers uniform in `+-1/sqrt(inputs)`.
-    pub(crate) fn init(parts: usize, nodes: usize, rng: &mut impl Rng) -> Self {
+    pub(crate) fn random_field(parts: usize, nodes: usize, rng: &mut impl Rng) -> Self {
         // Whole vector registers: the unused outputs stay zero.
         let outputs = parts.next_multiple_of(8);
         let layers = [
-            Dense::init(INPUTS, HIDDEN, INPUTS - 1, HIDDEN, rng),
-            Dense::init(HIDDEN, HIDDEN, HIDDEN, HIDDEN, rng),
-            Dense::init(HIDDEN, outputs, HIDDEN, parts, rng),
+            Dense::random_layer(INPUTS, HIDDEN, INPUTS - 1, HIDDEN, rng),
+            Dense::random_layer(HIDDEN, HIDDEN, HIDDEN, HIDDEN, rng),
+            Dense::random_layer(HIDDEN, outputs, HIDDEN, parts, rng),
         ];
         Self { parts, nodes, grid: vec![0.0; nodes * nodes * nodes * FEATURES], layers }
     }
@@ -187,7 +187,7 @@ impl SegmentationField {
             )
             .for_each(|((points, x, h1), (h2, y))| {
                 for (p, row) in points.iter().zip(x.chunks_exact_mut(INPUTS)) {
-                    Cell::of(self.nodes, *p).gather(&self.grid, row);
+                    Cell::cell_of(self.nodes, *p).gather(&self.grid, row);
                     row[FEATURES..FEATURES + 3].copy_from_slice(p);
                     // The memory may hold values of an earlier pass.
                     row[FEATURES + 3..].fill(0.0);
@@ -209,7 +209,11 @@ impl SegmentationField {
         gradient: &mut SegmentationGradient,
     ) -> Vec<[f32; 3]> {
         let Activations { inputs: mut both, hidden, logits, stride } = activations;
-        let back = [self.layers[0].transposed(), self.layers[1].transposed(), self.layers[2].transposed()];
+        let back = [
+            self.layers[0].transposed_weights(),
+            self.layers[1].transposed_weights(),
+            self.layers[2].transposed_weights(),
+        ];
         let mut by_points = vec![[0.0; 3]; points.len()];
         let sums: Vec<[Dense; 3]> =
             (points.par_chunks(CHUNK), by_points.par_chunks_mut(CHUNK), both.par_chunks_mut(CHUNK * INPUTS))
@@ -231,7 +235,7 @@ impl SegmentationField {
                     x.fill(0.0);
                     multiply(&by_h1, HIDDEN, &back[0], INPUTS, x);
                     for ((p, g), row) in points.iter().zip(by_points).zip(x.chunks_exact(INPUTS)) {
-                        *g = Cell::of(self.nodes, *p).by_position(&self.grid, &row[..FEATURES]);
+                        *g = Cell::cell_of(self.nodes, *p).by_position(&self.grid, &row[..FEATURES]);
                         g.iter_mut().zip(&row[FEATURES..FEATURES + 3]).for_each(|(g, direct)| *g += direct);
                     }
                     layers
@@ -246,7 +250,11 @@ impl SegmentationField {
         }
         // Several points may share a node: scattered on one thread.
         for (p, row) in points.iter().zip(both.chunks_exact(INPUTS)) {
-            Cell::of(self.nodes, *p).scatter(&row[..FEATURES], &mut gradient.grid, &mut gradient.touched);
+            Cell::cell_of(self.nodes, *p).scatter(
+                &row[..FEATURES],
+                &mut gradient.grid,
+                &mut gradient.touched,
+            );
         }
         gradient.spare = Activations { inputs: both, hidden, logits, stride };
         by_points
@@ -320,10 +328,10 @@ pub(crate) struct GumbelNoise {
 
 impl GumbelNoise {
     /// Noise of a logit, named by a group of points and an index in it.
-    pub(crate) fn at(self, group: u64, index: u64) -> f32 {
+    pub(crate) fn noise_at(self, group: u64, index: u64) -> f32 {
         let Some(key) = self.key else { return 0.0 };
         // SplitMix64 at position `index` of the stream of the group.
-        let x = mix(key.wrapping_add((group << 48 | index).wrapping_mul(STREAM_STEP)));
+        let x = split_mix(key.wrapping_add((group << 48 | index).wrapping_mul(STREAM_STEP)));
         // 23 bits: the half is exact and the result is never 0 or 1.
         let uniform = ((x >> 41) as f32 + 0.5) / (1u32 << 23) as f32;
         // docs/method.md (12.11).
@@ -383,7 +391,7 @@ mod tests {
     fn gradients_agree_with_central_differences() {
         const NONE: usize = usize::MAX;
         let mut rng = stage_rng(3, "test", 0);
-        let mut field = SegmentationField::init(3, 9, &mut rng);
+        let mut field = SegmentationField::random_field(3, 9, &mut rng);
         let mut draw = || (rng.next_u32() >> 8) as f32 / (1u32 << 23) as f32 - 1.0;
         field.grid.iter_mut().for_each(|g| *g = 0.5 * draw());
         let points: Vec<[f32; 3]> = (0..300).map(|_| [draw(), draw(), draw()]).collect();
@@ -437,9 +445,9 @@ mod tests {
     #[test]
     fn noise_has_the_gumbel_mean() {
         let noise = GumbelNoise { key: Some(5) };
-        let mean = (0..100_000).map(|i| f64::from(noise.at(1, i))).sum::<f64>() / 1e5;
+        let mean = (0..100_000).map(|i| f64::from(noise.noise_at(1, i))).sum::<f64>() / 1e5;
         assert!((mean - 0.5772).abs() < 0.02, "{mean}");
-        assert!((0..100_000).all(|i| noise.at(0, i).is_finite()));
-        assert_eq!(GumbelNoise { key: None }.at(1, 2), 0.0);
+        assert!((0..100_000).all(|i| noise.noise_at(0, i).is_finite()));
+        assert_eq!(GumbelNoise { key: None }.noise_at(1, 2), 0.0);
     }
 }

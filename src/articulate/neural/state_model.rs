@@ -72,8 +72,11 @@ impl Volume<'_> {
     }
 
     /// Whether the point was seen in this state.
-    pub(crate) fn visible(&self, point: &Point3<f64>) -> bool {
-        self.model.visible.nearest(&self.scene.world(point)).is_some_and(|i| self.model.visible.values[i])
+    pub(crate) fn is_visible(&self, point: &Point3<f64>) -> bool {
+        self.model
+            .visible
+            .nearest_node(&self.scene.to_world(point))
+            .is_some_and(|i| self.model.visible.values[i])
     }
 
     fn sdf_m(&self, point: &Point3<f64>) -> (f64, Vector3<f64>) {
@@ -83,7 +86,7 @@ impl Volume<'_> {
             MethodVersion::Paper => 1.0,
             MethodVersion::Released => grid.dims[0] as f64 / (grid.dims[0] - 1) as f64,
         };
-        let (d, g) = grid.sample_with_gradient(&self.scene.world(&(point * stretch)));
+        let (d, g) = grid.sample_with_gradient(&self.scene.to_world(&(point * stretch)));
         // The gradient from meters to normalized units.
         (f64::from(d), g.cast::<f64>() * (stretch / self.scene.scale))
     }
@@ -116,6 +119,6 @@ mod tests {
         let (value, by_x) = stretched.sdf(&x);
         assert!((value - expected).abs() < 1e-9 && (by_x - gradient * (41.0 / 40.0)).norm() < 1e-6);
         let above = volume.scene.normalise(&Point3::new(-0.2, 0.0, 0.0));
-        assert!(volume.visible(&above) && !volume.visible(&Point3::new(3.0, 0.0, 0.0)));
+        assert!(volume.is_visible(&above) && !volume.is_visible(&Point3::new(3.0, 0.0, 0.0)));
     }
 }

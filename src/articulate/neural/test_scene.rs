@@ -11,7 +11,7 @@ use crate::{
     observations::LiftedMatch,
 };
 use geometry::{Grid3, Intrinsics, Pose, SceneBox};
-use numeric::random::{stage_rng, unit};
+use numeric::random::{stage_rng, unit_uniform};
 use surface::{ColorField, ColorSample};
 
 pub const TRUNCATION_M: f64 = 0.03;
@@ -104,27 +104,27 @@ impl TestScene {
     pub fn new(blocks: Vec<Block>, motions: Vec<Pose>, nodes: usize) -> Self {
         let moved = blocks.iter().zip(&motions).map(|(b, m)| Block { pose: m * b.pose, ..*b }).collect();
         let shapes = [Shape { blocks }, Shape { blocks: moved }];
-        let scene = SceneBox::around(&Point3::new(-0.28, -0.28, -0.12), &Point3::new(0.28, 0.28, 0.35));
+        let scene = SceneBox::around_box(&Point3::new(-0.28, -0.28, -0.12), &Point3::new(0.28, 0.28, 0.35));
         let cameras = ring();
         let sdf = shapes.each_ref().map(|shape| {
-            let mut grid = Grid3::over(&scene, nodes, 0.0f32);
+            let mut grid = Grid3::over_scene(&scene, nodes, 0.0f32);
             for i in 0..grid.values.len() {
-                grid.values[i] = shape.nearest(&grid.position(i)).1 as f32;
+                grid.values[i] = shape.nearest(&grid.position_of_index(i)).1 as f32;
             }
             grid
         });
         let sees = |shape: &Shape, camera: &(Intrinsics, Pose), x: &Point3<f64>| {
             let offset = x - camera.1.translation.vector;
             let local = camera.1.inverse_transform_point(x);
-            camera.0.pixel(&local).is_some()
+            camera.0.pixel_of(&local).is_some()
                 && shape
                     .hit(&camera.1.translation.vector.into(), &(offset.coords / local.z))
                     .is_none_or(|d| local.z <= d + TRUNCATION_M)
         };
         let visible = shapes.each_ref().map(|shape| {
-            let mut grid = Grid3::over(&scene, 29, false);
+            let mut grid = Grid3::over_scene(&scene, 29, false);
             for i in 0..grid.values.len() {
-                let x = grid.position(i);
+                let x = grid.position_of_index(i);
                 grid.values[i] = cameras.iter().any(|c| sees(shape, c, &x));
             }
             grid
@@ -143,7 +143,7 @@ impl TestScene {
             let point1 = self.motions[self.shapes[0].nearest(&point0).0] * point0;
             let other = self.cameras.iter().enumerate().find_map(|(frame, (k, pose))| {
                 let local = pose.inverse_transform_point(&point1);
-                let pixel = k.pixel(&local).and(k.project(&local))?;
+                let pixel = k.pixel_of(&local).and(k.project(&local))?;
                 let origin = Point3::from(pose.translation.vector);
                 let depth = self.shapes[1].hit(&origin, &((point1 - origin) / local.z))?;
                 ((depth - local.z).abs() < 1e-4).then_some((frame, pixel))
@@ -201,10 +201,10 @@ fn cast(shape: &Shape, cameras: &[(Intrinsics, Pose)]) -> Vec<SurfaceRay> {
     let mut rng = stage_rng(11, "test/rays", 0);
     for (frame, (k, pose)) in cameras.iter().enumerate() {
         for _ in 0..3000 {
-            let u = unit(&mut rng) * k.width as f64;
-            let v = unit(&mut rng) * k.height as f64;
+            let u = unit_uniform(&mut rng) * k.width as f64;
+            let v = unit_uniform(&mut rng) * k.height as f64;
             let origin = Point3::from(pose.translation.vector);
-            let direction = pose.rotation * k.ray(u, v);
+            let direction = pose.rotation * k.ray_at(u, v);
             if let Some(depth_m) = shape.hit(&origin, &direction) {
                 rays.push(SurfaceRay { origin, direction, depth_m, sigma_m: 0.002, frame, rgb: [0.5; 3] });
             }

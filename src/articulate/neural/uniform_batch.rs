@@ -9,7 +9,7 @@ use crate::neural::{
     motion_params::{Motions, Way},
     state_model::Volume,
 };
-use numeric::random::{below, unit};
+use numeric::random::{index_below, unit_uniform};
 
 /// Share of points drawn from the whole cube.
 /// derived: the published one; it keeps every weight at 4 or less
@@ -48,15 +48,15 @@ pub(crate) struct OccupiedState<'a> {
 
 impl OccupiedState<'_> {
     fn contains(&self, point: &Point3<f64>) -> bool {
-        let place = self.volume.scene.world(point);
-        self.volume.model.sdf.nearest(&place).is_some_and(|i| self.voxels.member[i])
+        let place = self.volume.scene.to_world(point);
+        self.volume.model.sdf.nearest_node(&place).is_some_and(|i| self.voxels.member[i])
     }
 
-    fn draw(&self, rng: &mut impl Rng) -> Point3<f64> {
+    fn random_point(&self, rng: &mut impl Rng) -> Point3<f64> {
         let grid = self.volume.model.sdf;
         let indices = &self.voxels.indices;
-        let node = grid.position(indices[below(rng, indices.len())] as usize);
-        let offset = Vector3::from_fn(|_, _| unit(rng) - 0.5) * grid.spacing_m;
+        let node = grid.position_of_index(indices[index_below(rng, indices.len())] as usize);
+        let offset = Vector3::from_fn(|_, _| unit_uniform(rng) - 0.5) * grid.spacing_m;
         self.volume.scene.normalise(&(node + offset))
     }
 
@@ -88,8 +88,8 @@ impl UniformBatch {
         rng: &mut impl Rng,
     ) -> Self {
         let mixture = Mixture { here, other, motions, way };
-        let points: Vec<Point3<f64>> = (0..count).map(|_| mixture.draw(rng)).collect();
-        let weights = points.par_iter().map(|x| mixture.weight(x)).collect();
+        let points: Vec<Point3<f64>> = (0..count).map(|_| mixture.random_point(rng)).collect();
+        let weights = points.par_iter().map(|x| mixture.importance_weight(x)).collect();
         Self { points, weights }
     }
 }
@@ -104,31 +104,31 @@ struct Mixture<'a> {
 
 impl Mixture<'_> {
     /// Shares of the cube, of the voxels here and of those of the other state: most of the cube is empty.
-    fn shares(&self) -> [f64; 3] {
+    fn proposal_shares(&self) -> [f64; 3] {
         [CUBE_SHARE, self.here.drawn_share(), self.other.drawn_share()]
     }
 
-    fn draw(&self, rng: &mut impl Rng) -> Point3<f64> {
-        let [cube, own, other] = self.shares();
+    fn random_point(&self, rng: &mut impl Rng) -> Point3<f64> {
+        let [cube, own, other] = self.proposal_shares();
         // Without voxels of a state, its share goes to the others.
-        let pick = unit(rng) * [cube, own, other].iter().sum::<f64>();
+        let pick = unit_uniform(rng) * [cube, own, other].iter().sum::<f64>();
         if pick < cube {
-            Point3::from(Vector3::from_fn(|_, _| 2.0 * unit(rng) - 1.0))
+            Point3::from(Vector3::from_fn(|_, _| 2.0 * unit_uniform(rng) - 1.0))
         } else if pick < cube + own {
-            self.here.draw(rng)
+            self.here.random_point(rng)
         } else {
-            let part = below(rng, self.motions.parts.len());
-            self.motions.apply(part, self.way.reverse(), &self.other.draw(rng))
+            let part = index_below(rng, self.motions.parts.len());
+            self.motions.apply(part, self.way.reverse(), &self.other.random_point(rng))
         }
     }
 
     /// Ratio of uniform to proposal density at a point.
-    fn weight(&self, x: &Point3<f64>) -> f64 {
+    fn importance_weight(&self, x: &Point3<f64>) -> f64 {
         // A part took it out of the cube, where the uniform density is 0.
         if x.coords.amax() > 1.0 {
             return 0.0;
         }
-        let [cube, own, other] = self.shares();
+        let [cube, own, other] = self.proposal_shares();
         let mut density = cube;
         if self.here.contains(x) {
             density += own / self.here.voxels.share;

@@ -68,7 +68,7 @@ pub(crate) fn correspondences(
             .filter(|&i| labels[state][i] == label)
             .filter_map(|i| {
                 let point = these.points[i];
-                let j = pair.carried(state, i, &other_from_this).1?;
+                let j = pair.moved_and_nearest(state, i, &other_from_this).1?;
                 // A partner of another part is none.
                 if labels[1 - state][j] != label {
                     return None;
@@ -113,26 +113,29 @@ impl System {
     }
 
     /// The motion after the minimizing step.
-    fn step(mut self, motion: &Pose) -> Option<Pose> {
+    fn stepped_motion(mut self, motion: &Pose) -> Option<Pose> {
         let damping = DAMPING * self.matrix.diagonal().mean();
         (0..6).for_each(|k| self.matrix[(k, k)] += damping);
         let x = self.matrix.cholesky()?.solve(&self.right);
         Some(
-            step(&self.center, &x.fixed_rows::<3>(0).into_owned(), &x.fixed_rows::<3>(3).into_owned())
-                * motion,
+            small_motion(
+                &self.center,
+                &x.fixed_rows::<3>(0).into_owned(),
+                &x.fixed_rows::<3>(3).into_owned(),
+            ) * motion,
         )
     }
 }
 
 /// The small motion by a rotation vector about a center and a shift.
-pub(crate) fn step(center: &Point3<f64>, turn: &Vector3<f64>, shift_m: &Vector3<f64>) -> Pose {
+pub(crate) fn small_motion(center: &Point3<f64>, turn: &Vector3<f64>, shift_m: &Vector3<f64>) -> Pose {
     let rotation = exp_so3(turn);
     Pose::from_parts((center.coords - rotation * center.coords + shift_m).into(), rotation)
 }
 
 /// Refines one motion. `pair` gives the deviations of the residuals, `matches` are those of the motion. The
 /// motion is returned unchanged where too little supports it.
-pub(crate) fn refine(
+pub(crate) fn refined_motion(
     pair: &SurfacePair<'_>,
     labels: [&[u8]; 2],
     matches: &[LiftedMatch],
@@ -170,7 +173,7 @@ pub(crate) fn refine(
                 system.add(&moved, &Vector3::ith(k, 1.0), offset[k], weight);
             }
         }
-        match system.step(&motion) {
+        match system.stepped_motion(&motion) {
             Some(next) => motion = next,
             None => break,
         }
@@ -197,7 +200,7 @@ mod tests {
         let mut motion =
             Pose::new(Vector3::new(0.003, -0.002, 0.003), Vector3::new(0.01, 0.005, -0.01)) * truth;
         for _ in 0..15 {
-            motion = refine(&pair, [&t0, &t1], &[], &motion, 1);
+            motion = refined_motion(&pair, [&t0, &t1], &[], &motion, 1);
         }
         let corner = Point3::new(0.2, -0.15, 0.23);
         assert!(

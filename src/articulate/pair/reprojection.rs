@@ -53,7 +53,7 @@ impl Reprojection {
     /// Agreement with the surface: 0 for a perfect partner, towards 1 for none; [`HIDDEN`] or [`FREE`] where
     /// there is no surface and empty space is known. A partner of another motion by `other_labels` hides the
     /// sample at best.
-    pub(crate) fn cost(&self, look: Look<'_>) -> f32 {
+    pub(crate) fn reprojection_cost(&self, look: Look<'_>) -> f32 {
         let Look { label, other_labels, colored } = look;
         let partner = self.partner.map(|(j, shape, color)| {
             let squared = if colored { shape + color } else { shape };

@@ -121,19 +121,19 @@ impl<'a> SurfacePair<'a> {
     }
 
     /// Drops all kept results.
-    pub(crate) fn forget(&self) {
+    pub(crate) fn forget_results(&self) {
         self.reprojections.clear();
         self.labelings.clear();
     }
 
     /// Number of the smooth sheet of a sample.
-    pub(crate) fn sheet(&self, state: usize, sample: usize) -> u32 {
-        self.graphs[state].sheet(sample)
+    pub(crate) fn sheet_of(&self, state: usize, sample: usize) -> u32 {
+        self.graphs[state].sheet_of(sample)
     }
 
     /// Samples beside a sample on its surface.
-    pub(crate) fn beside(&self, state: usize, sample: usize) -> impl Iterator<Item = usize> {
-        self.graphs[state].beside(sample)
+    pub(crate) fn neighbors_on_surface(&self, state: usize, sample: usize) -> impl Iterator<Item = usize> {
+        self.graphs[state].neighbors_on_surface(sample)
     }
 
     /// Median deviations of the samples with a close partner at the same place, as standard deviations.
@@ -142,7 +142,7 @@ impl<'a> SurfacePair<'a> {
         let pairs: Vec<[f64; 2]> = (0..a.points.len())
             .into_par_iter()
             .filter_map(|i| {
-                let j = self.indices[1].nearest(&a.points[i], &a.normals[i])?;
+                let j = self.indices[1].nearest_sample(&a.points[i], &a.normals[i])?;
                 Some([
                     b.normals[j].dot(&(a.points[i] - b.points[j])).abs(),
                     color_distance(a.colors[i], b.colors[j]),
@@ -161,7 +161,7 @@ impl<'a> SurfacePair<'a> {
     }
 
     /// Where a motion takes a sample in the other state, meters, and the nearest sample there.
-    pub(crate) fn carried(
+    pub(crate) fn moved_and_nearest(
         &self,
         state: usize,
         sample: usize,
@@ -170,7 +170,7 @@ impl<'a> SurfacePair<'a> {
         let these = self.samples[state];
         let point = other_from_this * these.points[sample];
         let normal = other_from_this * these.normals[sample];
-        (point, self.indices[1 - state].nearest(&point, &normal))
+        (point, self.indices[1 - state].nearest_sample(&point, &normal))
     }
 
     /// Where a sample goes in the other state.
@@ -180,8 +180,8 @@ impl<'a> SurfacePair<'a> {
         let point = other_from_this * these.points[sample];
         let normal = other_from_this * these.normals[sample];
         let free = self.free[1 - state].map(|is_free| is_free(&point));
-        let partner = self.indices[1 - state].nearest(&point, &normal).and_then(|j| {
-            let (off_m, aside) = self.offset(1 - state, j, &point);
+        let partner = self.indices[1 - state].nearest_sample(&point, &normal).and_then(|j| {
+            let (off_m, aside) = self.offset_from_plane(1 - state, j, &point);
             // Space seen empty beside a surface is beyond its edge.
             if free == Some(true) && aside > EDGE {
                 return None;
@@ -202,7 +202,7 @@ impl<'a> SurfacePair<'a> {
 
     /// Height of a point above a sample's plane, meters, and its distance along the plane in mean distances
     /// of samples.
-    pub(crate) fn offset(&self, state: usize, sample: usize, point: &Point3<f64>) -> (f64, f64) {
+    pub(crate) fn offset_from_plane(&self, state: usize, sample: usize, point: &Point3<f64>) -> (f64, f64) {
         let offset = point - self.samples[state].points[sample];
         let normal = self.samples[state].normals[sample];
         let off_m = normal.dot(&offset);
@@ -240,14 +240,14 @@ impl<'a> SurfacePair<'a> {
     ) -> (f32, Option<usize>) {
         let found = self.reprojection(state, sample, other_from_this);
         (
-            found.cost(Look { label: 0, other_labels: None, colored: false }),
+            found.reprojection_cost(Look { label: 0, other_labels: None, colored: false }),
             found.partner.map(|p| p.0 as usize),
         )
     }
 
     /// The samples of a state with a partner in the other under a motion from state 0 to state 1, each with
     /// its partner.
-    pub(crate) fn partners(&self, state: usize, motion: &Pose) -> Vec<(usize, usize)> {
+    pub(crate) fn partners_under(&self, state: usize, motion: &Pose) -> Vec<(usize, usize)> {
         self.reprojections(state, motion)
             .iter()
             .enumerate()
@@ -278,7 +278,7 @@ impl<'a> SurfacePair<'a> {
         };
         let mut costs = self.costs_of(state, motions, other_labels.map(|l| (l, taken)), true);
         let (Some(is_free), Of::AllParts) = (self.free[1 - state], of) else { return costs };
-        let ways: Vec<(Pose, f64)> = motions.iter().map(|motion| self.way(state, motion)).collect();
+        let ways: Vec<(Pose, f64)> = motions.iter().map(|motion| self.way_and_error(state, motion)).collect();
         let points = &self.samples[state].points;
         let rows = costs.par_chunks_mut(motions.len()).zip(points);
         rows.for_each(|(row, point)| {
@@ -293,7 +293,7 @@ impl<'a> SurfacePair<'a> {
 
     /// Where a motion from state 0 to state 1 takes the samples of a state, and by how much errors may take
     /// them aside, meters: a static part has only errors of depth.
-    fn way(&self, state: usize, motion: &Pose) -> (Pose, f64) {
+    fn way_and_error(&self, state: usize, motion: &Pose) -> (Pose, f64) {
         let stands = *motion == Pose::identity();
         let error_m = if stands { DEPTH_ERROR * self.scales.plane_m } else { ERROR * self.reach_m };
         (if state == 0 { *motion } else { motion.inverse() }, error_m)
@@ -322,7 +322,8 @@ impl<'a> SurfacePair<'a> {
             .into_par_iter()
             .flat_map_iter(|i| {
                 let found = all.iter().enumerate();
-                found.map(move |(k, l)| l[i].cost(Look { label: k as u8, other_labels, colored }))
+                found
+                    .map(move |(k, l)| l[i].reprojection_cost(Look { label: k as u8, other_labels, colored }))
             })
             .collect()
     }
@@ -330,13 +331,13 @@ impl<'a> SurfacePair<'a> {
     /// Label of every sample of a state: mean-field smoothing of the costs, then labels handed along the
     /// surface to samples without evidence, then islands without evidence joined to the labels around them.
     /// Samples out of reach of any evidence are static (label 0).
-    pub(crate) fn labels(&self, state: usize, costs: &[f32], motions: usize, of: Of) -> Vec<u8> {
+    pub(crate) fn smoothed_labels(&self, state: usize, costs: &[f32], motions: usize, of: Of) -> Vec<u8> {
         // Without other motions all of the surface is static.
         if motions == 1 {
             return vec![0; costs.len()];
         }
         let graph = &self.graphs[state];
-        let mut labels = graph.fill(graph.mean_field(costs, motions), costs, motions, of);
+        let mut labels = graph.filled_labels(graph.mean_field(costs, motions), costs, motions, of);
         graph.join_islands(&mut labels, costs, motions);
         labels
     }
@@ -366,7 +367,7 @@ mod tests {
         // As in the registration: the labels of one state bind the other.
         let label = |state: usize, others: Option<&[u8]>| {
             let costs = pair.label_costs(state, &motions, others, Of::AllParts);
-            pair.labels(state, &costs, motions.len(), Of::AllParts)
+            pair.smoothed_labels(state, &costs, motions.len(), Of::AllParts)
         };
         let first = label(0, None);
         let second = label(1, Some(&first));

@@ -20,7 +20,7 @@ pub(crate) struct Unexplained {
 
 impl Unexplained {
     /// The samples left by `motions`.
-    pub(crate) fn of(pair: &SurfacePair<'_>, motions: &[Pose]) -> Self {
+    pub(crate) fn left_by_motions(pair: &SurfacePair<'_>, motions: &[Pose]) -> Self {
         let both = [0, 1].map(|s| {
             let costs = pair.shape_costs(s, motions, None);
             let free = pair.free[1 - s].is_some();

@@ -58,7 +58,7 @@ impl Known {
 }
 
 /// The bit of a part, modulo 64.
-fn bit(part: u8) -> u64 {
+fn label_bit(part: u8) -> u64 {
     1 << (part % 64)
 }
 
@@ -79,7 +79,7 @@ impl LabelledState {
     }
 
     /// Its knowledge of all places within `radius_m` of one.
-    fn about(&self, place: &Point3<f64>, radius_m: f64) -> Known {
+    fn known_about(&self, place: &Point3<f64>, radius_m: f64) -> Known {
         let at = (place - self.tsdf.origin) / self.tsdf.spacing_m;
         let reach = radius_m / self.tsdf.spacing_m + OUTSIDE;
         let last = self.tsdf.dims.map(|n| n.saturating_sub(1) as f64);
@@ -112,7 +112,7 @@ fn known_of_block(tsdf: &Grid3<f32>, labels: &Grid3<u8>, block: [usize; 3]) -> K
         let row = tsdf.index(xs.start, y, z)..tsdf.index(xs.end, y, z);
         for (distance, label) in tsdf.values[row.clone()].iter().zip(&labels.values[row]) {
             let is_seen = !distance.is_nan();
-            let labels = if *label == NO_LABEL { 0 } else { bit(*label) };
+            let labels = if *label == NO_LABEL { 0 } else { label_bit(*label) };
             known = known.and(Known { some: is_seen, all: is_seen, labels });
         }
     }
@@ -139,29 +139,29 @@ pub fn part_tsdf(part: u8, motions: &[Pose], states: &[LabelledState]) -> Grid3<
             block_ranges(ny).flat_map(|lines| block_ranges(nx).map(move |c| (lines.clone(), c)))
         {
             let ends = [&columns, &lines, &layers];
-            let [low, high] =
-                [ends.map(|r| r.start), ends.map(|r| r.end - 1)].map(|[x, y, z]| template.node(x, y, z));
+            let [low, high] = [ends.map(|r| r.start), ends.map(|r| r.end - 1)]
+                .map(|[x, y, z]| template.node_position(x, y, z));
             let middle = nalgebra::center(&low, &high);
             let radius_m = 0.5 * (high - low).norm();
             let mut some = false;
             let mut all = false;
             let mut labels = 0;
             for (motion, state) in motions.iter().zip(states) {
-                let known = state.about(&(motion * middle), radius_m);
+                let known = state.known_about(&(motion * middle), radius_m);
                 (some, all, labels) = (some | known.some, all | known.all, labels | known.labels);
             }
             if !some {
                 continue;
             }
             // Where all is known and no state has its label, the part is not there.
-            let is_elsewhere = all && labels & bit(part) == 0;
+            let is_elsewhere = all && labels & label_bit(part) == 0;
             for (z, y) in layers.clone().flat_map(|z| lines.clone().map(move |y| (z, y))) {
                 for x in columns.clone() {
                     let value = &mut values[((z - layers.start) * ny + y) * nx + x];
                     *value = if is_elsewhere {
                         free
                     } else {
-                        vote(part, &template.node(x, y, z), motions, states)
+                        vote_of_states(part, &template.node_position(x, y, z), motions, states)
                     };
                 }
             }
@@ -171,15 +171,15 @@ pub fn part_tsdf(part: u8, motions: &[Pose], states: &[LabelledState]) -> Grid3<
 }
 
 /// Weighted mean of the votes of all states on one place. See docs/method.md (9.1).
-fn vote(part: u8, place: &Point3<f64>, motions: &[Pose], states: &[LabelledState]) -> f32 {
+fn vote_of_states(part: u8, place: &Point3<f64>, motions: &[Pose], states: &[LabelledState]) -> f32 {
     let mut sum = 0.0;
     let mut weight = 0.0;
     let mut elsewhere = None::<f32>;
     for (k, (motion, state)) in motions.iter().zip(states).enumerate() {
         // State 0 stays where it is: even the identity would round.
         let place = if k == 0 { *place } else { motion * place };
-        let Some(node) = state.tsdf.nearest(&place) else { continue };
-        let distance = state.tsdf.sample(&place);
+        let Some(node) = state.tsdf.nearest_node(&place) else { continue };
+        let distance = state.tsdf.value_at(&place);
         // No vote where nothing was observed: no surface is invented.
         if !distance.is_finite() {
             continue;
@@ -209,11 +209,11 @@ mod tests {
 
     /// Two slabs normal to z: part 0 at z < -0.2, part 1 at z < 0 in state 0 and z < 0.1 in state 1.
     fn state(top: f64, seen_below: bool) -> LabelledState {
-        let scene = SceneBox::around(&Point3::new(-0.5, -0.5, -0.5), &Point3::new(0.5, 0.5, 0.5));
-        let mut tsdf = Grid3::over(&scene, 61, f32::NAN);
-        let mut labels = Grid3::over(&scene, 61, NO_LABEL);
+        let scene = SceneBox::around_box(&Point3::new(-0.5, -0.5, -0.5), &Point3::new(0.5, 0.5, 0.5));
+        let mut tsdf = Grid3::over_scene(&scene, 61, f32::NAN);
+        let mut labels = Grid3::over_scene(&scene, 61, NO_LABEL);
         for i in 0..tsdf.values.len() {
-            let p = tsdf.position(i);
+            let p = tsdf.position_of_index(i);
             let d = if p.x > 0.0 { p.z - top } else { p.z + 0.2 };
             if d > -0.08 && (seen_below || p.x > 0.0) {
                 tsdf.values[i] = d.min(0.08) as f32;
@@ -222,14 +222,14 @@ mod tests {
                 labels.values[i] = u8::from(p.x > 0.0);
             }
         }
-        LabelledState::new(tsdf, Grid3::over(&scene, 61, 1.0), labels, 0.08)
+        LabelledState::new(tsdf, Grid3::over_scene(&scene, 61, 1.0), labels, 0.08)
     }
 
     #[test]
     fn each_part_gets_its_own_surface_from_the_state_that_saw_it() {
         let states = [state(0.0, false), state(0.1, true)];
         let moved = part_tsdf(1, &[Pose::identity(), Pose::translation(0.0, 0.0, 0.1)], &states);
-        let at = |g: &Grid3<f32>, x: f64, z: f64| g.sample(&Point3::new(x, 0.0, z));
+        let at = |g: &Grid3<f32>, x: f64, z: f64| g.value_at(&Point3::new(x, 0.0, z));
         assert!(at(&moved, 0.3, 0.03) > 0.02 && at(&moved, 0.3, -0.03) < -0.02);
         assert!(at(&moved, -0.3, 0.03) > 0.0, "free space of the other part");
         let still = part_tsdf(0, &[Pose::identity(); 2], &states);
@@ -248,7 +248,7 @@ mod tests {
             let mut empty = 0;
             let mut nothing = 0;
             for (i, found) in field.values.iter().enumerate() {
-                let alone = vote(part, &field.position(i), &motions, &states);
+                let alone = vote_of_states(part, &field.position_of_index(i), &motions, &states);
                 // Empty space is said at once, not as the mean of votes for it.
                 assert!(
                     (found - alone).abs() < 1e-7 || (found.is_nan() && alone.is_nan()),

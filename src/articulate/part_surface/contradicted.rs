@@ -26,7 +26,7 @@ const EMPTY: usize = 5;
 /// as far as errors of `error_m` meters take it. A surface seen in one state alone is explained if it was
 /// hidden in the others; no motion explains a contradicted one.
 #[must_use]
-pub fn contradicted(
+pub fn contradicted_points(
     points: &[Point3<f64>],
     labels: &[u8],
     others: &[OtherState<'_>],
@@ -56,10 +56,10 @@ mod tests {
 
     #[test]
     fn surface_is_of_no_part_where_its_part_was_seen_to_be_absent() {
-        let scene = SceneBox::around(&Point3::new(-1.0, -1.0, -1.0), &Point3::new(1.0, 1.0, 1.0));
-        let mut free = Grid3::over(&scene, 81, false);
+        let scene = SceneBox::around_box(&Point3::new(-1.0, -1.0, -1.0), &Point3::new(1.0, 1.0, 1.0));
+        let mut free = Grid3::over_scene(&scene, 81, false);
         for i in 0..free.values.len() {
-            free.values[i] = free.position(i).x > 0.0;
+            free.values[i] = free.position_of_index(i).x > 0.0;
         }
         // Two sheets, at x = -0.3 and 0.3, the second with a sample of another label.
         let points: Vec<Point3<f64>> = [-0.3, 0.3]
@@ -78,14 +78,14 @@ mod tests {
                 Pose::translation(shift, 0.0, 0.0),
             ],
         };
-        let out = contradicted(&points, &labels, &[other(0.0)], 0.05);
+        let out = contradicted_points(&points, &labels, &[other(0.0)], 0.05);
         assert!(
             out[..100].iter().all(|o| !o) && out[100..].iter().all(|o| *o),
             "one among many is not asked"
         );
         // Hidden by its own motion, all of it stays; within the errors of a border, too.
-        assert!(contradicted(&points, &[1; 200], &[other(0.0)], 0.05).iter().all(|o| !o));
-        assert!(contradicted(&points, &[2; 200], &[other(-0.26)], 0.05).iter().all(|o| !o));
-        assert!(contradicted(&points, &labels, &[], 0.05).iter().all(|o| !o));
+        assert!(contradicted_points(&points, &[1; 200], &[other(0.0)], 0.05).iter().all(|o| !o));
+        assert!(contradicted_points(&points, &[2; 200], &[other(-0.26)], 0.05).iter().all(|o| !o));
+        assert!(contradicted_points(&points, &labels, &[], 0.05).iter().all(|o| !o));
     }
 }

@@ -23,7 +23,8 @@ pub fn label_grid(tsdf: &Grid3<f32>, points: &[Point3<f64>], labels: &[u8], reac
             let node = z * layer + i;
             // NaN, where nothing was observed, is not near either.
             if f64::from(tsdf.values[node].abs()) < reach_m {
-                *value = nearest.nearest(&tsdf.position(node)).map_or(NO_LABEL, |(i, _)| labels[i]);
+                *value =
+                    nearest.nearest_one(&tsdf.position_of_index(node)).map_or(NO_LABEL, |(i, _)| labels[i]);
             }
         }
     });

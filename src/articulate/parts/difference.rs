@@ -38,7 +38,7 @@ pub fn register_by_difference(
         let static_percent = 100.0 * (all - from.len()) as f64 / all.max(1) as f64;
         return Err(RegisterError::NoMotion { static_percent });
     }
-    let cluster = clusters(&from, parts - 1);
+    let cluster = clusters_of_points(&from, parts - 1);
     let target = NearestPoints::new(&to);
     let mut motions = vec![Pose::identity()];
     for k in 0..parts - 1 {
@@ -55,7 +55,7 @@ pub fn register_by_difference(
         let p = &surfaces[1].points[i];
         let gaps_m: Vec<f64> = motions
             .iter()
-            .map(|m| source.nearest(&(m.inverse() * p)).map_or(f64::INFINITY, |(_, d)| d))
+            .map(|m| source.nearest_one(&(m.inverse() * p)).map_or(f64::INFINITY, |(_, d)| d))
             .collect();
         let best = (1..parts).min_by(|&a, &b| gaps_m[a].total_cmp(&gaps_m[b]));
         labels[1][i] = best.unwrap_or(0) as u8;
@@ -79,12 +79,12 @@ pub fn register_by_difference(
 /// The points farther than `reach_m` from all of the other state's.
 fn in_one_state(points: &[Point3<f64>], others: &[Point3<f64>], reach_m: f64) -> Vec<usize> {
     let others = NearestPoints::new(others);
-    (0..points.len()).filter(|&i| others.nearest(&points[i]).is_none_or(|(_, d)| d > reach_m)).collect()
+    (0..points.len()).filter(|&i| others.nearest_one(&points[i]).is_none_or(|(_, d)| d > reach_m)).collect()
 }
 
 /// The cluster of every point: means of `count` clusters (Lloyd 1982), each started from the point farthest
 /// from the means before it.
-fn clusters(points: &[Point3<f64>], count: usize) -> Vec<usize> {
+fn clusters_of_points(points: &[Point3<f64>], count: usize) -> Vec<usize> {
     let mut means: Vec<Point3<f64>> = mean_point(points.iter()).into_iter().collect();
     while means.len() < count {
         let far = |p: &&Point3<f64>| nearest_mean(&means, p).1;
@@ -125,7 +125,7 @@ fn closest_points(points: &[Point3<f64>], targets: &[Point3<f64>], nearest: &Nea
     for _ in 0..ROUNDS {
         let pairs: Vec<_> = points
             .iter()
-            .filter_map(|p| nearest.nearest(&(motion * p)).map(|(i, _)| (*p, targets[i], 1.0)))
+            .filter_map(|p| nearest.nearest_one(&(motion * p)).map(|(i, _)| (*p, targets[i], 1.0)))
             .collect();
         let Some(next) = rigid_fit(pairs.iter().copied()) else { break };
         let moved_m = points.iter().map(|p| (next * p - motion * p).norm()).fold(0.0, f64::max);

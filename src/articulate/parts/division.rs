@@ -8,15 +8,17 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Matrix6, Point3, SymmetricEigen, Vector3, Vector6};
 
 use crate::{
-    pair::point_to_plane::{MovedCorrespondence, SAMPLES_PER_READING, correspondences, refine, step},
+    pair::point_to_plane::{
+        MovedCorrespondence, SAMPLES_PER_READING, correspondences, refined_motion, small_motion,
+    },
     parts::{
-        elimination::{SLIGHT, Step, best},
-        evidence_curve::{EvidencePoint, point},
-        labeling::label,
+        elimination::{SLIGHT, Step, best_motions},
+        evidence_curve::{EvidencePoint, evidence_point},
+        labeling::labels_and_costs,
         matched_pair::MatchedPair,
-        score::{surface_evidence, unexplained, weighed, weighed_as},
-        settle::round,
-        step_field::{Design, Reading, StepField, steps},
+        score::{scores_and_shares, surface_evidence, unexplained_evidence, weighed_as},
+        settle::settle_once,
+        step_field::{Design, Reading, StepField, step_derivatives},
     },
     samples::spacing::cell_of,
 };
@@ -54,7 +56,7 @@ impl Sums {
         Self { matrix: Matrix6::zeros(), right: Vector6::zeros(), squares: 0.0 }
     }
 
-    fn with(mut self, r: &Reading) -> Self {
+    fn with_reading(mut self, r: &Reading) -> Self {
         self.matrix += r.row * r.row.transpose() * r.weight;
         // Minus: the solution is the step against the residuals.
         self.right -= r.row * (r.residual_m * r.weight);
@@ -71,7 +73,7 @@ impl Sums {
     }
 
     /// Sum of squares after the best step, and the step.
-    fn best(&self, prior: f64) -> Option<(f64, Vector6<f64>)> {
+    fn best_step(&self, prior: f64) -> Option<(f64, Vector6<f64>)> {
         let step = (self.matrix + Matrix6::identity() * prior).cholesky()?.solve(&self.right);
         Some((self.squares - self.right.dot(&step), step))
     }
@@ -91,7 +93,7 @@ struct Follower {
 
 impl Follower {
     /// The cut with the lowest sum of squares, if the fall is more than errors along the surface could feign.
-    fn cut(mut self, motion: &Pose) -> Option<Cut> {
+    fn best_cut(mut self, motion: &Pose) -> Option<Cut> {
         let mut best: Option<(f64, Cut)> = None;
         for axis in &self.axes {
             let along = |r: &Reading| axis.dot(&r.place.coords);
@@ -100,13 +102,13 @@ impl Follower {
             let mut whole = Sums::zero();
             let mut sums = Vec::with_capacity(self.readings.len());
             for r in &self.readings {
-                whole = whole.with(r);
+                whole = whole.with_reading(r);
                 sums.push(whole);
             }
-            let one = whole.best(self.prior)?.0;
+            let one = whole.best_step(self.prior)?.0;
             let firsts = (1..=CUTS).map(|c| sums.len() * c / (CUTS + 1));
             for first in firsts.filter(|f| (*f).min(sums.len() - f) >= LEAST_SIDE) {
-                let sides = [sums[first - 1], whole.less(&sums[first - 1])].map(|s| s.best(self.prior));
+                let sides = [sums[first - 1], whole.less(&sums[first - 1])].map(|s| s.best_step(self.prior));
                 let [Some(a), Some(b)] = sides else { continue };
                 // The fall of docs/method.md (6.11).
                 let fall = one - a.0 - b.0;
@@ -114,7 +116,7 @@ impl Follower {
                     let steps = [a.1, b.1];
                     let motions = steps.map(|twist| {
                         let turn = twist.fixed_rows::<3>(0) / self.radius_m;
-                        step(&self.center, &turn, &twist.fixed_rows::<3>(3).into_owned()) * motion
+                        small_motion(&self.center, &turn, &twist.fixed_rows::<3>(3).into_owned()) * motion
                     });
                     let at_m = 0.5 * (along(&self.readings[first - 1]) + along(&self.readings[first]));
                     best = Some((fall, Cut { axis: *axis, at_m, steps, motions }));
@@ -127,8 +129,9 @@ impl Follower {
         let second = |r: &Reading| f64::from(u8::from(cut.axis.dot(&r.place.coords) > cut.at_m));
         // One of so many cuts, as likely as another.
         let cuts = (CUTS * self.axes.len()) as f64;
-        let divided = field.log_evidence(&|r| steps(r, &[1.0 - second(r), second(r)]))? - cuts.ln();
-        let one = field.log_evidence(&|r| steps(r, &[1.0]))?;
+        let divided =
+            field.log_evidence(&|r| step_derivatives(r, &[1.0 - second(r), second(r)]))? - cuts.ln();
+        let one = field.log_evidence(&|r| step_derivatives(r, &[1.0]))?;
         let by_sensor =
             self.sensor_errors(motion).iter().filter_map(|m| field.log_evidence(m)).fold(one, f64::max);
         (divided > by_sensor).then_some(cut)
@@ -143,16 +146,15 @@ impl Follower {
         let radius_m = self.radius_m;
         let along = move |r: &Reading| (r.place.coords - middle) / radius_m;
         let back = motion.rotation.inverse();
-        let bends = self
-            .axes
-            .iter()
-            .map(move |axis| -> Box<Design<'_>> { Box::new(move |r| steps(r, &[1.0, axis.dot(&along(r))])) });
+        let bends = self.axes.iter().map(move |axis| -> Box<Design<'_>> {
+            Box::new(move |r| step_derivatives(r, &[1.0, axis.dot(&along(r))]))
+        });
         let further: [Box<Design<'_>>; 3] = [
-            Box::new(move |r| steps(r, &[1.0, along(r).x, along(r).y, along(r).z])),
-            Box::new(|r| [steps(r, &[1.0]), vec![1.0]].concat()),
+            Box::new(move |r| step_derivatives(r, &[1.0, along(r).x, along(r).y, along(r).z])),
+            Box::new(|r| [step_derivatives(r, &[1.0]), vec![1.0]].concat()),
             Box::new(move |r| {
                 let facing = back * r.row.fixed_rows::<3>(3).into_owned();
-                [&steps(r, &[1.0])[..], &[1.0], along(r).as_slice(), facing.as_slice()].concat()
+                [&step_derivatives(r, &[1.0])[..], &[1.0], along(r).as_slice(), facing.as_slice()].concat()
             }),
         ];
         bends.chain(further).collect()
@@ -186,11 +188,12 @@ struct Cut {
 
 /// Adds sets with divided motions, as far as two motions explain clearly more than one. They begin with the
 /// best set, and take the place of others of as many motions with more unexplained surface.
-pub(crate) fn divide(pair: &MatchedPair<'_>, steps: &mut Vec<Step>) {
-    let mut motions = best(pair, steps);
-    while let Some(divided) = divided(pair, &motions) {
-        let (scores, shares) = weighed(pair, &divided);
-        let point = EvidencePoint { unexplained: unexplained(pair, &divided), ..point(&scores) };
+pub(crate) fn add_divided_sets(pair: &MatchedPair<'_>, steps: &mut Vec<Step>) {
+    let mut motions = best_motions(pair, steps);
+    while let Some(divided) = divided_motions(pair, &motions) {
+        let (scores, shares) = scores_and_shares(pair, &divided);
+        let point =
+            EvidencePoint { unexplained: unexplained_evidence(pair, &divided), ..evidence_point(&scores) };
         // Where a set of as many motions leaves less unexplained, division adds nothing.
         if steps.iter().any(|s| s.point.parts == point.parts && s.point.unexplained < point.unexplained) {
             break;
@@ -204,9 +207,9 @@ pub(crate) fn divide(pair: &MatchedPair<'_>, steps: &mut Vec<Step>) {
 
 /// The motions with the best one to divide replaced by two; `None` where no two explain clearly more than
 /// one, and each something alone.
-fn divided(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
+fn divided_motions(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
     let least = pair.config.least_score;
-    let found = label(&pair.surfaces, motions);
+    let found = labels_and_costs(&pair.surfaces, motions);
     let (labels, _) = &*found;
     let (scores, _) = weighed_as(pair, motions, labels);
     // Errors of depth along a surface give nearly as much to two motions, but not to either alone.
@@ -214,18 +217,18 @@ fn divided(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
     let mut best = (slight, None);
     // Each half must stand by itself later: less than twice the least evidence is not worth a cut.
     for (k, motion) in motions.iter().enumerate().skip(1).filter(|(k, _)| scores[*k] >= 2.0 * least) {
-        let Some(cut) = follower(pair, labels, motion, k as u8).and_then(|f| f.cut(motion)) else {
+        let Some(cut) = follower_of(pair, labels, motion, k as u8).and_then(|f| f.best_cut(motion)) else {
             continue;
         };
         let mut set = motions.to_vec();
-        let [first, second] = settled(pair, labels, k as u8, motion, cut);
+        let [first, second] = settled_sides(pair, labels, k as u8, motion, cut);
         set[k] = first;
         set.insert(k + 1, second);
         // A cut is a plane; the parts' border need not be one: labels and motions settle freely.
-        (0..ROUNDS).for_each(|_| round(pair, &mut set));
-        let found = label(&pair.surfaces, &set);
+        (0..ROUNDS).for_each(|_| settle_once(pair, &mut set));
+        let found = labels_and_costs(&pair.surfaces, &set);
         let (after, _) = &*found;
-        let gain = gain(pair, k, [motions, &set], [labels, after]);
+        let gain = evidence_gain(pair, k, [motions, &set], [labels, after]);
         let alone = slight.max(LEAST_ALONE * scores[k]);
         if gain > best.0 && weighed_as(pair, &set, after).0[k..=k + 1].iter().all(|score| *score >= alone) {
             best = (gain, Some(set));
@@ -236,7 +239,7 @@ fn divided(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
 
 /// Evidence gained by two motions, `k` and `k + 1` of the second set, in place of one, `k` of the first: a
 /// sixth of the cells of its surface, each by the fall of its cost. Both sets with their labels.
-fn gain(
+fn evidence_gain(
     pair: &MatchedPair<'_>,
     k: usize,
     [motions, set]: [&[Pose]; 2],
@@ -260,7 +263,7 @@ fn gain(
 }
 
 /// The correspondences of a motion; `None` where there are too few to cut.
-fn follower(pair: &MatchedPair<'_>, labels: &[Vec<u8>; 2], motion: &Pose, label: u8) -> Option<Follower> {
+fn follower_of(pair: &MatchedPair<'_>, labels: &[Vec<u8>; 2], motion: &Pose, label: u8) -> Option<Follower> {
     let planes = correspondences(&pair.surfaces, [&labels[0], &labels[1]], motion, label);
     if planes.len() < 2 * LEAST_SIDE {
         return None;
@@ -299,7 +302,13 @@ fn follower(pair: &MatchedPair<'_>, labels: &[Vec<u8>; 2], motion: &Pose, label:
 }
 
 /// The motions on both sides of a cut, settled.
-fn settled(pair: &MatchedPair<'_>, labels: &[Vec<u8>; 2], label: u8, motion: &Pose, cut: Cut) -> [Pose; 2] {
+fn settled_sides(
+    pair: &MatchedPair<'_>,
+    labels: &[Vec<u8>; 2],
+    label: u8,
+    motion: &Pose,
+    cut: Cut,
+) -> [Pose; 2] {
     let back = motion.inverse();
     let sides = [0, 1].map(|s| {
         let mut sides = Vec::with_capacity(labels[s].len());
@@ -314,7 +323,7 @@ fn settled(pair: &MatchedPair<'_>, labels: &[Vec<u8>; 2], label: u8, motion: &Po
     let mut motions = cut.motions;
     for _ in 0..ROUNDS {
         for (k, m) in motions.iter_mut().enumerate() {
-            *m = refine(&pair.surfaces, [&sides[0], &sides[1]], &[], m, 1 + k as u8);
+            *m = refined_motion(&pair.surfaces, [&sides[0], &sides[1]], &[], m, 1 + k as u8);
         }
     }
     motions
@@ -352,7 +361,7 @@ mod tests {
         surfaces.scales.plane_m = 0.001;
         let pair = MatchedPair::new(&[], EXTENT_M, &config, surfaces);
         let shared = [Pose::identity(), Pose::translation(0.0, -0.5 * (true_m[0] + true_m[1]), 0.0)];
-        let mut found: Vec<f64> = divided(&pair, &shared).unwrap_or(shared.to_vec())[1..]
+        let mut found: Vec<f64> = divided_motions(&pair, &shared).unwrap_or(shared.to_vec())[1..]
             .iter()
             .map(|m| -m.translation.y)
             .collect();

@@ -7,11 +7,11 @@ use serde::{Deserialize, Serialize};
 use crate::{
     pair::reprojection::MISSED,
     parts::{
-        evidence_curve::{EvidencePoint, point, stands},
+        evidence_curve::{EvidencePoint, evidence_point, is_standing},
         matched_pair::MatchedPair,
         round_parts::without,
-        score::{scores, shares, unexplained, weighed},
-        settle::{round, settle},
+        score::{explained_shares, scores_and_shares, scores_of_motions, unexplained_evidence},
+        settle::{settle_fully, settle_once},
     },
     propose::ransac::CHANCE,
 };
@@ -40,15 +40,15 @@ pub(crate) struct Step {
 }
 
 /// The largest set of motions with enough evidence for a part each.
-pub(crate) fn best(pair: &MatchedPair<'_>, steps: &[Step]) -> Vec<Pose> {
+pub(crate) fn best_motions(pair: &MatchedPair<'_>, steps: &[Step]) -> Vec<Pose> {
     // Whether a set stands depends on the smaller ones: all are there before one is judged.
     let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
-    let most = standing(pair, steps, &curve).into_iter().max_by_key(|s| s.motions.len());
+    let most = standing_sets(pair, steps, &curve).into_iter().max_by_key(|s| s.motions.len());
     most.map_or_else(|| vec![Pose::identity()], |s| s.motions.clone())
 }
 
 /// The standing sets by a curve of evidence; divided ones were judged as they were made.
-pub(crate) fn standing<'s>(
+pub(crate) fn standing_sets<'s>(
     pair: &MatchedPair<'_>,
     steps: &'s [Step],
     curve: &[EvidencePoint],
@@ -56,29 +56,30 @@ pub(crate) fn standing<'s>(
     steps
         .iter()
         .zip(curve)
-        .filter(|(s, point)| s.divided || stands(point, curve, pair.config.least_score))
+        .filter(|(s, point)| s.divided || is_standing(point, curve, pair.config.least_score))
         .map(|(s, _)| s)
         .collect()
 }
 
 /// Sets of motions, each without the weakest of the one before and refitted, down to the static part alone.
-pub(crate) fn steps(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Step> {
+pub(crate) fn elimination_steps(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Step> {
     let mut steps = Vec::new();
     let mut settled = 0;
     loop {
         // Hopeless motions go at once: without them the rest need not be settled so often.
-        while thin(pair, &mut motions) {
-            round(pair, &mut motions);
+        while drop_hopeless(pair, &mut motions) {
+            settle_once(pair, &mut motions);
         }
-        let (mut scores, mut shares) = weighed(pair, &motions);
+        let (mut scores, mut shares) = scores_and_shares(pair, &motions);
         // Surface must have gone over to its motion before large sets are compared; rounds are slow, and
         // smaller sets go without.
         if settled < COMPARED && scores[1..].iter().all(|s| *s >= SLIGHT * pair.config.least_score) {
             settled += 1;
-            settle(pair, &mut motions);
-            (scores, shares) = weighed(pair, &motions);
+            settle_fully(pair, &mut motions);
+            (scores, shares) = scores_and_shares(pair, &motions);
         }
-        let point = EvidencePoint { unexplained: unexplained(pair, &motions), ..point(&scores) };
+        let point =
+            EvidencePoint { unexplained: unexplained_evidence(pair, &motions), ..evidence_point(&scores) };
         steps.push(Step { motions: motions.clone(), point, shares, divided: false });
         if motions.len() == 1 {
             return steps;
@@ -106,20 +107,24 @@ fn without_least(pair: &MatchedPair<'_>, motions: &[Pose], scores: &[f64]) -> Ve
     let mut rest: Vec<(f64, Vec<Pose>)> = weakest.into_iter().map(|k| (0.0, without(motions, k))).collect();
     // First without refitting (it is slow): only sets of like evidence are refitted to decide.
     if rest.len() > 1 {
-        rest.iter_mut().for_each(|(evidence, others)| *evidence = point(&weighed(pair, others).0).evidence);
+        rest.iter_mut().for_each(|(evidence, others)| {
+            *evidence = evidence_point(&scores_and_shares(pair, others).0).evidence
+        });
         rest.sort_by(|a, b| b.0.total_cmp(&a.0));
         let alike = ALIKE * rest[0].0;
         rest.retain(|r| r.0 >= alike);
     }
     if rest.len() == 1 {
-        return refitted(pair, rest.swap_remove(0).1);
+        return refitted_motions(pair, rest.swap_remove(0).1);
     }
-    preferred(rest.into_iter().map(|(_, others)| JudgedSet::of(pair, refitted(pair, others))).collect())
+    preferred_set(
+        rest.into_iter().map(|(_, others)| JudgedSet::of(pair, refitted_motions(pair, others))).collect(),
+    )
 }
 
 /// Motions after a round of labels and motions.
-fn refitted(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Pose> {
-    round(pair, &mut motions);
+fn refitted_motions(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Pose> {
+    settle_once(pair, &mut motions);
     motions
 }
 
@@ -136,11 +141,11 @@ struct JudgedSet {
 
 impl JudgedSet {
     fn of(pair: &MatchedPair<'_>, motions: Vec<Pose>) -> Self {
-        let scores = weighed(pair, &motions).0;
+        let scores = scores_and_shares(pair, &motions).0;
         Self {
             standing: scores[1..].iter().filter(|s| **s >= pair.config.least_score).count(),
             matched: pair.match_cells(&motions).iter().map(|c| (c - CHANCE).max(0.0)).sum(),
-            evidence: point(&scores).evidence,
+            evidence: evidence_point(&scores).evidence,
             motions,
         }
     }
@@ -149,7 +154,7 @@ impl JudgedSet {
 /// The set with the most evidence, among the sets with the most standing motions and the support of matches
 /// of the best up to chance. Each condition compares with the best of all: the order of the sets does not
 /// matter.
-fn preferred(mut judged: Vec<JudgedSet>) -> Vec<Pose> {
+fn preferred_set(mut judged: Vec<JudgedSet>) -> Vec<Pose> {
     let standing = judged.iter().map(|j| j.standing).max();
     judged.retain(|j| Some(j.standing) == standing);
     let matched = judged.iter().map(|j| j.matched).fold(0.0, f64::max);
@@ -160,11 +165,11 @@ fn preferred(mut judged: Vec<JudgedSet>) -> Vec<Pose> {
 
 /// Drops motions with less than the least evidence even where a hidden surface of the other state counts as a
 /// missing one, the weakest first; false where there are none.
-fn thin(pair: &MatchedPair<'_>, motions: &mut Vec<Pose>) -> bool {
+fn drop_hopeless(pair: &MatchedPair<'_>, motions: &mut Vec<Pose>) -> bool {
     let before = motions.len();
     let mut costs = [0, 1].map(|s| pair.surfaces.shape_costs(s, motions, None));
     while motions.len() > 1 {
-        let scores = scores(pair, motions, &shares(&costs, motions.len()));
+        let scores = scores_of_motions(pair, motions, &explained_shares(&costs, motions.len()));
         let weakest = (1..motions.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]));
         // A share counts a sample as 1 at most, a preference as `MISSED`: a motion dropped here could not
         // stand by preferences.

@@ -9,11 +9,11 @@ use rayon::prelude::*;
 use crate::{
     pair::reprojection::EXPLAINED,
     parts::{
-        labeling::label,
+        labeling::labels_and_costs,
         matched_pair::MatchedPair,
         round_parts::without,
-        score::{is_matched, weighed},
-        settle::round,
+        score::{is_matched, scores_and_shares},
+        settle::settle_once,
     },
     propose::search::Search,
     samples::{
@@ -32,29 +32,31 @@ const FAR_TURN: f64 = 2.1;
 
 /// The motions, each part's turned end for end where the turned one explains more, weighed by the score of
 /// its hinge. Parts fixed by matches stay as they are.
-pub(crate) fn hinged(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Pose> {
+pub(crate) fn turned_by_hinge(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Pose> {
     for k in 1..motions.len() {
         if is_matched(pair, &motions, k) {
             continue;
         }
-        let found = label(&pair.surfaces, &motions);
+        let found = labels_and_costs(&pair.surfaces, &motions);
         let (labels, _) = &*found;
         let mut best: Option<(f64, Vec<Pose>)> = None;
-        for turned in turned(pair, &motions, labels, k) {
+        for turned in turned_motions(pair, &motions, labels, k) {
             let mut others = motions.clone();
             others[k] = turned;
             // Both explain about the same surface: without a better hinge the turn is not worth the rounds.
-            if hinge(pair, &others, &labels[0], k) <= hinge(pair, &motions, &labels[0], k) {
+            if best_hinge_score(pair, &others, &labels[0], k)
+                <= best_hinge_score(pair, &motions, &labels[0], k)
+            {
                 continue;
             }
-            (0..ROUNDS).for_each(|_| round(pair, &mut others));
-            let found = worth(pair, &others, k);
+            (0..ROUNDS).for_each(|_| settle_once(pair, &mut others));
+            let found = hinged_evidence(pair, &others, k);
             if best.as_ref().is_none_or(|b| found > b.0) {
                 best = Some((found, others));
             }
         }
         if let Some((found, others)) = best
-            && found > worth(pair, &motions, k)
+            && found > hinged_evidence(pair, &motions, k)
         {
             motions = others;
         }
@@ -63,14 +65,15 @@ pub(crate) fn hinged(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Pose
 }
 
 /// The evidence for part `k` times the score of its hinge.
-fn worth(pair: &MatchedPair<'_>, motions: &[Pose], k: usize) -> f64 {
-    hinge(pair, motions, &label(&pair.surfaces, motions).0[0], k) * weighed(pair, motions).0[k]
+fn hinged_evidence(pair: &MatchedPair<'_>, motions: &[Pose], k: usize) -> f64 {
+    best_hinge_score(pair, motions, &labels_and_costs(&pair.surfaces, motions).0[0], k)
+        * scores_and_shares(pair, motions).0[k]
 }
 
 /// How well the motion of part `k` could be that of a hinge on another part, from 0 to 1: its axis runs
 /// by the surfaces of both, and it does not turn too far. A slide along another part has no axis; both
 /// touch. See docs/method.md (6.13).
-fn hinge(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[u8], k: usize) -> f64 {
+fn best_hinge_score(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[u8], k: usize) -> f64 {
     let mut surfaces: Vec<Vec<Point3<f64>>> = vec![Vec::new(); motions.len()];
     for (p, l) in pair.surfaces.samples[0].points.iter().zip(labels) {
         surfaces[usize::from(*l)].push(*p);
@@ -91,7 +94,7 @@ fn hinge(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[u8], k: usize) -> f
 
 /// Other possible motions of part `k`, each where it explains most: half a turn about its middle and the
 /// direction of its axis before its own; for a round bar its [`swings`]. None for a slide.
-fn turned(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2], k: usize) -> Vec<Pose> {
+fn turned_motions(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2], k: usize) -> Vec<Pose> {
     let Some(axis) = axis_of_turn(&motions[k]) else { return Vec::new() };
     let costs = pair.surfaces.shape_costs(0, motions, Some(&labels[1]));
     let explained = |i: &usize| usize::from(labels[0][*i]) == k && costs[i * motions.len() + k] < EXPLAINED;
@@ -103,7 +106,7 @@ fn turned(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2], k: us
         Some(round) => swings(motions, k, &center, &round.direction),
         None => {
             let half = Screw { direction: axis.direction, point: center, angle_rad: PI, advance_m: 0.0 };
-            vec![motions[k] * half.motion()]
+            vec![motions[k] * half.to_motion()]
         }
     };
     // A panel seen from one side has its middle on the side, and the turn leaves it beside itself by its
@@ -117,14 +120,14 @@ fn turned(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2], k: us
         // In the order of the steps: equal ones do not depend on threads.
         let beside: Vec<(f64, Pose)> = (-steps..=steps)
             .into_par_iter()
-            .map(|s| start * Slip::along(thin).by(s as f64 * step_m))
+            .map(|s| start * Slip::along_direction(thin).motion_by(s as f64 * step_m))
             .map(|shifted| (total(&shifted), shifted))
             .collect();
         let Some((_, best)) = beside.into_iter().reduce(|a, b| if b.0 > a.0 { b } else { a }) else {
             continue;
         };
-        let slips = search.slips(&best);
-        placed.push(slips.map_or(best, |s| search.climbed(&best, s, total, |m| search.slips(m)).1));
+        let slips = search.slips_of(&best);
+        placed.push(slips.map_or(best, |s| search.climbed_motion(&best, s, total, |m| search.slips_of(m)).1));
     }
     placed
 }
@@ -197,7 +200,7 @@ mod tests {
             let config = RegisterConfig::default();
             let pair = MatchedPair::new(&[], 0.4, &config, surfaces);
             for start in [scene.truth(1), turned] {
-                let found = hinged(&pair, vec![Pose::identity(), start, scene.truth(2)])[1];
+                let found = turned_by_hinge(&pair, vec![Pose::identity(), start, scene.truth(2)])[1];
                 for z in [0.05, 0.31] {
                     let end = Point3::new(0.0, 0.0, z);
                     let off_m = (found * end - scene.truth(1) * end).norm();
@@ -224,7 +227,7 @@ mod tests {
             let other_end = own * turn(Vector3::y(), middle, PI);
             assert!(all.iter().any(|m| off(m, &other_end) < 1e-9), "{all:?}");
         }
-        let cap = Screw { direction: line, point: center, angle_rad: 1.0, advance_m: 0.01 }.motion();
+        let cap = Screw { direction: line, point: center, angle_rad: 1.0, advance_m: 0.01 }.to_motion();
         assert!(swings(&[Pose::identity(), cap], 1, &center, &line).is_empty());
     }
 
@@ -240,7 +243,7 @@ mod tests {
                 let outward = all.normals[*i].dot(&out);
                 parts[*i] == 0 || outward > 0.9 || (state == 0 && outward < -0.9)
             };
-            all.some(&(0..all.points.len()).filter(kept).collect::<Vec<usize>>())
+            all.chosen_samples(&(0..all.points.len()).filter(kept).collect::<Vec<usize>>())
         });
         let free = [0, 1].map(|s| {
             let scene = &scene;
@@ -252,7 +255,7 @@ mod tests {
         let pair = MatchedPair::new(&[], 0.4, &config, surfaces);
         let start = scene.truth(1) * turn(Vector3::x(), [0.0, 0.15, 0.16], PI);
         let motions = [Pose::identity(), start];
-        let found = turned(&pair, &motions, &label(&pair.surfaces, &motions).0, 1)[0];
+        let found = turned_motions(&pair, &motions, &labels_and_costs(&pair.surfaces, &motions).0, 1)[0];
         for (x, z) in [(-0.2, 0.03), (0.2, 0.03), (0.2, 0.29)] {
             let corner = Point3::new(x, 0.157, z);
             let across = scene.truth(1) * Vector3::y();

@@ -28,41 +28,44 @@ pub struct EvidencePoint {
 }
 
 /// Whether each of a set of motions has enough evidence for a part and none splits a part.
-pub(crate) fn stands(point: &EvidencePoint, curve: &[EvidencePoint], least: f64) -> bool {
-    point.weakest.is_none_or(|w| w >= least || (w >= ADDING * least && adds(point, curve)))
-        && !splits(point, curve, FIRM * least)
+pub(crate) fn is_standing(point: &EvidencePoint, curve: &[EvidencePoint], least: f64) -> bool {
+    point.weakest.is_none_or(|w| w >= least || (w >= ADDING * least && adds_evidence(point, curve)))
+        && !splits_a_part(point, curve, FIRM * least)
 }
 
 /// Whether a set of motions splits a part of a smaller set: two motions of one part explain the same, and the
 /// evidence of each alone falls with the sum. A motion of its own adds to the sum, or has `firm` evidence by
 /// itself.
-fn splits(point: &EvidencePoint, curve: &[EvidencePoint], firm: f64) -> bool {
+fn splits_a_part(point: &EvidencePoint, curve: &[EvidencePoint], firm: f64) -> bool {
     let weakest = point.weakest.unwrap_or(f64::INFINITY);
     next_smaller(point, curve).is_some_and(|p| weakest < firm && point.evidence < p.evidence)
-        || smaller(point, curve).any(|p| point.evidence < SPLIT * p.evidence)
+        || smaller_sets(point, curve).any(|p| point.evidence < SPLIT * p.evidence)
 }
 
 /// The sets of fewer motions.
-fn smaller<'a>(point: &EvidencePoint, curve: &'a [EvidencePoint]) -> impl Iterator<Item = &'a EvidencePoint> {
+fn smaller_sets<'a>(
+    point: &EvidencePoint,
+    curve: &'a [EvidencePoint],
+) -> impl Iterator<Item = &'a EvidencePoint> {
     let parts = point.parts;
     curve.iter().filter(move |p| p.parts < parts)
 }
 
 /// The largest of these.
 fn next_smaller<'a>(point: &EvidencePoint, curve: &'a [EvidencePoint]) -> Option<&'a EvidencePoint> {
-    smaller(point, curve).max_by_key(|p| p.parts)
+    smaller_sets(point, curve).max_by_key(|p| p.parts)
 }
 
 /// Whether the weakest motion of a set takes next to nothing from the others (there are some): the next
 /// smaller set explains less than this one by half its evidence at least. Wrong motions take their evidence
 /// from the right ones.
-fn adds(point: &EvidencePoint, curve: &[EvidencePoint]) -> bool {
+fn adds_evidence(point: &EvidencePoint, curve: &[EvidencePoint]) -> bool {
     next_smaller(point, curve)
         .is_some_and(|p| p.parts > 1 && p.evidence + 0.5 * point.weakest.unwrap_or(0.0) <= point.evidence)
 }
 
 /// The evidence of motions; the first is the static part's.
-pub(crate) fn point(scores: &[f64]) -> EvidencePoint {
+pub(crate) fn evidence_point(scores: &[f64]) -> EvidencePoint {
     let moving = &scores[1..];
     let weakest = moving.iter().copied().reduce(f64::min);
     EvidencePoint { parts: scores.len(), evidence: moving.iter().sum(), weakest, unexplained: 0.0 }
@@ -81,8 +84,8 @@ mod tests {
             point(3, 150.0, Some(50.0)),
             point(4, 159.0, Some(10.0)),
         ];
-        assert!(adds(&curve[3], &curve) && !adds(&point(4, 153.0, Some(10.0)), &curve));
-        assert!(!adds(&point(2, 10.0, Some(10.0)), &curve), "nothing else is known to have moved");
+        assert!(adds_evidence(&curve[3], &curve) && !adds_evidence(&point(4, 153.0, Some(10.0)), &curve));
+        assert!(!adds_evidence(&point(2, 10.0, Some(10.0)), &curve), "nothing else is known to have moved");
     }
 
     #[test]
@@ -95,7 +98,7 @@ mod tests {
             point(4, 500.0, Some(60.0)),
             point(5, 495.0, Some(20.0)),
         ];
-        let splits = |k: usize| splits(&curve[k], &curve, 35.0);
+        let splits = |k: usize| splits_a_part(&curve[k], &curve, 35.0);
         assert!(splits(2) && splits(4));
         assert!(!splits(3) && !splits(1) && !splits(0));
     }
@@ -104,8 +107,8 @@ mod tests {
     fn a_set_stands_where_each_has_the_evidence_that_a_part_needs() {
         let point = |parts, evidence, weakest| EvidencePoint { parts, evidence, weakest, unexplained: 0.0 };
         let curve = [point(1, 0.0, None), point(2, 100.0, Some(100.0))];
-        let stands = |evidence, weakest: f64| stands(&point(3, evidence, Some(weakest)), &curve, 14.0);
-        assert!(super::stands(&curve[0], &curve, 14.0) && super::stands(&curve[1], &curve, 14.0));
+        let stands = |evidence, weakest: f64| is_standing(&point(3, evidence, Some(weakest)), &curve, 14.0);
+        assert!(super::is_standing(&curve[0], &curve, 14.0) && super::is_standing(&curve[1], &curve, 14.0));
         // The least, or six tenths of it where half of that comes to the sum.
         assert!(stands(104.0, 14.0) && !stands(104.0, 13.9));
         assert!(stands(104.5, 8.5) && stands(104.25, 8.5) && !stands(104.2, 8.5) && !stands(104.2, 8.3));
@@ -113,14 +116,14 @@ mod tests {
         assert!(stands(99.0, 28.0) && !stands(99.0, 27.9) && stands(100.0, 14.0));
         assert!(stands(80.0, 50.0) && !stands(79.9, 50.0));
         // Alone, a motion of less than the least adds to nothing.
-        assert!(!super::stands(&point(2, 10.0, Some(10.0)), &curve[..1], 14.0));
+        assert!(!super::is_standing(&point(2, 10.0, Some(10.0)), &curve[..1], 14.0));
     }
 
     #[test]
     fn the_evidence_of_motions_is_that_of_those_that_move() {
-        let found = point(&[50.0, 3.0, 2.0, 4.0]);
+        let found = evidence_point(&[50.0, 3.0, 2.0, 4.0]);
         assert_eq!(found, EvidencePoint { parts: 4, evidence: 9.0, weakest: Some(2.0), unexplained: 0.0 });
-        let rest = point(&[50.0]);
+        let rest = evidence_point(&[50.0]);
         assert_eq!(rest, EvidencePoint { parts: 1, evidence: 0.0, weakest: None, unexplained: 0.0 });
     }
 }

@@ -4,11 +4,11 @@
 use crate::{
     pair::reprojection::{EXPLAINED, FREE},
     parts::{
-        evidence_curve::point,
-        labeling::label,
+        evidence_curve::evidence_point,
+        labeling::labels_and_costs,
         matched_pair::MatchedPair,
-        score::{weighed, weighed_as},
-        settle::settle,
+        score::{scores_and_shares, weighed_as},
+        settle::settle_fully,
     },
 };
 use geometry::Pose;
@@ -19,15 +19,15 @@ const REPLACED: f64 = 0.25;
 
 /// The set after the exchange of two or more motions for one of the `proposed` ones, repeated as long as the
 /// sum of the evidence rises.
-pub(crate) fn exchanged(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed: &[Pose]) -> Vec<Pose> {
+pub(crate) fn exchanged_set(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed: &[Pose]) -> Vec<Pose> {
     let mut left = proposed.to_vec();
     loop {
-        let found = label(&pair.surfaces, &set);
+        let found = labels_and_costs(&pair.surfaces, &set);
         let (labels, costs) = &*found;
-        let evidence = point(&weighed_as(pair, &set, labels).0).evidence;
+        let evidence = evidence_point(&weighed_as(pair, &set, labels).0).evidence;
         let mut best: Option<(f64, usize, Vec<Pose>)> = None;
         for (i, motion) in left.iter().enumerate() {
-            let replaced = replaced(pair, &set, labels, costs, motion);
+            let replaced = replaced_parts(pair, &set, labels, costs, motion);
             // One for one was decided before, as motions were chosen.
             if replaced.len() < 2 {
                 continue;
@@ -35,8 +35,8 @@ pub(crate) fn exchanged(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed: &[
             let mut others: Vec<Pose> =
                 set.iter().enumerate().filter(|(k, _)| !replaced.contains(k)).map(|(_, m)| *m).collect();
             others.push(*motion);
-            settle(pair, &mut others);
-            let after = point(&weighed(pair, &others).0).evidence;
+            settle_fully(pair, &mut others);
+            let after = evidence_point(&scores_and_shares(pair, &others).0).evidence;
             // The last of equal ones.
             if after > evidence && best.as_ref().is_none_or(|b| after >= b.0) {
                 best = Some((after, i, others));
@@ -50,7 +50,7 @@ pub(crate) fn exchanged(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed: &[
 
 /// The moving parts of a set replaceable by a motion: it explains a share of [`REPLACED`] of their moved
 /// surface.
-fn replaced(
+fn replaced_parts(
     pair: &MatchedPair<'_>,
     set: &[Pose],
     labels: &[Vec<u8>; 2],
@@ -92,7 +92,7 @@ mod tests {
         scene.seen(0.006, 0.012, |surfaces, _| {
             let config = RegisterConfig::default();
             let pair = MatchedPair::new(&[], 0.4, &config, surfaces);
-            let found = exchanged(
+            let found = exchanged_set(
                 &pair,
                 vec![Pose::identity(), halves[0], halves[1], scene.truth(2)],
                 &[scene.truth(1)],
@@ -100,7 +100,7 @@ mod tests {
             assert_eq!(found.len(), 3);
             let end = Point3::new(0.0, 0.0, 0.31);
             assert!(found.iter().any(|m| (m * end - scene.truth(1) * end).norm() < 0.01));
-            assert_eq!(exchanged(&pair, right.clone(), &halves), right);
+            assert_eq!(exchanged_set(&pair, right.clone(), &halves), right);
         });
     }
 }

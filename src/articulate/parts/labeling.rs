@@ -14,7 +14,7 @@ use geometry::Pose;
 const ROUNDS: usize = 3;
 
 /// Labels and costs of both states under a set of motions during the search.
-pub(crate) fn label(surfaces: &SurfacePair<'_>, motions: &[Pose]) -> Arc<Labeling> {
+pub(crate) fn labels_and_costs(surfaces: &SurfacePair<'_>, motions: &[Pose]) -> Arc<Labeling> {
     surfaces.labelings.get(motions.to_vec(), || label_of(surfaces, motions, Of::SomeParts))
 }
 
@@ -44,6 +44,9 @@ fn label_of(surfaces: &SurfacePair<'_>, motions: &[Pose], of: Of) -> Labeling {
 }
 
 fn labels_of_both(surfaces: &SurfacePair<'_>, costs: &[Vec<f32>; 2], motions: usize, of: Of) -> [Vec<u8>; 2] {
-    rayon::join(|| surfaces.labels(0, &costs[0], motions, of), || surfaces.labels(1, &costs[1], motions, of))
-        .into()
+    rayon::join(
+        || surfaces.smoothed_labels(0, &costs[0], motions, of),
+        || surfaces.smoothed_labels(1, &costs[1], motions, of),
+    )
+    .into()
 }

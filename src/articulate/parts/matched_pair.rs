@@ -34,7 +34,14 @@ impl<'a> MatchedPair<'a> {
         surfaces: SurfacePair<'a>,
     ) -> Self {
         let gate = Gate::new(&config.ransac, extent_m);
-        Self { matches, informative: informative(matches, &surfaces), extent_m, gate, config, surfaces }
+        Self {
+            matches,
+            informative: informative_matches(matches, &surfaces),
+            extent_m,
+            gate,
+            config,
+            surfaces,
+        }
     }
 
     /// The motion of every match; `None` for a match without one.
@@ -50,7 +57,7 @@ impl<'a> MatchedPair<'a> {
     }
 
     /// The moved matches of a motion.
-    pub(crate) fn followers(&self, match_labels: &[Option<u8>], label: u8) -> Vec<LiftedMatch> {
+    pub(crate) fn followers_of(&self, match_labels: &[Option<u8>], label: u8) -> Vec<LiftedMatch> {
         let labelled = self.matches.iter().zip(match_labels).filter(|(_, l)| **l == Some(label));
         labelled.map(|(m, _)| *m).filter(|m| self.gate.has_moved(m)).collect()
     }
@@ -96,13 +103,13 @@ impl<'a> MatchedPair<'a> {
 
 /// The matches of use as evidence for a motion: without matches between two unchanged places. Equal things in
 /// a row, such as keys, match each other where none has moved.
-fn informative(matches: &[LiftedMatch], surfaces: &SurfacePair<'_>) -> Vec<LiftedMatch> {
+fn informative_matches(matches: &[LiftedMatch], surfaces: &SurfacePair<'_>) -> Vec<LiftedMatch> {
     let costs = [0, 1].map(|s| surfaces.costs(s, &[Pose::identity()], None));
     let mut informative = matches.to_vec();
     informative.retain(|m| {
         // A match has no normal: a zero one is as far from all.
         let are_static = [(0, m.point0), (1, m.point1)].into_iter().all(|(s, p)| {
-            surfaces.indices[s].nearest(&p, &Vector3::zeros()).is_some_and(|i| costs[s][i] < EXPLAINED)
+            surfaces.indices[s].nearest_sample(&p, &Vector3::zeros()).is_some_and(|i| costs[s][i] < EXPLAINED)
         });
         !are_static
     });

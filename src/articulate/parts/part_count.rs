@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     pair::{reprojection::ASTRAY, unexplained::Unexplained},
     parts::{
-        elimination::{SLIGHT, Step, standing},
+        elimination::{SLIGHT, Step, standing_sets},
         error::RegisterError,
         evidence_curve::EvidencePoint,
         matched_pair::MatchedPair,
@@ -33,14 +33,14 @@ pub(crate) struct PartCount {
 
 /// The largest set of motions with enough evidence each and without split parts; of at most `parts` parts,
 /// where given.
-pub(crate) fn choose(
+pub(crate) fn chosen_parts(
     pair: &MatchedPair<'_>,
     steps: &[Step],
     parts: Option<usize>,
 ) -> Result<PartCount, RegisterError> {
     let least = pair.config.least_score;
     let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
-    let standing = standing(pair, steps, &curve);
+    let standing = standing_sets(pair, steps, &curve);
     let most = standing.iter().max_by_key(|s| s.motions.len());
     let allowed = standing.iter().filter(|s| parts.is_none_or(|p| s.motions.len() <= p));
     let Some(chosen) = allowed.max_by_key(|s| s.motions.len()) else {
@@ -98,7 +98,7 @@ fn check(
             Err(RegisterError::FewerParts { asked, found, moving, support: support.join(", ") })
         }
         _ => {
-            let moved = Unexplained::of(&pair.surfaces, motions).moved;
+            let moved = Unexplained::left_by_motions(&pair.surfaces, motions).moved;
             let [share0, share1] =
                 moved.map(|m| m.iter().filter(|m| **m).count() as f64 / m.len().max(1) as f64);
             let moved_percent = 100.0 * share0.max(share1);

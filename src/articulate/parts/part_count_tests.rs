@@ -6,7 +6,7 @@ use rand_core::Rng;
 use crate::{
     LiftedMatch, RegisterConfig, RegisterError, Registrar, Registration,
     parts::{
-        elimination::{best, steps},
+        elimination::{best_motions, elimination_steps},
         matched_pair::MatchedPair,
     },
     register,
@@ -122,7 +122,7 @@ fn the_choice_does_not_depend_on_the_order_of_the_proposals() {
         let end = Point3::new(0.1, -0.1, 0.1);
         let chosen = |order: [usize; 5]| {
             let motions = std::iter::once(Pose::identity()).chain(order.map(|k| proposed[k])).collect();
-            let mut found = best(&pair, &steps(&pair, motions));
+            let mut found = best_motions(&pair, &elimination_steps(&pair, motions));
             found.sort_by(|a, b| {
                 (a * end).x.total_cmp(&(b * end).x).then((a * end).y.total_cmp(&(b * end).y))
             });
@@ -178,7 +178,7 @@ fn a_search_goes_on_from_any_of_its_steps() {
     };
     let mut whole = begin();
     let mut kept = Vec::new();
-    while whole.done() < whole.total() {
+    while whole.done_steps() < whole.total_steps() {
         kept.push(postcard::to_allocvec(whole.checkpoint()).unwrap());
         whole.step().unwrap();
     }
@@ -187,7 +187,7 @@ fn a_search_goes_on_from_any_of_its_steps() {
     for at in [1, kept.len() - 10, kept.len() - 2] {
         let mut search = begin();
         search.restore(postcard::from_bytes(&kept[at]).unwrap());
-        while search.done() < search.total() {
+        while search.done_steps() < search.total_steps() {
             search.step().unwrap();
         }
         let found = search.registration();

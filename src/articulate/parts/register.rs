@@ -84,7 +84,7 @@ pub(crate) fn checked_extent_m(
 }
 
 /// Support of a motion of a registration.
-pub(crate) fn support(
+pub(crate) fn motion_support(
     pair: &MatchedPair<'_>,
     motion: &Pose,
     label: u8,

@@ -10,21 +10,21 @@ use crate::{
     pair::surface_pair::{FreeSpace, SurfacePair},
     parts::{
         config::RegisterConfig,
-        division::divide,
-        elimination::{Step, best, steps},
-        end_for_end::hinged,
+        division::add_divided_sets,
+        elimination::{Step, best_motions, elimination_steps},
+        end_for_end::turned_by_hinge,
         error::RegisterError,
-        exchange::exchanged,
+        exchange::exchanged_set,
         labeling::label_of_all,
         matched_pair::MatchedPair,
-        part_count::{PartCount, choose},
-        register::{Registration, checked_extent_m, support},
+        part_count::{PartCount, chosen_parts},
+        register::{Registration, checked_extent_m, motion_support},
         round_parts::turned_round,
-        score::shares,
-        settle::round,
+        score::explained_shares,
+        settle::settle_once,
     },
     propose::{
-        ransac::{Proposal, propose},
+        ransac::{Proposal, proposed_motions},
         residual::propose_from_residual,
     },
     samples::spacing::reach_m,
@@ -80,7 +80,7 @@ impl<'a> Registrar<'a> {
         // Motions by matches, on a reach wide enough for rough ones (docs/method.md 6.10).
         let coarse = SurfacePair::new(samples, free, reach_m(samples, config.first_reach * extent_m));
         let pair = MatchedPair::new(matches, extent_m, config, coarse);
-        let proposals = propose(&pair.informative, wanted, extent_m, &config.ransac, rng);
+        let proposals = proposed_motions(&pair.informative, wanted, extent_m, &config.ransac, rng);
         let motions =
             std::iter::once(Pose::identity()).chain(proposals.iter().map(|p| p.state1_from_state0)).collect();
         let state = RegistrarCheckpoint { proposals, motions, ..RegistrarCheckpoint::default() };
@@ -89,13 +89,13 @@ impl<'a> Registrar<'a> {
 
     /// Steps in all.
     #[must_use]
-    pub fn total(&self) -> usize {
+    pub fn total_steps(&self) -> usize {
         SEARCH_STEPS + self.pair.config.rounds
     }
 
     /// Steps done.
     #[must_use]
-    pub fn done(&self) -> usize {
+    pub fn done_steps(&self) -> usize {
         self.state.done
     }
 
@@ -129,10 +129,10 @@ impl<'a> Registrar<'a> {
             n if n == RESIDUAL_ROUNDS + 1 => self.count_parts()?,
             n if n == RESIDUAL_ROUNDS + 2 => {
                 // Parts turned end for end: a hinge decides where their surface does not.
-                self.state.motions = hinged(&self.pair, std::mem::take(&mut self.state.motions));
+                self.state.motions = turned_by_hinge(&self.pair, std::mem::take(&mut self.state.motions));
                 self.shorten_reach();
             }
-            _ => round(&self.pair, &mut self.state.motions),
+            _ => settle_once(&self.pair, &mut self.state.motions),
         }
         self.state.done = next;
         Ok(())
@@ -146,9 +146,9 @@ impl<'a> Registrar<'a> {
         let PartCount { curve, notes, warnings, .. } = count.unwrap_or_default();
         let (labels, costs) = label_of_all(&pair.surfaces, &motions);
         let match_labels = pair.match_labels(&motions);
-        let shares = shares(&costs, motions.len());
+        let shares = explained_shares(&costs, motions.len());
         let support = (0..motions.len())
-            .map(|k| support(&pair, &motions[k], k as u8, &labels, &match_labels, shares[k]))
+            .map(|k| motion_support(&pair, &motions[k], k as u8, &labels, &match_labels, shares[k]))
             .collect();
         Registration { motions, labels, match_labels, support, proposals, curve, notes, warnings }
     }
@@ -157,9 +157,9 @@ impl<'a> Registrar<'a> {
     fn settle_proposals(&mut self) {
         let mut motions = std::mem::take(&mut self.state.motions);
         for _ in 0..2 {
-            round(&self.pair, &mut motions);
+            settle_once(&self.pair, &mut motions);
         }
-        self.state.motions = best(&self.pair, &steps(&self.pair, motions));
+        self.state.motions = best_motions(&self.pair, &elimination_steps(&self.pair, motions));
         self.state.likely.clone_from(&self.state.motions);
     }
 
@@ -172,11 +172,12 @@ impl<'a> Registrar<'a> {
             return false;
         }
         state.motions.extend(more);
-        round(pair, &mut state.motions);
-        let further = steps(pair, state.motions.clone());
-        let found = best(pair, &further);
-        state.likely = exchanged(pair, found.clone(), &state.motions);
-        state.tried = Some(if state.likely == found { further } else { steps(pair, state.likely.clone()) });
+        settle_once(pair, &mut state.motions);
+        let further = elimination_steps(pair, state.motions.clone());
+        let found = best_motions(pair, &further);
+        state.likely = exchanged_set(pair, found.clone(), &state.motions);
+        state.tried =
+            Some(if state.likely == found { further } else { elimination_steps(pair, state.likely.clone()) });
         true
     }
 
@@ -185,11 +186,11 @@ impl<'a> Registrar<'a> {
     fn count_parts(&mut self) -> Result<(), RegisterError> {
         let Self { pair, state, parts, .. } = self;
         if let Some(turned) = turned_round(pair, &state.likely) {
-            state.tried = Some(steps(pair, turned));
+            state.tried = Some(elimination_steps(pair, turned));
         }
-        let mut tried = state.tried.take().unwrap_or_else(|| steps(pair, state.motions.clone()));
-        divide(pair, &mut tried);
-        let count = choose(pair, &tried, *parts)?;
+        let mut tried = state.tried.take().unwrap_or_else(|| elimination_steps(pair, state.motions.clone()));
+        add_divided_sets(pair, &mut tried);
+        let count = chosen_parts(pair, &tried, *parts)?;
         state.motions.clone_from(&count.motions);
         state.count = Some(count);
         Ok(())
@@ -214,7 +215,7 @@ pub fn register(
     rng: &mut impl Rng,
 ) -> Result<Registration, RegisterError> {
     let mut search = Registrar::new(matches, samples, free, parts, config, rng)?;
-    while search.done() < search.total() {
+    while search.done_steps() < search.total_steps() {
         search.step()?;
     }
     Ok(search.registration())

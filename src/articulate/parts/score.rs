@@ -5,9 +5,9 @@ use std::collections::BTreeSet;
 use crate::{
     pair::reprojection::{ASTRAY, CONTRADICTED, FREE, HIDDEN, log_ratio},
     parts::{
-        labeling::label,
+        labeling::labels_and_costs,
         matched_pair::MatchedPair,
-        segment::{groups, segments},
+        segment::{samples_by_sheet, segments_of},
     },
     propose::ransac::CHANCE,
 };
@@ -20,8 +20,8 @@ pub(crate) const SURFACE_WEIGHT: f64 = 0.16;
 
 /// Evidence of each motion, and the share of the surface explained by it and no other, each surface belonging
 /// to one part.
-pub(crate) fn weighed(pair: &MatchedPair<'_>, motions: &[Pose]) -> (Vec<f64>, Vec<f64>) {
-    weighed_as(pair, motions, &label(&pair.surfaces, motions).0)
+pub(crate) fn scores_and_shares(pair: &MatchedPair<'_>, motions: &[Pose]) -> (Vec<f64>, Vec<f64>) {
+    weighed_as(pair, motions, &labels_and_costs(&pair.surfaces, motions).0)
 }
 
 /// The same where the labels are known.
@@ -31,23 +31,23 @@ pub(crate) fn weighed_as(
     labels: &[Vec<u8>; 2],
 ) -> (Vec<f64>, Vec<f64>) {
     let costs = [0, 1].map(|s| pair.surfaces.shape_costs(s, motions, Some(&labels[1 - s])));
-    let scores = scores(pair, motions, &preferred(pair, motions, &costs, labels));
-    (scores, shares(&costs, motions.len()))
+    let scores = scores_of_motions(pair, motions, &preferred_shares(pair, motions, &costs, labels));
+    (scores, explained_shares(&costs, motions.len()))
 }
 
 /// Share of the surface in favor of each motion: segment by segment, the evidence for it over the static part
 /// and each motion beside it, less the samples taken into space seen empty. A segment hidden in the other
 /// state is no evidence for or against a motion. See docs/method.md (7.3).
-fn preferred(
+fn preferred_shares(
     pair: &MatchedPair<'_>,
     motions: &[Pose],
     costs: &[Vec<f32>; 2],
     labels: &[Vec<u8>; 2],
 ) -> Vec<f64> {
     let mut gains = vec![0.0; motions.len()];
-    for segment in segments(&pair.surfaces, motions, labels) {
+    for segment in segments_of(&pair.surfaces, motions, labels) {
         let ratios = [0, 1].map(|s| {
-            ratios(pair, s, &segment.samples[s], segment.label, &[&costs[s]], &labels[s], motions.len())
+            log_ratios(pair, s, &segment.samples[s], segment.label, &[&costs[s]], &labels[s], motions.len())
         });
         // A rival for each state, as one surface may have come from behind one part and gone behind another:
         // docs/method.md (7.3).
@@ -62,22 +62,22 @@ fn preferred(
 
 /// Adds the evidence of the samples of one state for each motion, patch by patch. They have `costs` for every
 /// state of their reprojections.
-pub(crate) fn prefer(
+pub(crate) fn add_preferences(
     pair: &MatchedPair<'_>,
     state: usize,
     costs: &[&[f32]],
     labels: &[u8],
     gains: &mut [f64],
 ) {
-    for (own, samples) in groups(&pair.surfaces, state, labels) {
-        let ratios = ratios(pair, state, &samples, own, costs, labels, gains.len());
+    for (own, samples) in samples_by_sheet(&pair.surfaces, state, labels) {
+        let ratios = log_ratios(pair, state, &samples, own, costs, labels, gains.len());
         gains[own] += ratios.into_iter().map(|t| t.1).reduce(f64::min).unwrap_or(0.0);
     }
 }
 
 /// Evidence of samples of one state for their own motion over the static part and each motion beside them, by
 /// the number of the rival.
-fn ratios(
+fn log_ratios(
     pair: &MatchedPair<'_>,
     state: usize,
     samples: &[usize],
@@ -88,7 +88,10 @@ fn ratios(
 ) -> Vec<(usize, f64)> {
     // Rivals are the static part and parts beside the segment: some motion elsewhere would fit a flat patch
     // by chance.
-    let beside = samples.iter().flat_map(|&i| pair.surfaces.beside(state, i)).map(|j| usize::from(labels[j]));
+    let beside = samples
+        .iter()
+        .flat_map(|&i| pair.surfaces.neighbors_on_surface(state, i))
+        .map(|j| usize::from(labels[j]));
     let others: BTreeSet<usize> = beside.chain([0]).filter(|k| *k != own).collect();
     let rows = samples.iter().flat_map(|&i| costs.iter().map(move |c| &c[i * motions..(i + 1) * motions]));
     let free = rows.clone().filter(|c| c[own] >= FREE).count() as f64;
@@ -104,7 +107,7 @@ fn ratios(
 }
 
 /// See [`EvidencePoint::unexplained`] and docs/method.md (7.4).
-pub(crate) fn unexplained(pair: &MatchedPair<'_>, motions: &[Pose]) -> f64 {
+pub(crate) fn unexplained_evidence(pair: &MatchedPair<'_>, motions: &[Pose]) -> f64 {
     let costs = [0, 1].map(|s| pair.surfaces.shape_costs(s, motions, None));
     let best = costs
         .iter()
@@ -121,7 +124,7 @@ pub(crate) fn surface_evidence(pair: &MatchedPair<'_>, share: f64) -> f64 {
 
 /// Evidence for each motion and no other, in cells: the cells of its matches beyond chance, and the cells of
 /// its surface, with less weight because a plane explains any other. See docs/method.md (7.1).
-pub(crate) fn scores(pair: &MatchedPair<'_>, motions: &[Pose], shares: &[f64]) -> Vec<f64> {
+pub(crate) fn scores_of_motions(pair: &MatchedPair<'_>, motions: &[Pose], shares: &[f64]) -> Vec<f64> {
     let surface = pair.surface_cells();
     let matched = pair.match_cells(motions).into_iter().map(|cells| f64::max(cells - CHANCE, 0.0));
     matched.zip(shares).map(|(cells, share)| cells + SURFACE_WEIGHT * share * surface as f64).collect()
@@ -129,7 +132,7 @@ pub(crate) fn scores(pair: &MatchedPair<'_>, motions: &[Pose], shares: &[f64]) -
 
 /// Share of all samples explained by each motion and no other: the mean rise of the least cost without it.
 /// Only a reached surface counts as an explanation.
-pub(crate) fn shares(costs: &[Vec<f32>; 2], motions: usize) -> Vec<f64> {
+pub(crate) fn explained_shares(costs: &[Vec<f32>; 2], motions: usize) -> Vec<f64> {
     let mut gains = vec![0.0; motions];
     for sample in costs.iter().flat_map(|c| c.chunks_exact(motions)) {
         let mut best = 1.0f32;

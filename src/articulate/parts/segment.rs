@@ -69,8 +69,8 @@ impl Facet {
 }
 
 /// All samples by segment. Patches with the most correspondences are joined, each with one.
-pub(crate) fn segments(pair: &SurfacePair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2]) -> Vec<Segment> {
-    let groups = [0, 1].map(|s| groups(pair, s, &labels[s]));
+pub(crate) fn segments_of(pair: &SurfacePair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2]) -> Vec<Segment> {
+    let groups = [0, 1].map(|s| samples_by_sheet(pair, s, &labels[s]));
     let of = [0, 1].map(|s| {
         let mut of = vec![0; labels[s].len()];
         groups[s].iter().enumerate().for_each(|(g, (_, samples))| samples.iter().for_each(|&i| of[i] = g));
@@ -79,7 +79,7 @@ pub(crate) fn segments(pair: &SurfacePair<'_>, motions: &[Pose], labels: &[Vec<u
     let mut shared: BTreeMap<[usize; 2], usize> = BTreeMap::new();
     for (k, motion) in motions.iter().enumerate() {
         for s in 0..2 {
-            for (i, j) in pair.partners(s, motion) {
+            for (i, j) in pair.partners_under(s, motion) {
                 if usize::from(labels[s][i]) == k && usize::from(labels[1 - s][j]) == k {
                     let pair = if s == 0 { [of[0][i], of[1][j]] } else { [of[0][j], of[1][i]] };
                     *shared.entry(pair).or_default() += 1;
@@ -108,10 +108,14 @@ pub(crate) fn segments(pair: &SurfacePair<'_>, motions: &[Pose], labels: &[Vec<u
 }
 
 /// The samples of a state by label and smooth sheet, with the label.
-pub(crate) fn groups(pair: &SurfacePair<'_>, state: usize, labels: &[u8]) -> Vec<(usize, Vec<usize>)> {
+pub(crate) fn samples_by_sheet(
+    pair: &SurfacePair<'_>,
+    state: usize,
+    labels: &[u8],
+) -> Vec<(usize, Vec<usize>)> {
     let mut of: BTreeMap<(u8, u32), Vec<usize>> = BTreeMap::new();
     for (i, label) in labels.iter().enumerate() {
-        of.entry((*label, pair.sheet(state, i))).or_default().push(i);
+        of.entry((*label, pair.sheet_of(state, i))).or_default().push(i);
     }
     of.into_iter().map(|((label, _), samples)| (usize::from(label), samples)).collect()
 }
@@ -138,7 +142,7 @@ mod tests {
         let pair = SurfacePair::new([&before, &after], [None, None], 0.03);
         let own = Pose::translation(-0.1, 0.0, 0.0);
         let labels = [vec![1; 100], vec![1; 100]];
-        let all = segments(&pair, &[Pose::identity(), own], &labels);
+        let all = segments_of(&pair, &[Pose::identity(), own], &labels);
         assert!(all.len() == 1 && all[0].samples.iter().all(|s| s.len() == 100));
         let crosses = |first: Pose, second: Pose| all[0].crosses(&pair, &first, &second);
         let still = Pose::identity();

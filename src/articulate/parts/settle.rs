@@ -1,8 +1,8 @@
 //! Labels and motions in turn.
 
 use crate::{
-    pair::point_to_plane::refine,
-    parts::{labeling::label, matched_pair::MatchedPair},
+    pair::point_to_plane::refined_motion,
+    parts::{labeling::labels_and_costs, matched_pair::MatchedPair},
     samples::spacing::SETTLED,
 };
 use geometry::Pose;
@@ -13,24 +13,24 @@ const ROUNDS: usize = 8;
 const SAMPLES: usize = 200;
 
 /// One round: labels, then every moving part's motion.
-pub(crate) fn round(pair: &MatchedPair<'_>, motions: &mut [Pose]) {
+pub(crate) fn settle_once(pair: &MatchedPair<'_>, motions: &mut [Pose]) {
     // Labels of the old motions hold for the whole round: the order of the parts does not matter.
-    let found = label(&pair.surfaces, motions);
+    let found = labels_and_costs(&pair.surfaces, motions);
     let (labels, _) = &*found;
     let match_labels = pair.match_labels(motions);
     for (k, motion) in motions.iter_mut().enumerate().skip(1) {
-        let followers = pair.followers(&match_labels, k as u8);
-        *motion = refine(&pair.surfaces, [&labels[0], &labels[1]], &followers, motion, k as u8);
+        let followers = pair.followers_of(&match_labels, k as u8);
+        *motion = refined_motion(&pair.surfaces, [&labels[0], &labels[1]], &followers, motion, k as u8);
     }
 }
 
 /// Rounds until no motion changes.
-pub(crate) fn settle(pair: &MatchedPair<'_>, motions: &mut [Pose]) {
+pub(crate) fn settle_fully(pair: &MatchedPair<'_>, motions: &mut [Pose]) {
     let points = &pair.surfaces.samples[0].points;
     let every = points.len().div_ceil(SAMPLES);
     for _ in 0..ROUNDS {
         let before = motions.to_vec();
-        round(pair, motions);
+        settle_once(pair, motions);
         let is_settled = before.iter().zip(motions.iter()).all(|(a, b)| {
             let changes_m = points.iter().step_by(every).map(|p| (a * p - b * p).norm());
             changes_m.fold(0.0, f64::max) < SETTLED * pair.surfaces.reach_m

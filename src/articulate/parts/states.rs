@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     observations::{LiftedMatch, SurfaceSamples},
     pair::{
-        point_to_plane::refine,
+        point_to_plane::refined_motion,
         reprojection::log_ratio,
         surface_pair::{FreeSpace, SurfacePair},
         unexplained::LEAST_SHARE,
@@ -20,11 +20,11 @@ use crate::{
     parts::{
         config::RegisterConfig,
         error::RegisterError,
-        evidence_curve::{EvidencePoint, point, stands},
+        evidence_curve::{EvidencePoint, evidence_point, is_standing},
         matched_pair::MatchedPair,
         part_count::{LITTLE, little_evidence, more_than_asked},
         register::{Registration, checked_extent_m},
-        score::{SURFACE_WEIGHT, prefer},
+        score::{SURFACE_WEIGHT, add_preferences},
     },
     propose::ransac::CHANCE,
     samples::{
@@ -125,10 +125,10 @@ pub fn unite<'a>(
         runs.push(MatchedPair::new(pair.matches, extent_m, config, surfaces));
     }
     let states = States { runs };
-    let sets = states.sets(classes(pairs, surface.points.len()));
+    let sets = states.thinned_sets(common_parts(pairs, surface.points.len()));
     // Sets of parts stand by the rule of a pair.
-    let curve: Vec<EvidencePoint> = sets.iter().map(|s| point(&s.scores)).collect();
-    let standing = sets.iter().zip(&curve).filter(|(_, p)| stands(p, &curve, config.least_score));
+    let curve: Vec<EvidencePoint> = sets.iter().map(|s| evidence_point(&s.scores)).collect();
+    let standing = sets.iter().zip(&curve).filter(|(_, p)| is_standing(p, &curve, config.least_score));
     let evident = standing.clone().map(|(s, _)| s.classes.len()).max();
     let mut standing = standing.map(|(s, _)| s);
     let Some(chosen) = standing.find(|s| parts.is_none_or(|p| s.classes.len() <= p)) else {
@@ -156,15 +156,15 @@ pub fn unite<'a>(
     // Missed motions are looked for where a part seems at rest.
     states.seek_missed(&mut classes, &mut notes);
     for _ in 0..ROUNDS {
-        states.round(&mut classes);
+        states.settle_once(&mut classes);
     }
-    let labels = states.labels(&classes, Of::AllParts);
-    let motions = (0..pairs.len()).map(|k| motions(&classes, k)).collect();
+    let labels = states.labels_of_states(&classes, Of::AllParts);
+    let motions = (0..pairs.len()).map(|k| motions_in_pair(&classes, k)).collect();
     Ok(United { motions, labels, curve, notes, warnings })
 }
 
 /// The common parts of all pairs, without those too small to stand.
-fn classes(pairs: &[StatePair], samples: usize) -> Vec<Class> {
+fn common_parts(pairs: &[StatePair], samples: usize) -> Vec<Class> {
     let labelings: Vec<&[u8]> = pairs.iter().map(|p| p.found.labels[0].as_slice()).collect();
     let least = LEAST_SHARE * samples as f64;
     let mut refinement = common_refinement(&labelings);
@@ -178,7 +178,7 @@ fn classes(pairs: &[StatePair], samples: usize) -> Vec<Class> {
 }
 
 /// Motions of all parts in a pair.
-fn motions(classes: &[Class], pair: usize) -> Vec<Pose> {
+fn motions_in_pair(classes: &[Class], pair: usize) -> Vec<Pose> {
     classes.iter().map(|c| c.motions[pair]).collect()
 }
 
@@ -196,7 +196,7 @@ struct States<'a> {
 
 impl States<'_> {
     /// Part of every surface sample of each state; of state 0, by the evidence of all pairs together.
-    fn labels(&self, classes: &[Class], of: Of) -> Vec<Vec<u8>> {
+    fn labels_of_states(&self, classes: &[Class], of: Of) -> Vec<Vec<u8>> {
         let first = self.labels_0(classes, None, of);
         let mut others = self.other_labels(classes, &first, of);
         // Once more with the other states' labels known to state 0: a surface belongs to one part only.
@@ -209,28 +209,30 @@ impl States<'_> {
         let mut sum: Vec<f32> = Vec::new();
         for (k, run) in self.runs.iter().enumerate() {
             // Costs of ruled out labels are of one pair: they do not add up.
-            let costs = run.surfaces.costs(0, &motions(classes, k), others.map(|o| o[k].as_slice()));
+            let costs = run.surfaces.costs(0, &motions_in_pair(classes, k), others.map(|o| o[k].as_slice()));
             // Pairs are independent observations of the sample: their log likelihoods add up.
             if sum.is_empty() { sum = costs } else { sum.iter_mut().zip(costs).for_each(|(s, c)| *s += c) }
         }
-        self.runs.first().map_or_else(Vec::new, |run| run.surfaces.labels(0, &sum, classes.len(), of))
+        self.runs
+            .first()
+            .map_or_else(Vec::new, |run| run.surfaces.smoothed_labels(0, &sum, classes.len(), of))
     }
 
     /// Labels of the other states. Parts of one motion in a pair are distinguished by their place in state 0.
     fn other_labels(&self, classes: &[Class], zero: &[u8], of: Of) -> Vec<Vec<u8>> {
         let mut labels = Vec::with_capacity(self.runs.len());
         for (k, run) in self.runs.iter().enumerate() {
-            let costs = run.surfaces.label_costs(1, &motions(classes, k), Some(zero), of);
-            labels.push(run.surfaces.labels(1, &costs, classes.len(), of));
+            let costs = run.surfaces.label_costs(1, &motions_in_pair(classes, k), Some(zero), of);
+            labels.push(run.surfaces.smoothed_labels(1, &costs, classes.len(), of));
         }
         labels
     }
 
     /// Sets of parts, each without the part of the least evidence in the one before, down to the static part.
-    fn sets(&self, mut classes: Vec<Class>) -> Vec<ClassSet> {
+    fn thinned_sets(&self, mut classes: Vec<Class>) -> Vec<ClassSet> {
         let mut sets = Vec::new();
         loop {
-            let scores = self.weighed(&classes);
+            let scores = self.evidence_of_parts(&classes);
             // Of equal ones the later goes: it has fewer samples.
             let weakest = (1..scores.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]).then(b.cmp(&a)));
             sets.push(ClassSet { classes: classes.clone(), scores });
@@ -241,12 +243,12 @@ impl States<'_> {
 
     /// Evidence for each part and no other, in cells: its matches beyond chance and its surface, over all
     /// pairs.
-    fn weighed(&self, classes: &[Class]) -> Vec<f64> {
-        let labels = self.labels(classes, Of::SomeParts);
+    fn evidence_of_parts(&self, classes: &[Class]) -> Vec<f64> {
+        let labels = self.labels_of_states(classes, Of::SomeParts);
         let mut scores = vec![0.0; classes.len()];
         let mut zero: Vec<Vec<f32>> = Vec::new();
         for (k, run) in self.runs.iter().enumerate() {
-            let motions = motions(classes, k);
+            let motions = motions_in_pair(classes, k);
             let mut costs = [0, 1].map(|s| {
                 let others = if s == 0 { &labels[k + 1] } else { &labels[0] };
                 run.surfaces.shape_costs(s, &motions, Some(others))
@@ -262,19 +264,19 @@ impl States<'_> {
             add_surface_evidence(run, 0, &costs, &labels[0], &mut scores);
         }
         for (k, run) in self.runs.iter().enumerate() {
-            let cells = run.match_cells(&motions(classes, k));
+            let cells = run.match_cells(&motions_in_pair(classes, k));
             scores.iter_mut().zip(cells).for_each(|(s, c)| *s += (c - CHANCE).max(0.0));
             // Reprojections of all pairs together would take too much memory.
-            run.surfaces.forget();
+            run.surfaces.forget_results();
         }
         scores
     }
 
     /// One round: labels, then every part's own motion.
-    fn round(&self, classes: &mut [Class]) {
-        let labels = self.labels(classes, Of::SomeParts);
+    fn settle_once(&self, classes: &mut [Class]) {
+        let labels = self.labels_of_states(classes, Of::SomeParts);
         for (k, run) in self.runs.iter().enumerate() {
-            let all = motions(classes, k);
+            let all = motions_in_pair(classes, k);
             let followed = run.match_labels(&all);
             for (c, class) in classes.iter_mut().enumerate().skip(1) {
                 // A part at rest keeps the static part's motion; noise would refine parts of one motion
@@ -283,21 +285,21 @@ impl States<'_> {
                 if !own {
                     continue;
                 }
-                class.motions[k] = refine(
+                class.motions[k] = refined_motion(
                     &run.surfaces,
                     [&labels[0], &labels[k + 1]],
-                    &run.followers(&followed, c as u8),
+                    &run.followers_of(&followed, c as u8),
                     &all[c],
                     c as u8,
                 );
             }
-            run.surfaces.forget();
+            run.surfaces.forget_results();
         }
     }
 
     /// Where a pair found a part at rest, looks for a motion along the line of its motion in another pair.
     fn seek_missed(&self, classes: &mut [Class], notes: &mut Vec<Note>) {
-        let labels = self.labels(classes, Of::SomeParts);
+        let labels = self.labels_of_states(classes, Of::SomeParts);
         for (c, class) in classes.iter_mut().enumerate().skip(1) {
             let own: Vec<usize> = (0..labels[0].len()).filter(|&i| usize::from(labels[0][i]) == c).collect();
             for (k, run) in
@@ -328,7 +330,7 @@ fn add_surface_evidence(
     scores: &mut [f64],
 ) {
     let mut gains = vec![0.0; scores.len()];
-    prefer(run, state, costs, labels, &mut gains);
+    add_preferences(run, state, costs, labels, &mut gains);
     let points = &run.surfaces.samples[state].points;
     let cells = occupied_cells(points, run.cell_m()) as f64;
     for (s, g) in scores.iter_mut().zip(&gains) {
@@ -345,7 +347,7 @@ fn missed(run: &MatchedPair<'_>, own: &[usize], others: &[Pose]) -> Option<Pose>
     let shift_m =
         |m: &Pose| -> f64 { some.iter().map(|&i| (m * samples.points[i] - samples.points[i]).norm()).sum() };
     let largest = others.iter().max_by(|a, b| shift_m(a).total_cmp(&shift_m(b)))?;
-    let screw = Screw::of(largest)?;
+    let screw = Screw::of_motion(largest)?;
     let cost = |i: usize, motion: &Pose| run.surfaces.shape_cost(0, i, motion).0;
     let still: Vec<f32> = some.iter().map(|&i| cost(i, &Pose::identity())).collect();
     let mut tried = Vec::new();

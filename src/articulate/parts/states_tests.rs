@@ -24,7 +24,8 @@ fn two_points_are_of_one_part_if_every_pair_says_so() {
 fn chest(lid: f64, drawer: f64) -> Scene {
     let mut scene = Scene::box_with_lid_and_drawer();
     let part = |motion: &Pose, share: f64| {
-        Screw::of(motion).map_or(Pose::identity(), |s| s.motion_by(share * s.angle_rad, share * s.advance_m))
+        Screw::of_motion(motion)
+            .map_or(Pose::identity(), |s| s.motion_by(share * s.angle_rad, share * s.advance_m))
     };
     scene.parts[1].motion = part(&scene.parts[1].motion, lid);
     scene.parts[2].motion = part(&scene.parts[2].motion, drawer);

@@ -17,7 +17,7 @@ pub(crate) struct Reading {
 pub(crate) type Design<'a> = dyn Fn(&Reading) -> Vec<f64> + 'a;
 
 /// Derivatives by a step for each measure, times the measure.
-pub(crate) fn steps(reading: &Reading, measures: &[f64]) -> Vec<f64> {
+pub(crate) fn step_derivatives(reading: &Reading, measures: &[f64]) -> Vec<f64> {
     measures.iter().flat_map(|m| reading.row.iter().map(move |x| m * x)).collect()
 }
 
@@ -78,10 +78,11 @@ mod tests {
     fn evidence(readings: &[Reading]) -> [f64; 3] {
         let field = StepField { readings, prior: 1e4, dispersion: 1.0 };
         let second = |r: &Reading| f64::from(u8::from(r.place.x > 0.0));
-        let all: [&Design<'_>; 3] =
-            [&|r| steps(r, &[1.0]), &|r| steps(r, &[1.0 - second(r), second(r)]), &|r| {
-                steps(r, &[1.0, r.place.x])
-            }];
+        let all: [&Design<'_>; 3] = [
+            &|r| step_derivatives(r, &[1.0]),
+            &|r| step_derivatives(r, &[1.0 - second(r), second(r)]),
+            &|r| step_derivatives(r, &[1.0, r.place.x]),
+        ];
         all.map(|m| field.log_evidence(m).unwrap())
     }
 
@@ -104,7 +105,7 @@ mod tests {
         let readings = plate(0.0, 2e-3, 0.0);
         let of = |dispersion| {
             let field = StepField { readings: &readings, prior: 1e4, dispersion };
-            field.log_evidence(&|r| steps(r, &[1.0])).unwrap()
+            field.log_evidence(&|r| step_derivatives(r, &[1.0])).unwrap()
         };
         assert!(of(1.0) > of(10.0));
     }

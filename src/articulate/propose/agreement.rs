@@ -21,7 +21,7 @@ const DARK: f64 = 0.08;
 
 /// Agreement of a sample with a motion a step off: 1 to 0.5 on unexplained surface of the other state, the
 /// less the farther; -1 in empty space; 0 where nothing was seen or the surface there is explained.
-pub(crate) fn rough(
+pub(crate) fn rough_agreement(
     pair: &SurfacePair<'_>,
     left: &Unexplained,
     state: usize,
@@ -30,7 +30,7 @@ pub(crate) fn rough(
 ) -> f64 {
     let these = pair.samples[state];
     let others = pair.samples[1 - state];
-    let (point, nearest) = pair.carried(state, sample, other_from_this);
+    let (point, nearest) = pair.moved_and_nearest(state, sample, other_from_this);
     match nearest {
         // A step is most of the reach: a sample beside its true partner must count nearly as much as on it.
         Some(j) if left.open[1 - state][j] => {
@@ -50,26 +50,26 @@ pub(crate) fn mean_rough(
     samples: &[usize],
     other_from_this: &Pose,
 ) -> f64 {
-    samples.iter().map(|&i| rough(pair, left, state, i, other_from_this)).sum::<f64>()
+    samples.iter().map(|&i| rough_agreement(pair, left, state, i, other_from_this)).sum::<f64>()
         / samples.len().max(1) as f64
 }
 
 /// Agreement of a sample while a motion is polished: up to 1 on unexplained surface within its edges,
 /// -[`CONTRADICTED`] in empty space.
-pub(crate) fn sharp(
+pub(crate) fn sharp_agreement(
     pair: &SurfacePair<'_>,
     left: &Unexplained,
     state: usize,
     sample: usize,
     other_from_this: &Pose,
 ) -> f64 {
-    let (point, nearest) = pair.carried(state, sample, other_from_this);
+    let (point, nearest) = pair.moved_and_nearest(state, sample, other_from_this);
     let partner = nearest.and_then(|j| {
-        let (off_m, aside) = pair.offset(1 - state, j, &point);
+        let (off_m, aside) = pair.offset_from_plane(1 - state, j, &point);
         let z = off_m / (SOFT * pair.scales.plane_m);
         // One less the cost of docs/method.md (6.5), on a wider scale: a motion on its way must feel the
         // surface.
-        (aside < EDGE).then_some(HALF_COST / (HALF_COST + z * z) * likeness(pair, left, state, sample, j))
+        (aside < EDGE).then_some(HALF_COST / (HALF_COST + z * z) * hue_likeness(pair, left, state, sample, j))
     });
     match partner {
         Some(v) if v > 0.5 => v,
@@ -81,7 +81,7 @@ pub(crate) fn sharp(
 
 /// Gain of each unexplained sample by a motion, face by face: a face with more samples taken into empty space
 /// than onto surface counts nothing.
-pub(crate) fn gains(
+pub(crate) fn gains_by_motion(
     pair: &SurfacePair<'_>,
     motion: &Pose,
     left: &Unexplained,
@@ -93,7 +93,7 @@ pub(crate) fn gains(
         for face in &faces[s] {
             let open = face.iter().filter(|&&i| left.open[s][i]);
             let own: Vec<(usize, f64)> =
-                open.map(|&i| (i, gain(pair, left, s, i, &other_from_this))).collect();
+                open.map(|&i| (i, gain_of_sample(pair, left, s, i, &other_from_this))).collect();
             // A face moves as a whole: a few samples on a surface by chance are no evidence for a motion of
             // the rest into empty space.
             if own.iter().map(|v| v.1).sum::<f64>() > 0.0 {
@@ -106,7 +106,7 @@ pub(crate) fn gains(
 
 /// Gain of a sample by a motion: 1 on a perfect partner of the same hue, -1 in empty space, 0 where nothing
 /// was seen or something else stands.
-fn gain(
+fn gain_of_sample(
     pair: &SurfacePair<'_>,
     left: &Unexplained,
     state: usize,
@@ -117,13 +117,19 @@ fn gain(
     if cost >= FREE {
         return -1.0;
     }
-    let likeness = partner.map_or(0.0, |j| likeness(pair, left, state, sample, j));
+    let likeness = partner.map_or(0.0, |j| hue_likeness(pair, left, state, sample, j));
     likeness * (1.0 - 2.0 * f64::from(cost)).max(0.0)
 }
 
 /// How alike in hue a sample and its partner in the other state are; 0 where no unexplained surface calls
 /// for the partner.
-fn likeness(pair: &SurfacePair<'_>, left: &Unexplained, state: usize, sample: usize, partner: usize) -> f64 {
+fn hue_likeness(
+    pair: &SurfacePair<'_>,
+    left: &Unexplained,
+    state: usize,
+    sample: usize,
+    partner: usize,
+) -> f64 {
     if !left.calls_for(state, sample, partner) {
         return 0.0;
     }

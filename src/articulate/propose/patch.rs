@@ -119,7 +119,7 @@ impl GrowingPlane {
 }
 
 /// Patches of the faces with at least `least` seeds; most seeds first, at most `most`.
-pub(crate) fn patches(
+pub(crate) fn largest_patches(
     pair: &SurfacePair<'_>,
     state: usize,
     faces: &[Vec<usize>],
@@ -133,23 +133,23 @@ pub(crate) fn patches(
     // Equal ones by their first sample: the order is unique.
     groups.sort_by(|a, b| b.0.cmp(&a.0).then(a.1[0].cmp(&b.1[0])));
     groups.truncate(most);
-    groups.into_iter().filter_map(|(_, g)| patch(samples, g.clone())).collect()
+    groups.into_iter().filter_map(|(_, g)| patch_of_face(samples, g.clone())).collect()
 }
 
 /// The open samples by plane; no sample is in two.
-pub(crate) fn faces(pair: &SurfacePair<'_>, state: usize, open: &[bool]) -> Vec<Vec<usize>> {
+pub(crate) fn faces_of_open(pair: &SurfacePair<'_>, state: usize, open: &[bool]) -> Vec<Vec<usize>> {
     let mut taken: Vec<bool> = open.iter().map(|o| !o).collect();
     let mut all = Vec::new();
     for first in 0..open.len() {
         if !taken[first] {
-            all.push(grow(pair, state, first, &mut taken));
+            all.push(grown_face(pair, state, first, &mut taken));
         }
     }
     all
 }
 
 /// The samples of one plane around `first`, marked as taken.
-fn grow(pair: &SurfacePair<'_>, state: usize, first: usize, taken: &mut [bool]) -> Vec<usize> {
+fn grown_face(pair: &SurfacePair<'_>, state: usize, first: usize, taken: &mut [bool]) -> Vec<usize> {
     let samples = pair.samples[state];
     let mut plane = GrowingPlane { points: Vector3::zeros(), normals: Vector3::zeros(), count: 0.0 };
     let mut group = vec![first];
@@ -159,7 +159,7 @@ fn grow(pair: &SurfacePair<'_>, state: usize, first: usize, taken: &mut [bool]) 
     while next < group.len() {
         let i = group[next];
         next += 1;
-        for j in pair.beside(state, i) {
+        for j in pair.neighbors_on_surface(state, i) {
             // Against the plane so far, not against the neighbor: a bent surface turns little from one sample
             // to the next.
             if !taken[j] && plane.holds(&samples.points[j], &samples.normals[j], SAME_PLANE * pair.reach_m) {
@@ -172,7 +172,7 @@ fn grow(pair: &SurfacePair<'_>, state: usize, first: usize, taken: &mut [bool]) 
     group
 }
 
-fn patch(samples: &SurfaceSamples, group: Vec<usize>) -> Option<Patch> {
+fn patch_of_face(samples: &SurfaceSamples, group: Vec<usize>) -> Option<Patch> {
     let n = group.len() as f64;
     let center = Point3::from(group.iter().map(|&i| samples.points[i].coords).sum::<Vector3<f64>>() / n);
     let mean = group.iter().map(|&i| samples.normals[i]).sum::<Vector3<f64>>().try_normalize(1e-9)?;
@@ -184,7 +184,7 @@ fn patch(samples: &SurfaceSamples, group: Vec<usize>) -> Option<Patch> {
     let normal = if flat.dot(&mean).abs() > SAME_NORMAL { flat * flat.dot(&mean).signum() } else { mean };
     let across = Matrix3::identity() - normal * normal.transpose();
     let long = across * eigen.eigenvectors.column(eigen.eigenvalues.imax());
-    let long = square(samples, &group, &center, &normal, long.try_normalize(1e-9)?);
+    let long = smallest_box_direction(samples, &group, &center, &normal, long.try_normalize(1e-9)?);
     let short = normal.cross(&long);
     let half_m = [long, short].map(|axis| {
         let mut along: Vec<f64> =
@@ -198,7 +198,7 @@ fn patch(samples: &SurfaceSamples, group: Vec<usize>) -> Option<Patch> {
 
 /// The direction in the plane along which the box around the patch is smallest: a square has no principal
 /// directions.
-fn square(
+fn smallest_box_direction(
     samples: &SurfaceSamples,
     group: &[usize],
     center: &Point3<f64>,

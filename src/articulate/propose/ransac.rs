@@ -121,7 +121,7 @@ impl Gate {
 /// Motions supported by the moved matches, strongest first: one after the other, each by the matches left by
 /// the earlier ones. Slack of the static part and motions already found are left out. `extent_m` is the
 /// object's longest side; at most `motions + spare` motions.
-pub(crate) fn propose(
+pub(crate) fn proposed_motions(
     matches: &[LiftedMatch],
     motions: usize,
     extent_m: f64,
@@ -136,7 +136,7 @@ pub(crate) fn propose(
         if proposals.len() >= motions + config.spare {
             break;
         }
-        let Some(proposal) = strongest(&pool, extent_m, config, rng) else { break };
+        let Some(proposal) = strongest_motion(&pool, extent_m, config, rng) else { break };
         let before = pool.len();
         // Also where the motion is not proposed: its matches would give it again.
         pool.retain(|m| !gate.supports(m, &proposal.state1_from_state0));
@@ -167,7 +167,8 @@ pub(crate) fn common_motions(
     let mut pool = matches.to_vec();
     let mut found: Vec<Pose> = Vec::new();
     for _ in 0..2 * count {
-        let Some(proposal) = strongest(&pool, extent_m, config, rng).filter(|_| found.len() < count) else {
+        let Some(proposal) = strongest_motion(&pool, extent_m, config, rng).filter(|_| found.len() < count)
+        else {
             break;
         };
         pool.retain(|m| !gate.supports(m, &proposal.state1_from_state0));
@@ -193,7 +194,7 @@ fn is_twin(weak: &Pose, strong: &Pose, matches: &[LiftedMatch], gate: &Gate, ext
 }
 
 /// Compact cell indices of points.
-fn cells(points: impl Iterator<Item = Point3<f64>>, cell_m: f64) -> (Vec<usize>, usize) {
+fn cell_numbers(points: impl Iterator<Item = Point3<f64>>, cell_m: f64) -> (Vec<usize>, usize) {
     let mut ids = BTreeMap::new();
     let cells = points
         .map(|p| {
@@ -214,8 +215,8 @@ pub(crate) struct CellCounter {
 
 impl CellCounter {
     pub(crate) fn new(pool: &[LiftedMatch], gate: Gate, cell_m: f64) -> Self {
-        let (c0, n0) = cells(pool.iter().map(|m| m.point0), cell_m);
-        let (c1, n1) = cells(pool.iter().map(|m| m.point1), cell_m);
+        let (c0, n0) = cell_numbers(pool.iter().map(|m| m.point0), cell_m);
+        let (c1, n1) = cell_numbers(pool.iter().map(|m| m.point1), cell_m);
         Self { gate, cells: [c0, c1], best: [vec![0.0; n0], vec![0.0; n1]], touched: Vec::new() }
     }
 
@@ -251,7 +252,7 @@ impl CellCounter {
 }
 
 /// The best supported motion of the pool; `None` where no motion has enough support.
-fn strongest(
+fn strongest_motion(
     pool: &[LiftedMatch],
     extent_m: f64,
     config: &RansacConfig,
@@ -266,7 +267,7 @@ fn strongest(
     for trial in 0..config.trials {
         // Close triples stay on one part, wide ones fix its rotation: all sizes take turns.
         let radius_m = extent_m * TRIPLE_RADII[trial % TRIPLE_RADII.len()];
-        let Some(motion) = triple(pool, radius_m, &gate, rng) else { continue };
+        let Some(motion) = triple_motion(pool, radius_m, &gate, rng) else { continue };
         let support = counter.support(pool, &motion);
         if best.as_ref().is_none_or(|b| support > b.0) {
             best = Some((support, motion));
@@ -275,7 +276,7 @@ fn strongest(
     // Three matches carry three errors into the motion; the average over all its matches lessens them.
     let mut motion = best?.1;
     for _ in 0..5 {
-        motion = refit(pool, &motion, &gate)?;
+        motion = refitted_motion(pool, &motion, &gate)?;
     }
     let followers: Vec<&LiftedMatch> = pool.iter().filter(|m| gate.supports(m, &motion)).collect();
     let support = counter.support(pool, &motion);
@@ -297,7 +298,7 @@ fn strongest(
 
 /// Motion of three random matches within `radius_m` of the first, with the same mutual distances in both
 /// states.
-fn triple(pool: &[LiftedMatch], radius_m: f64, gate: &Gate, rng: &mut impl Rng) -> Option<Pose> {
+fn triple_motion(pool: &[LiftedMatch], radius_m: f64, gate: &Gate, rng: &mut impl Rng) -> Option<Pose> {
     let a = random_match(pool, rng);
     let mut chosen = vec![a];
     for _ in 0..2 {
@@ -328,7 +329,7 @@ fn distances_agree(p: &LiftedMatch, q: &LiftedMatch, gate: &Gate) -> bool {
 
 /// Refitted to its support, each match weighted by its precision and its distance (Geman-McClure).
 /// See docs/method.md (6.2).
-fn refit(pool: &[LiftedMatch], motion: &Pose, gate: &Gate) -> Option<Pose> {
+fn refitted_motion(pool: &[LiftedMatch], motion: &Pose, gate: &Gate) -> Option<Pose> {
     let pairs = pool.iter().filter(|m| gate.supports(m, motion)).map(|m| {
         let z = (motion * m.point0 - m.point1).norm() / m.sigma_m;
         (m.point0, m.point1, (m.sigma_m * (1.0 + z * z / 4.0)).powi(-2))
@@ -382,8 +383,13 @@ mod tests {
         ];
         let matches = scene(&truth, 240, 1);
         for seed in 0..3 {
-            let found =
-                propose(&matches, 3, 1.5, &RansacConfig::default(), &mut stage_rng(seed, "ransac", 0));
+            let found = proposed_motions(
+                &matches,
+                3,
+                1.5,
+                &RansacConfig::default(),
+                &mut stage_rng(seed, "ransac", 0),
+            );
             assert!(found.len() >= 3, "{}", found.len());
             for (k, t) in truth.iter().enumerate().skip(1) {
                 let center = Point3::new(0.4 * k as f64, 0.0, 0.0);
@@ -400,8 +406,13 @@ mod tests {
     #[test]
     fn parts_side_by_side_that_move_nearly_alike_are_two() {
         let truth = [Pose::translation(0.112, 0.0, 0.0), Pose::translation(0.125, 0.0, 0.0)];
-        let found =
-            propose(&scene(&truth, 60, 4), 2, 0.94, &RansacConfig::default(), &mut stage_rng(0, "ransac", 0));
+        let found = proposed_motions(
+            &scene(&truth, 60, 4),
+            2,
+            0.94,
+            &RansacConfig::default(),
+            &mut stage_rng(0, "ransac", 0),
+        );
         for (k, t) in truth.iter().enumerate() {
             let center = Point3::new(0.4 * k as f64, 0.0, 0.0);
             let off_m = |p: &Proposal| (p.state1_from_state0 * center - t * center).norm();
@@ -418,16 +429,21 @@ mod tests {
         let slack = Pose::new(Vector3::new(0.03, 0.0, 0.0), Vector3::new(0.0, 0.0, 0.01));
         let matches = scene(&[Pose::identity(), slack], 0, 2);
         assert!(
-            propose(&matches, 2, 1.5, &RansacConfig::default(), &mut stage_rng(0, "ransac", 0)).is_empty()
+            proposed_motions(&matches, 2, 1.5, &RansacConfig::default(), &mut stage_rng(0, "ransac", 0))
+                .is_empty()
         );
-        assert!(propose(&[], 2, 1.5, &RansacConfig::default(), &mut stage_rng(0, "ransac", 0)).is_empty());
+        assert!(
+            proposed_motions(&[], 2, 1.5, &RansacConfig::default(), &mut stage_rng(0, "ransac", 0))
+                .is_empty()
+        );
     }
 
     #[test]
     fn wrong_matches_alone_propose_nothing() {
         let matches = scene(&[], 300, 3);
         assert!(
-            propose(&matches, 2, 1.5, &RansacConfig::default(), &mut stage_rng(0, "ransac", 0)).is_empty()
+            proposed_motions(&matches, 2, 1.5, &RansacConfig::default(), &mut stage_rng(0, "ransac", 0))
+                .is_empty()
         );
     }
 }

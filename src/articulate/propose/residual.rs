@@ -30,13 +30,13 @@ pub(crate) fn propose_from_residual(pair: &SurfacePair<'_>, motions: &[Pose], ex
     let mut kept: Vec<Pose> = Vec::new();
     while !candidates.is_empty() {
         // Anew for each motion, as the ones before took their surface away.
-        let worths: Vec<(f64, f64)> = candidates.par_iter().map(|m| search.worth(m)).collect();
+        let worths: Vec<(f64, f64)> = candidates.par_iter().map(|m| search.hinged_worth(m)).collect();
         let enough = worths.iter().enumerate().filter(|(_, w)| w.1 >= least);
         let Some((best, _)) = enough.max_by(|a, b| a.1.0.total_cmp(&b.1.0).then(b.0.cmp(&a.0))) else {
             break;
         };
-        let motion = polished(&search, &candidates.swap_remove(best));
-        search.explain(&motion);
+        let motion = polished_motion(&search, &candidates.swap_remove(best));
+        search.take_explained(&motion);
         // A part on the found part moves after it: a drawer in a door, a lever on a drawer.
         candidates.extend(motions_on(&search, &motion, &found));
         kept.push(motion);
@@ -46,19 +46,20 @@ pub(crate) fn propose_from_residual(pair: &SurfacePair<'_>, motions: &[Pose], ex
 
 /// The best motion near by, a slide rather than a small turn where it explains as much; for a round part, the
 /// best of all turns.
-fn polished(search: &Search<'_, '_>, motion: &Pose) -> Pose {
+fn polished_motion(search: &Search<'_, '_>, motion: &Pose) -> Pose {
     // Point-to-plane fits leave slips open; only the search along them finds the edges.
-    let Some(slips) = search.slips(motion) else { return *motion };
-    let (worth, best) = search.climbed(motion, slips, |m| search.sharp_worth(m), |pose| search.slips(pose));
+    let Some(slips) = search.slips_of(motion) else { return *motion };
+    let (worth, best) =
+        search.climbed_motion(motion, slips, |m| search.sharp_worth(m), |pose| search.slips_of(pose));
     // Normals of a slide do not change: a large turn cannot be taken for one.
     if best.rotation.angle() > PARALLEL {
         return round_turn(search, &best).unwrap_or(best);
     }
-    let center = search.center(&best);
+    let center = search.explained_center(&best);
     // The slide moves the middle as the turn does: both start at one place.
     let slide = Pose::from_parts((best * center - center).into(), UnitQuaternion::identity());
-    let along = [0, 1, 2].map(|k| Slip::along(Vector3::ith(k, 1.0)));
-    let (slide_worth, slide) = search.climbed(&slide, along, |m| search.sharp_worth(m), |_| None);
+    let along = [0, 1, 2].map(|k| Slip::along_direction(Vector3::ith(k, 1.0)));
+    let (slide_worth, slide) = search.climbed_motion(&slide, along, |m| search.sharp_worth(m), |_| None);
     let best = if slide_worth >= AS_MUCH * worth { slide } else { best };
     round_turn(search, &best).unwrap_or(best)
 }
@@ -115,7 +116,7 @@ mod tests {
             angle_rad: 0.9,
             advance_m: 0.0,
         };
-        scene.parts[2].motion = scene.parts[1].motion * twist.motion();
+        scene.parts[2].motion = scene.parts[1].motion * twist.to_motion();
         scene.seen(0.006, 0.012, |pair, labels| {
             let found = propose_from_residual(&pair, &[Pose::identity()], 0.4);
             let all = &pair.samples[0].points;

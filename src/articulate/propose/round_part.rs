@@ -19,7 +19,7 @@ const MORE: f64 = 0.02;
 /// The motion of a round part after the best turn about its middle, if the turn explains more than none. Such
 /// a turn needs no hinge beside the part.
 pub(crate) fn round_turn(search: &Search<'_, '_>, motion: &Pose) -> Option<Pose> {
-    let (points, normals) = search.moved(motion);
+    let (points, normals) = search.moved_surface(motion);
     let axis = round_axis(&points, &normals)?;
     let total = |m: &Pose| search.sharp_total(m).0;
     let turned: Vec<Pose> =
@@ -32,8 +32,8 @@ pub(crate) fn round_turn(search: &Search<'_, '_>, motion: &Pose) -> Option<Pose>
     peaks.sort_by(|a, b| totals[*b].total_cmp(&totals[*a]));
     let mut best: Option<(f64, Pose)> = None;
     for start in peaks.into_iter().take(PEAKS).map(|k| &turned[k]) {
-        let Some(slips) = search.slips(start) else { continue };
-        let polished = search.climbed(start, slips, total, |pose| search.slips(pose));
+        let Some(slips) = search.slips_of(start) else { continue };
+        let polished = search.climbed_motion(start, slips, total, |pose| search.slips_of(pose));
         if best.as_ref().is_none_or(|b| polished.0 > b.0) {
             best = Some(polished);
         }
@@ -104,12 +104,12 @@ mod tests {
     fn a_bar_shows_how_far_a_cap_turned() {
         let screw =
             Screw { direction: Vector3::z_axis(), point: Point3::origin(), angle_rad: 2.2, advance_m: 0.02 };
-        let [(s0, free0), (s1, free1)] = [Pose::identity(), screw.motion()].map(cap);
+        let [(s0, free0), (s1, free1)] = [Pose::identity(), screw.to_motion()].map(cap);
         let pair = SurfacePair::new([&s0, &s1], [Some(&free0), Some(&free1)], 0.008);
         let end = Point3::new(0.035, 0.0, HEIGHT_M);
-        for start in [Pose::translation(0.0, 0.0, 0.02), screw.motion()] {
+        for start in [Pose::translation(0.0, 0.0, 0.02), screw.to_motion()] {
             let found = round_turn(&Search::new(&pair, &[Pose::identity()], 0.2), &start).unwrap_or(start);
-            let off_m = (found * end - screw.motion() * end).norm();
+            let off_m = (found * end - screw.to_motion() * end).norm();
             assert!(off_m < 0.002, "{off_m}");
         }
     }

@@ -6,13 +6,13 @@ use rayon::prelude::*;
 use crate::{
     pair::{surface_pair::SurfacePair, unexplained::Unexplained},
     propose::{
-        agreement::{gains, rough, sharp},
-        patch::faces,
+        agreement::{gains_by_motion, rough_agreement, sharp_agreement},
+        patch::faces_of_open,
         slid_panel::join_slid,
     },
     samples::{
         hinge::{axis_of_turn, axis_off_m, hinge_score},
-        slip::{Slip, slips},
+        slip::{Slip, least_slips},
         spacing::SETTLED,
     },
 };
@@ -36,9 +36,9 @@ pub(crate) struct Search<'a, 'b> {
 impl<'a, 'b> Search<'a, 'b> {
     pub(crate) fn new(pair: &'a SurfacePair<'b>, motions: &[Pose], extent_m: f64) -> Self {
         // Surface covered by a slid panel in both states is opened before faces are grown over it.
-        let mut left = Unexplained::of(pair, motions);
+        let mut left = Unexplained::left_by_motions(pair, motions);
         join_slid(&mut left, pair);
-        let faces = [0, 1].map(|s| faces(pair, s, &left.open[s]));
+        let faces = [0, 1].map(|s| faces_of_open(pair, s, &left.open[s]));
         Self { pair, extent_m, left, faces, bodies: motions.to_vec() }
     }
 }
@@ -46,35 +46,44 @@ impl<'a, 'b> Search<'a, 'b> {
 impl Search<'_, '_> {
     /// Samples explained by a motion, weighed by the score of a hinge, and unweighed. See docs/method.md
     /// (6.10).
-    pub(crate) fn worth(&self, motion: &Pose) -> (f64, f64) {
-        let gains = gains(self.pair, motion, &self.left, &self.faces);
+    pub(crate) fn hinged_worth(&self, motion: &Pose) -> (f64, f64) {
+        let gains = gains_by_motion(self.pair, motion, &self.left, &self.faces);
         let total: f64 = gains.iter().flatten().sum();
         (
-            total * attachment(self.pair, motion, &self.bodies, &gains[0], &self.left.open[0], self.extent_m),
+            total
+                * attachment_score(
+                    self.pair,
+                    motion,
+                    &self.bodies,
+                    &gains[0],
+                    &self.left.open[0],
+                    self.extent_m,
+                ),
             total,
         )
     }
 
     /// The same by some of the samples and for a motion a step off.
     pub(crate) fn rough_worth(&self, motion: &Pose) -> f64 {
-        let (total, gains) = self.total_by(motion, 7, |s, i, t| rough(self.pair, &self.left, s, i, t));
-        self.weighed(motion, total, &gains)
+        let (total, gains) =
+            self.total_by(motion, 7, |s, i, t| rough_agreement(self.pair, &self.left, s, i, t));
+        self.hinge_weighed(motion, total, &gains)
     }
 
     /// The same by some of the samples, where beyond an edge there is no surface.
     pub(crate) fn sharp_worth(&self, motion: &Pose) -> f64 {
         let (total, gains) = self.sharp_total(motion);
-        self.weighed(motion, total, &gains)
+        self.hinge_weighed(motion, total, &gains)
     }
 
     /// The same unweighed, with the share of every sample of state 0.
     pub(crate) fn sharp_total(&self, motion: &Pose) -> (f64, Vec<f64>) {
-        self.total_by(motion, 5, |s, i, t| sharp(self.pair, &self.left, s, i, t))
+        self.total_by(motion, 5, |s, i, t| sharp_agreement(self.pair, &self.left, s, i, t))
     }
 
     /// A total with the share of every sample of state 0, weighed by the score of a hinge.
-    fn weighed(&self, motion: &Pose, total: f64, gains: &[f64]) -> f64 {
-        total * attachment(self.pair, motion, &self.bodies, gains, &self.left.open[0], self.extent_m)
+    fn hinge_weighed(&self, motion: &Pose, total: f64, gains: &[f64]) -> f64 {
+        total * attachment_score(self.pair, motion, &self.bodies, gains, &self.left.open[0], self.extent_m)
     }
 
     /// Sum of `says` over every so many samples of each face, with the share of every sample of state 0.
@@ -105,7 +114,7 @@ impl Search<'_, '_> {
     /// The best motion reached by steps along slips, with its worth. A point-to-plane fit leaves slips of the
     /// surface in itself free (Gelfand and Guibas 2004); they show at edges alone: steps are halved where
     /// none helps.
-    pub(crate) fn climbed(
+    pub(crate) fn climbed_motion(
         &self,
         motion: &Pose,
         mut slips: [Slip; 3],
@@ -118,7 +127,7 @@ impl Search<'_, '_> {
         while step_m > SETTLED * self.pair.reach_m {
             // Slips alone: along all other directions the surface holds a refined motion.
             let moves: Vec<Pose> =
-                slips.iter().flat_map(|slip| [step_m, -step_m].map(|m| slip.by(m) * best)).collect();
+                slips.iter().flat_map(|slip| [step_m, -step_m].map(|m| slip.motion_by(m) * best)).collect();
             let tried: Vec<(f64, Pose)> = moves.into_par_iter().map(|p| (worth_of(&p), p)).collect();
             let (next, pose) =
                 tried.into_iter().fold((f64::NEG_INFINITY, best), |a, b| if b.0 > a.0 { b } else { a });
@@ -134,8 +143,8 @@ impl Search<'_, '_> {
     }
 
     /// Middle of the explained surface of state 0.
-    pub(crate) fn center(&self, motion: &Pose) -> Point3<f64> {
-        let explained = self.explained(motion);
+    pub(crate) fn explained_center(&self, motion: &Pose) -> Point3<f64> {
+        let explained = self.explained_samples(motion);
         let points = &self.pair.samples[0].points;
         Point3::from(
             explained.iter().map(|&i| points[i].coords).sum::<Vector3<f64>>() / explained.len().max(1) as f64,
@@ -143,29 +152,29 @@ impl Search<'_, '_> {
     }
 
     /// Samples of state 0 explained by a motion.
-    fn explained(&self, motion: &Pose) -> Vec<usize> {
-        let [gains, _] = gains(self.pair, motion, &self.left, &self.faces);
+    fn explained_samples(&self, motion: &Pose) -> Vec<usize> {
+        let [gains, _] = gains_by_motion(self.pair, motion, &self.left, &self.faces);
         (0..gains.len()).filter(|&i| gains[i] > 0.0).collect()
     }
 
     /// Points and normals of the surface explained by a motion, moved by it.
-    pub(crate) fn moved(&self, motion: &Pose) -> (Vec<Point3<f64>>, Vec<Vector3<f64>>) {
+    pub(crate) fn moved_surface(&self, motion: &Pose) -> (Vec<Point3<f64>>, Vec<Vector3<f64>>) {
         let samples = self.pair.samples[0];
-        self.explained(motion)
+        self.explained_samples(motion)
             .into_iter()
             .map(|i| (motion * samples.points[i], motion * samples.normals[i]))
             .unzip()
     }
 
     /// Slips of the surface explained by a motion, moved by it.
-    pub(crate) fn slips(&self, motion: &Pose) -> Option<[Slip; 3]> {
-        let (points, normals) = self.moved(motion);
-        slips(&points, &normals)
+    pub(crate) fn slips_of(&self, motion: &Pose) -> Option<[Slip; 3]> {
+        let (points, normals) = self.moved_surface(motion);
+        least_slips(&points, &normals)
     }
 
     /// Takes the samples explained by a motion out of the unexplained ones.
-    pub(crate) fn explain(&mut self, motion: &Pose) {
-        let explained = gains(self.pair, motion, &self.left, &self.faces);
+    pub(crate) fn take_explained(&mut self, motion: &Pose) {
+        let explained = gains_by_motion(self.pair, motion, &self.left, &self.faces);
         for s in 0..2 {
             for (i, _) in explained[s].iter().enumerate().filter(|(_, g)| **g > 0.0) {
                 self.left.open[s][i] = false;
@@ -180,7 +189,7 @@ impl Search<'_, '_> {
 /// How well a turn could be that of a hinge, from [`DETACHED`] to 1: its axis, relative to one of the
 /// `bodies`, runs close by both the moving surface (of positive `gains`) and surface explained by other
 /// motions. 1 for slides.
-fn attachment(
+fn attachment_score(
     pair: &SurfacePair<'_>,
     motion: &Pose,
     bodies: &[Pose],

@@ -2,7 +2,7 @@
 
 use crate::{
     pair::{point_to_plane::SAMPLES_PER_READING, surface_pair::SurfacePair, unexplained::Unexplained},
-    propose::patch::{Band, Patch, faces, patches},
+    propose::patch::{Band, Patch, faces_of_open, largest_patches},
 };
 
 /// Patches tried per state.
@@ -23,13 +23,14 @@ pub(crate) fn moved_patches(
     faces: &[Vec<usize>],
 ) -> Vec<Patch> {
     let least = (LEAST_PATCH * left.open[state].len() as f64).max(SAMPLES_PER_READING) as usize;
-    patches(pair, state, faces, &left.moved[state], least, PATCHES)
+    largest_patches(pair, state, faces, &left.moved[state], least, PATCHES)
 }
 
 /// Opens the samples between two strips of one plane, one left in state 0 and one reached in state 1: where a
 /// plain panel slides within its plane, the surface covered in both states seems to stand still.
 pub(crate) fn join_slid(unexplained: &mut Unexplained, pair: &SurfacePair<'_>) {
-    let strips = [0, 1].map(|s| moved_patches(unexplained, pair, s, &faces(pair, s, &unexplained.moved[s])));
+    let strips =
+        [0, 1].map(|s| moved_patches(unexplained, pair, s, &faces_of_open(pair, s, &unexplained.moved[s])));
     for left in &strips[0] {
         for reached in &strips[1] {
             let Some(between) = Band::between(left, reached, 0.5 * pair.reach_m) else { continue };

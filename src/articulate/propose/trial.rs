@@ -7,7 +7,8 @@ use rayon::prelude::*;
 
 use crate::{
     pair::{
-        point_to_plane::refine, reprojection::EXPLAINED, surface_pair::SurfacePair, unexplained::Unexplained,
+        point_to_plane::refined_motion, reprojection::EXPLAINED, surface_pair::SurfacePair,
+        unexplained::Unexplained,
     },
     propose::{agreement::mean_rough, patch::Patch, search::Search},
     samples::hinge::{HINGE, PARALLEL, axis_of_turn},
@@ -81,7 +82,7 @@ impl CarryingPart {
     }
 
     /// Least agreement of a patch with a motion.
-    fn agreement(&self) -> f64 {
+    fn least_agreement(&self) -> f64 {
         if self.surface.is_some() { FIRM_AGREEMENT } else { AGREEMENT }
     }
 }
@@ -134,10 +135,10 @@ fn motions_of(
         let mut motion = start;
         // By the patch's own surroundings alone; surface of other parts would pull the trial to itself.
         for _ in 0..ROUNDS {
-            motion = refine(pair, [&labels[0], &labels[1]], &[], &motion, 1);
+            motion = refined_motion(pair, [&labels[0], &labels[1]], &[], &motion, 1);
         }
         let there = if state == 0 { motion } else { motion.inverse() };
-        if mean_rough(pair, left, state, &patch.samples, &there) > body.agreement() {
+        if mean_rough(pair, left, state, &patch.samples, &there) > body.least_agreement() {
             refined.push(motion);
         }
     }

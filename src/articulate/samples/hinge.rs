@@ -20,7 +20,7 @@ pub(crate) fn hinge_score(off_m: f64, extent_m: f64) -> f64 {
 
 /// The axis of a turning motion.
 pub(crate) fn axis_of_turn(motion: &Pose) -> Option<Screw> {
-    Screw::of(motion).filter(|s| s.angle_rad.abs() > PARALLEL)
+    Screw::of_motion(motion).filter(|s| s.angle_rad.abs() > PARALLEL)
 }
 
 /// Sum of the distances of an axis from the surfaces of two parts, the second's beside the first alone,

@@ -40,19 +40,19 @@ impl<'a> SampleIndex<'a> {
             cell_m *= LARGER;
         }
         let dims = dims_of(cell_m).map(|d| d as usize);
-        let no_cells = Lists::of(0, std::iter::empty());
+        let no_cells = Lists::of_entries(0, std::iter::empty());
         let index = Self { samples, origin, cell_m, reach_m, dims, cells: no_cells, points: Vec::new() };
         let sample_cells: Vec<u32> = samples
             .points
             .iter()
-            .map(|p| index.cell_index(index.cell(p).map(|c| c as usize)) as u32)
+            .map(|p| index.cell_index(index.cell_of(p).map(|c| c as usize)) as u32)
             .collect();
-        let cells = Lists::of(dims.iter().product(), sample_cells.iter().copied().zip(0..));
+        let cells = Lists::of_entries(dims.iter().product(), sample_cells.iter().copied().zip(0..));
         let points = cells.entries().iter().map(|&i| samples.points[i as usize]).collect();
         Self { cells, points, ..index }
     }
 
-    fn cell(&self, p: &Point3<f64>) -> [i64; 3] {
+    fn cell_of(&self, p: &Point3<f64>) -> [i64; 3] {
         let g = (p - self.origin) / self.cell_m;
         [0, 1, 2].map(|k| g[k].floor() as i64)
     }
@@ -63,8 +63,8 @@ impl<'a> SampleIndex<'a> {
 
     /// Visits all samples in the cells around a point with their places: every sample within the reach, and
     /// some beyond.
-    pub(crate) fn around(&self, point: &Point3<f64>, mut visit: impl FnMut(usize, &Point3<f64>)) {
-        let c = self.cell(point);
+    pub(crate) fn visit_around(&self, point: &Point3<f64>, mut visit: impl FnMut(usize, &Point3<f64>)) {
+        let c = self.cell_of(point);
         let low = c.map(|c| (c - 1).max(0));
         let high = [0, 1, 2].map(|k| (c[k] + 1).min(self.dims[k] as i64 - 1));
         if low[0] > high[0] {
@@ -75,7 +75,7 @@ impl<'a> SampleIndex<'a> {
             for y in low[1]..=high[1] {
                 let [first, last] =
                     [low[0], high[0]].map(|x| self.cell_index([x, y, z].map(|c| c as usize)) as u32);
-                let row = self.cells.span(first, last);
+                let row = self.cells.range_of_lists(first, last);
                 let samples = self.cells.entries()[row.clone()].iter().zip(&self.points[row]);
                 samples.for_each(|(&i, p)| visit(i as usize, p));
             }
@@ -85,18 +85,18 @@ impl<'a> SampleIndex<'a> {
     /// Distance to the nearest sample, meters; the reach where none is nearer.
     pub(crate) fn distance_m(&self, point: &Point3<f64>) -> f64 {
         let mut squared = self.reach_m * self.reach_m;
-        self.around(point, |_, p| squared = squared.min((p - point).norm_squared()));
+        self.visit_around(point, |_, p| squared = squared.min((p - point).norm_squared()));
         squared.sqrt()
     }
 
     /// The sample with the smallest `|dp|^2 + (reach |dn| / 2)^2`, if below the reach squared: opposite sides
     /// of a thin sheet never meet. See docs/method.md (6.3).
-    pub(crate) fn nearest(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> Option<usize> {
+    pub(crate) fn nearest_sample(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> Option<usize> {
         // derived: the square of the half in that distance
         let bend = 0.25 * self.reach_m * self.reach_m;
         let mut best = None;
         let mut best_squared = self.reach_m * self.reach_m;
-        self.around(point, |i, p| {
+        self.visit_around(point, |i, p| {
             let squared = (p - point).norm_squared();
             // The normal is read only where the distance alone does not decide.
             if squared < best_squared {
@@ -133,7 +133,7 @@ mod tests {
             };
             let best =
                 (0..500).min_by(|&a, &b| metric(a).total_cmp(&metric(b))).filter(|&j| metric(j) < 0.04);
-            assert_eq!(index.nearest(&p, &n), best);
+            assert_eq!(index.nearest_sample(&p, &n), best);
             found += usize::from(best.is_some());
         }
         assert!(found > 50 && found < 200, "{found}");
@@ -147,10 +147,11 @@ mod tests {
             colors: vec![[0.5; 3]; 2],
         };
         let index = SampleIndex::new(&samples, 0.02);
-        assert_eq!(index.nearest(&Point3::new(0.0, 0.001, 0.001), &Vector3::z()), Some(0));
-        assert_eq!(index.nearest(&Point3::new(0.0, 0.001, 0.003), &-Vector3::z()), Some(1));
+        assert_eq!(index.nearest_sample(&Point3::new(0.0, 0.001, 0.001), &Vector3::z()), Some(0));
+        assert_eq!(index.nearest_sample(&Point3::new(0.0, 0.001, 0.003), &-Vector3::z()), Some(1));
         assert_eq!(
-            SampleIndex::new(&SurfaceSamples::default(), 0.1).nearest(&Point3::origin(), &Vector3::z()),
+            SampleIndex::new(&SurfaceSamples::default(), 0.1)
+                .nearest_sample(&Point3::origin(), &Vector3::z()),
             None
         );
     }

@@ -36,12 +36,12 @@ pub(crate) struct Slip {
 
 impl Slip {
     /// A shift along a unit direction.
-    pub(crate) fn along(direction: Vector3<f64>) -> Self {
+    pub(crate) fn along_direction(direction: Vector3<f64>) -> Self {
         Self { turn: Vector3::zeros(), shift: direction, center: Point3::origin() }
     }
 
     /// The motion by a step: points at the root mean square distance from the center move by about `step_m`.
-    pub(crate) fn by(&self, step_m: f64) -> Pose {
+    pub(crate) fn motion_by(&self, step_m: f64) -> Pose {
         let center = self.center.coords;
         let turn = UnitQuaternion::from_scaled_axis(self.turn * step_m);
         Pose::from_parts((center + self.shift * step_m - turn * center).into(), turn)
@@ -59,7 +59,7 @@ struct Changes {
 
 impl Changes {
     /// `None` for too few points.
-    fn of(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Option<Self> {
+    fn of_surface(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Option<Self> {
         let n = points.len() as f64;
         let center = Point3::from(points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n);
         let radius_m = (points.iter().map(|p| (p - center).norm_squared()).sum::<f64>() / n).sqrt();
@@ -85,7 +85,7 @@ impl Changes {
         twists
     }
 
-    fn slip(&self, twist: &Vector6<f64>) -> Slip {
+    fn slip_of(&self, twist: &Vector6<f64>) -> Slip {
         let turn = twist.fixed_rows::<3>(0) / self.radius_m;
         let shift = twist.fixed_rows::<3>(3).into_owned();
         Slip { turn, shift, center: self.center }
@@ -94,16 +94,16 @@ impl Changes {
 
 /// The three twists with the least change of the distances of points with normals from their planes, the
 /// least first; `None` for too few points.
-pub(crate) fn slips(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Option<[Slip; 3]> {
-    let changes = Changes::of(points, normals)?;
+pub(crate) fn least_slips(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Option<[Slip; 3]> {
+    let changes = Changes::of_surface(points, normals)?;
     let twists = changes.twists(|_| 1.0);
-    Some([0, 1, 2].map(|k| changes.slip(&twists[k].1)))
+    Some([0, 1, 2].map(|k| changes.slip_of(&twists[k].1)))
 }
 
 /// The axis about which a surface is round: it turns within itself, but for marks on it (Geman and McClure
 /// weights), and does not slide within itself. `None` for others.
 pub(crate) fn round_axis(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Option<Screw> {
-    let changes = Changes::of(points, normals)?;
+    let changes = Changes::of_surface(points, normals)?;
     let mut twists = changes.twists(|_| 1.0);
     for _ in 0..SETTLING {
         let least = twists[0].1;
@@ -111,7 +111,7 @@ pub(crate) fn round_axis(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Op
         let scale = 3.0 * median(changes.rows.iter().map(|r| r.dot(&least).abs()).collect())?;
         twists = changes.twists(|r| (1.0 + (r.dot(&least) / scale.max(1e-9)).powi(2)).powi(-2));
     }
-    let slip = changes.slip(&twists[0].1);
+    let slip = changes.slip_of(&twists[0].1);
     let direction = Unit::try_new(slip.turn, TURNS / changes.radius_m)?;
     // The foot of the screw's line from the center.
     let point = slip.center + slip.turn.cross(&slip.shift) / slip.turn.norm_squared();
@@ -136,15 +136,16 @@ mod tests {
         let point =
             |i: usize| Point3::new(0.3, -1.0, 2.0) + a * (0.1 * (i % 7) as f64) + b * (0.07 * (i / 7) as f64);
         let points: Vec<_> = (0..49).map(point).collect();
-        let all = slips(&points, &[normal; 49]).unwrap();
+        let all = least_slips(&points, &[normal; 49]).unwrap();
         for slip in &all {
             for p in &points {
-                assert!(normal.dot(&(slip.by(0.01) * p - p)).abs() < 1e-4);
+                assert!(normal.dot(&(slip.motion_by(0.01) * p - p)).abs() < 1e-4);
             }
         }
-        let moved = |slip: &Slip| points.iter().map(|p| (slip.by(0.01) * p - p).norm()).fold(0.0, f64::max);
+        let moved =
+            |slip: &Slip| points.iter().map(|p| (slip.motion_by(0.01) * p - p).norm()).fold(0.0, f64::max);
         assert!(all.iter().all(|s| moved(s) > 0.005));
-        assert!(slips(&points[..5], &[normal; 5]).is_none());
+        assert!(least_slips(&points[..5], &[normal; 5]).is_none());
         assert!(round_axis(&points, &[normal; 49]).is_none());
     }
 

@@ -130,18 +130,19 @@ impl SurfaceGraph {
             .map(|i| neighbors_of(i, samples, index, reach_m))
             .collect();
         let in_plane = |i: usize, j: usize| are_in_one_plane(samples, i, j);
-        let sheets = components(&neighbors, in_plane);
-        let patches = flat_patches(&samples.normals, NORMAL_SIGMA, |i| beside(&neighbors, i), in_plane);
+        let sheets = component_numbers(&neighbors, in_plane);
+        let patches =
+            flat_patches(&samples.normals, NORMAL_SIGMA, |i| used_neighbors(&neighbors, i), in_plane);
         Self { neighbor_of: neighbor_of(&neighbors), neighbors, sheets, patches }
     }
 
     /// Neighbors of a sample.
-    pub(crate) fn beside(&self, sample: usize) -> impl Iterator<Item = usize> {
-        beside(&self.neighbors, sample)
+    pub(crate) fn neighbors_on_surface(&self, sample: usize) -> impl Iterator<Item = usize> {
+        used_neighbors(&self.neighbors, sample)
     }
 
     /// Number of the smooth sheet of a sample.
-    pub(crate) fn sheet(&self, sample: usize) -> u32 {
+    pub(crate) fn sheet_of(&self, sample: usize) -> u32 {
         self.sheets[sample]
     }
 
@@ -196,10 +197,16 @@ impl SurfaceGraph {
 
     /// Labels by a random walk to samples with evidence (Grady 2006): a sample without evidence takes the
     /// label of the evidence reached first along the surface. See docs/method.md (6.8).
-    pub(crate) fn fill(&self, mut beliefs: Vec<f32>, costs: &[f32], labels: usize, of: Of) -> Vec<u8> {
+    pub(crate) fn filled_labels(
+        &self,
+        mut beliefs: Vec<f32>,
+        costs: &[f32],
+        labels: usize,
+        of: Of,
+    ) -> Vec<u8> {
         let n = self.neighbors.len();
         let own: Vec<f32> =
-            (0..n).map(|i| OWN_PULL * evidence(&costs[i * labels..(i + 1) * labels])).collect();
+            (0..n).map(|i| OWN_PULL * label_evidence(&costs[i * labels..(i + 1) * labels])).collect();
         // Faces pull before the walk: it would otherwise carry labels across a face of one part.
         let mut pull = own.clone();
         let faces: &[(&[u32], f32)] = match of {
@@ -249,7 +256,7 @@ impl SurfaceGraph {
                 }
                 let change = change.into_iter().fold(0.0, f32::max);
                 if change >= FILL_STEP {
-                    self.neighbor_of.at(i as u32).iter().for_each(|&j| stirred[j as usize] = true);
+                    self.neighbor_of.list_at(i as u32).iter().for_each(|&j| stirred[j as usize] = true);
                 }
                 most = most.max(change);
             }
@@ -270,7 +277,7 @@ impl SurfaceGraph {
     /// Joins islands (components of a label with little evidence, apart from its largest component) to the
     /// label around them (static if there is none), unless they hold evidence against it.
     pub(crate) fn join_islands(&self, labels: &mut [u8], costs: &[f32], motions: usize) {
-        let components = components(&self.neighbors, |i, j| labels[i] == labels[j]);
+        let components = component_numbers(&self.neighbors, |i, j| labels[i] == labels[j]);
         let count = components.iter().max().map_or(0, |m| *m as usize + 1);
         let mut strength = vec![0.0f32; count];
         let mut label = vec![0u8; count];
@@ -370,14 +377,18 @@ fn is_ruled_out(costs: &[f32], label: usize) -> bool {
 }
 
 /// Neighbors of a sample, without unused slots.
-fn beside(neighbors: &[[(u32, f32); NEIGHBORS]], sample: usize) -> impl Iterator<Item = usize> + Clone {
+fn used_neighbors(
+    neighbors: &[[(u32, f32); NEIGHBORS]],
+    sample: usize,
+) -> impl Iterator<Item = usize> + Clone {
     neighbors[sample].iter().filter(|n| n.1 > 0.0).map(|n| n.0 as usize)
 }
 
 /// For every sample, the samples with it as a neighbor.
 fn neighbor_of(neighbors: &[[(u32, f32); NEIGHBORS]]) -> Lists<u32> {
-    let pairs = (0..neighbors.len()).flat_map(|i| beside(neighbors, i).map(move |j| (j as u32, i as u32)));
-    Lists::of(neighbors.len(), pairs)
+    let pairs =
+        (0..neighbors.len()).flat_map(|i| used_neighbors(neighbors, i).map(move |j| (j as u32, i as u32)));
+    Lists::of_entries(neighbors.len(), pairs)
 }
 
 /// The nearest neighbors of a sample with weights of sum 1.
@@ -388,7 +399,7 @@ fn neighbors_of(
     reach_m: f64,
 ) -> [(u32, f32); NEIGHBORS] {
     let mut near: Vec<(f64, u32)> = Vec::new();
-    index.around(&samples.points[i], |j, place| {
+    index.visit_around(&samples.points[i], |j, place| {
         let offset = place - samples.points[i];
         let squared = offset.norm_squared();
         if j != i && squared < reach_m * reach_m {
@@ -418,7 +429,10 @@ fn are_in_one_plane(samples: &SurfaceSamples, i: usize, j: usize) -> bool {
 }
 
 /// Number of the connected component of each sample, over pairs of neighbors with `joined`.
-fn components(neighbors: &[[(u32, f32); NEIGHBORS]], joined: impl Fn(usize, usize) -> bool) -> Vec<u32> {
+fn component_numbers(
+    neighbors: &[[(u32, f32); NEIGHBORS]],
+    joined: impl Fn(usize, usize) -> bool,
+) -> Vec<u32> {
     let mut sets = IndexSets::new(neighbors.len());
     for (i, slots) in neighbors.iter().enumerate() {
         for &(j, w) in slots {
@@ -430,7 +444,7 @@ fn components(neighbors: &[[(u32, f32); NEIGHBORS]], joined: impl Fn(usize, usiz
     let mut number = vec![0; neighbors.len()];
     let mut count = 0;
     for i in 0..neighbors.len() {
-        let root = sets.root(i);
+        let root = sets.root_of(i);
         // A root comes before the rest of its set.
         if root == i {
             number[i] = count;
@@ -443,7 +457,7 @@ fn components(neighbors: &[[(u32, f32); NEIGHBORS]], joined: impl Fn(usize, usiz
 }
 
 /// How much the best cost is below the second best, less [`EVIDENCE`], from 0 to 1.
-fn evidence(costs: &[f32]) -> f32 {
+fn label_evidence(costs: &[f32]) -> f32 {
     let (best, second) = costs.iter().fold((f32::INFINITY, f32::INFINITY), |(best, second), &c| {
         if c < best { (c, best) } else { (best, second.min(c)) }
     });
@@ -477,7 +491,10 @@ mod tests {
         let hidden = [0.9, 0.9, 0.9];
         let costs = [[0.9, 0.9, 0.0], hidden, hidden, [0.9, 0.0, 0.9], hidden, hidden].concat();
         let graph = chain();
-        assert_eq!(graph.fill(graph.mean_field(&costs, 3), &costs, 3, Of::AllParts), vec![2, 2, 1, 1, 0, 0]);
+        assert_eq!(
+            graph.filled_labels(graph.mean_field(&costs, 3), &costs, 3, Of::AllParts),
+            vec![2, 2, 1, 1, 0, 0]
+        );
     }
 
     #[test]
@@ -486,10 +503,13 @@ mod tests {
         let free = [1.61, 0.9, 0.9];
         let costs = [[0.9, 0.0, 0.9], [0.9; 3], free, free, [0.0, 0.9, 0.9], [0.9; 3]].concat();
         let graph = chain();
-        assert_eq!(graph.fill(graph.mean_field(&costs, 3), &costs, 3, Of::AllParts), vec![1, 1, 1, 1, 0, 0]);
+        assert_eq!(
+            graph.filled_labels(graph.mean_field(&costs, 3), &costs, 3, Of::AllParts),
+            vec![1, 1, 1, 1, 0, 0]
+        );
         // Alone among what they rule out they stay what they are.
         let costs = [[0.0, 0.9, 0.9], [0.9; 3], free, free, [0.0, 0.9, 0.9], [0.9; 3]].concat();
-        let mut labels = graph.fill(graph.mean_field(&costs, 3), &costs, 3, Of::AllParts);
+        let mut labels = graph.filled_labels(graph.mean_field(&costs, 3), &costs, 3, Of::AllParts);
         graph.join_islands(&mut labels, &costs, 3);
         assert!(labels[2] != 0 && labels[3] == labels[2] && labels[..2] == [0, 0], "{labels:?}");
     }

@@ -34,7 +34,7 @@ pub fn turn(axis: Vector3<f64>, point: [f64; 3], angle_rad: f64) -> Pose {
         angle_rad,
         advance_m: 0.0,
     };
-    screw.motion()
+    screw.to_motion()
 }
 
 impl Scene {
@@ -111,7 +111,7 @@ impl Scene {
                 cuboid([0.0, 0.0, 0.135], [0.055, 0.045, 0.014]),
                 cuboid([0.03, 0.0, 0.155], [0.012, 0.02, 0.008]),
             ],
-            motion: screw.motion(),
+            motion: screw.to_motion(),
         };
         Self { parts: vec![jar, lid], world: Pose::identity(), texture: 1.0 }
     }
@@ -194,7 +194,7 @@ impl Scene {
             let mut depth_m = vec![0.0; n];
             let mut mask = vec![false; n];
             for p in 0..n {
-                let ray = intrinsics.ray((p % intrinsics.width) as f64, (p / intrinsics.width) as f64);
+                let ray = intrinsics.ray_at((p % intrinsics.width) as f64, (p / intrinsics.width) as f64);
                 let origin = Point3::from(world_from_camera.translation.vector);
                 if let Some((t, part, at, _)) = self.hit(state, &origin, &(world_from_camera * ray)) {
                     // The ray has unit depth, so that its parameter is the depth.
@@ -219,7 +219,7 @@ impl Scene {
 
     /// World point seen at a pixel; `None` beside the object.
     pub fn ray_hit(&self, state: usize, frame: &RgbdFrame, pixel: [f32; 2]) -> Option<Point3<f64>> {
-        let ray = frame.world_from_camera * frame.intrinsics.ray(f64::from(pixel[0]), f64::from(pixel[1]));
+        let ray = frame.world_from_camera * frame.intrinsics.ray_at(f64::from(pixel[0]), f64::from(pixel[1]));
         let origin = Point3::from(frame.world_from_camera.translation.vector);
         self.hit(state, &origin, &ray).map(|(t, ..)| origin + ray * t)
     }
@@ -228,7 +228,7 @@ impl Scene {
     pub fn match_error_m(&self, frames: &[Vec<RgbdFrame>; 2], m: &PixelMatch) -> Option<f64> {
         let at = |state: usize, frame: &RgbdFrame, pixel: [f32; 2]| {
             let ray =
-                frame.world_from_camera * frame.intrinsics.ray(f64::from(pixel[0]), f64::from(pixel[1]));
+                frame.world_from_camera * frame.intrinsics.ray_at(f64::from(pixel[0]), f64::from(pixel[1]));
             self.hit(state, &Point3::from(frame.world_from_camera.translation.vector), &ray)
         };
         let a = at(0, &frames[0][m.frame0], m.pixel0)?;

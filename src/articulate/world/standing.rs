@@ -29,7 +29,7 @@ fn standing_pixels(frame: &RgbdFrame, back: &Pose, others: &[RgbdFrame], noise: 
     let mut counts = [0; 2];
     for i in (0..frame.depth_m.len()).step_by(EVERY).filter(|&i| frame.is_object(i)) {
         let Some(point) = frame.world_point(i) else { continue };
-        if let Some(stands) = stands(&(back * point), frame.sigma_m(i, noise), others, noise) {
+        if let Some(stands) = is_standing(&(back * point), frame.sigma_m(i, noise), others, noise) {
             counts[0] += usize::from(stands);
             counts[1] += 1;
         }
@@ -38,7 +38,7 @@ fn standing_pixels(frame: &RgbdFrame, back: &Pose, others: &[RgbdFrame], noise: 
 }
 
 /// Whether more frames see a surface at a point than see through it; `None` where none does either.
-fn stands(
+fn is_standing(
     point_in_world: &Point3<f64>,
     sigma_m: f64,
     frames: &[RgbdFrame],
@@ -49,7 +49,7 @@ fn stands(
     let mut through = 0;
     for frame in frames {
         let point = frame.in_camera(point_in_world);
-        let Some(pixel) = frame.intrinsics.pixel(&point).filter(|&i| frame.depth_m[i] > 0.0) else {
+        let Some(pixel) = frame.intrinsics.pixel_of(&point).filter(|&i| frame.depth_m[i] > 0.0) else {
             continue;
         };
         let behind_m = f64::from(frame.depth_m[pixel]) - point.z;

@@ -25,7 +25,7 @@ pub(super) fn depth_ratio(frame: &RgbdFrame, layout: &BoardLayout, board_from_ca
     for y in (0..k.height).step_by(STRIDE) {
         for x in (0..k.width).step_by(STRIDE) {
             let depth_m = f64::from(frame.depth_m[y * k.width + x]);
-            let ray = k.ray(x as f64, y as f64);
+            let ray = k.ray_at(x as f64, y as f64);
             let down = normal.dot(&ray);
             if depth_m <= 0.0 || down > -GRAZING * ray.norm() {
                 continue;

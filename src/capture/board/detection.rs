@@ -24,7 +24,7 @@ const WRONG_BITS: usize = 1;
 const LEAST_SIDE: usize = 48;
 
 /// Tags of an image, by their numbers; tags seen twice are left out.
-pub(super) fn detect(gray: &Gray) -> Vec<SeenTag> {
+pub(super) fn detect_tags(gray: &Gray) -> Vec<SeenTag> {
     thread_local! {
         // Its tables are made once a thread.
         static DETECTOR: RefCell<Option<apriltag::Detector>> = RefCell::new(

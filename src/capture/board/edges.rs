@@ -54,7 +54,7 @@ pub(super) fn edge_points(gray: &Gray, seen: &SeenTag) -> Vec<EdgePoint> {
         let across_px = area_px(&seen.corners) / (to - from).norm().max(1.0);
         let free_px = across_px / CELLS as f64 - BLUR_PX;
         let reach_px = free_px.clamp(REACH_PX[0], REACH_PX[1]);
-        if let Some((places, sigma_px)) = line(gray, from, to, reach_px) {
+        if let Some((places, sigma_px)) = brightness_line(gray, from, to, reach_px) {
             let sigma_px = sigma_px.hypot((reach_px - free_px).max(0.0));
             all.extend(places.map(|at| EdgePoint { tag: seen.tag, edge, at, sigma_px }));
         }
@@ -69,7 +69,12 @@ fn area_px(corners: &[Point2<f64>; 4]) -> f64 {
 }
 
 /// Two places of the line of rising brightness to the left of the way between two points.
-fn line(gray: &Gray, from: Point2<f64>, to: Point2<f64>, reach_px: f64) -> Option<([Point2<f64>; 2], f64)> {
+fn brightness_line(
+    gray: &Gray,
+    from: Point2<f64>,
+    to: Point2<f64>,
+    reach_px: f64,
+) -> Option<([Point2<f64>; 2], f64)> {
     let way = to - from;
     let length = way.norm();
     let along = way / length.max(1e-9);
@@ -91,7 +96,7 @@ fn line(gray: &Gray, from: Point2<f64>, to: Point2<f64>, reach_px: f64) -> Optio
                 let s = first + (k as f64 + 0.5) * (length - 2.0 * first) / count as f64 - middle;
                 let about = a + b * s;
                 let at = from + along * (s + middle) + outward * about;
-                Some([s, about + step(gray, &at, &outward, reach_px)?])
+                Some([s, about + brightness_step(gray, &at, &outward, reach_px)?])
             })
             .collect();
         let off = |[s, d]: &[f64; 2]| (d - a - b * s).abs();
@@ -119,9 +124,9 @@ fn line(gray: &Gray, from: Point2<f64>, to: Point2<f64>, reach_px: f64) -> Optio
 }
 
 /// How far along a direction the middle of the brightening lies, pixels.
-fn step(gray: &Gray, at: &Point2<f64>, outward: &Vector2<f64>, reach_px: f64) -> Option<f64> {
+fn brightness_step(gray: &Gray, at: &Point2<f64>, outward: &Vector2<f64>, reach_px: f64) -> Option<f64> {
     let steps = (reach_px / STEP_PX).round() as i32;
-    let value = |t: f64| gray.at(at.x + outward.x * t, at.y + outward.y * t);
+    let value = |t: f64| gray.value_at(at.x + outward.x * t, at.y + outward.y * t);
     let mut sum = 0.0;
     let mut moment = 0.0;
     let mut before = value(-(f64::from(steps) + 0.5) * STEP_PX)?;

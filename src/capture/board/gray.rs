@@ -10,7 +10,7 @@ pub(super) struct Gray {
 }
 
 impl Gray {
-    pub fn of(frame: &RgbdFrame) -> Self {
+    pub fn of_frame(frame: &RgbdFrame) -> Self {
         let k = &frame.intrinsics;
         Self { width: k.width, height: k.height, values: frame.rgb.iter().map(|c| luma(*c)).collect() }
     }
@@ -21,7 +21,7 @@ impl Gray {
     }
 
     /// Linear between pixels; none outside their centers.
-    pub fn at(&self, u: f64, v: f64) -> Option<f64> {
+    pub fn value_at(&self, u: f64, v: f64) -> Option<f64> {
         let x = u.floor();
         let y = v.floor();
         let inside = x >= 0.0 && y >= 0.0 && x + 1.0 < self.width as f64 && y + 1.0 < self.height as f64;

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, fmt};
 use nalgebra::Point3;
 
 use super::{
-    place::{BoardInView, BoardPlace, ColorTurn, UNREAD_BOARD, board_scale, stretched},
+    place::{BoardInView, BoardPlace, ColorTurn, UNREAD_BOARD, board_scale, pose_scaled},
     sighting::BoardSighting,
 };
 use crate::{RgbdFrame, SensorCalibration};
@@ -66,14 +66,14 @@ impl BoardInWorld {
             .iter()
             .map(|(f, sighting)| BoardInView { map_from_camera: f.world_from_camera, sighting })
             .collect();
-        let place = BoardPlace::of(&views, [scale, sigma], &color, stop)?;
+        let place = BoardPlace::from_views(&views, [scale, sigma], &color, stop)?;
         let Some(place) = place else { return Ok(None) };
         // Lengths stay those of depth where the print is not believed.
         let factor = if self.trusted { scale } else { 1.0 };
-        let moved = self.world_from_board * stretched(&place.board_from_map, factor / scale);
+        let moved = self.world_from_board * pose_scaled(&place.board_from_map, factor / scale);
         let at = self.world_from_board.translation.vector;
         for frame in states.iter_mut().flatten() {
-            frame.world_from_camera = moved * stretched(&frame.world_from_camera, factor);
+            frame.world_from_camera = moved * pose_scaled(&frame.world_from_camera, factor);
             frame.depth_m.iter_mut().for_each(|d| *d *= factor as f32);
         }
         Ok(Some(BoardCorrection {

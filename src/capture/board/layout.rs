@@ -2,7 +2,7 @@
 
 use nalgebra::Point2;
 
-use super::tag::{CELLS, TagCells, cells};
+use super::tag::{CELLS, TagCells, cells_of_code};
 
 /// A sheet for a printed board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -31,7 +31,7 @@ impl Paper {
 
     /// The paper by its name.
     #[must_use]
-    pub fn named(name: &str) -> Option<Self> {
+    pub fn by_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|p| p.name() == name)
     }
 }
@@ -72,24 +72,24 @@ pub struct BoardLayout {
 impl BoardLayout {
     /// The board of a paper.
     #[must_use]
-    pub fn of(paper: Paper) -> Self {
+    pub fn of_paper(paper: Paper) -> Self {
         let (sheet_m, tag_m, gap_m, top_m, first, codes) = match paper {
             Paper::A4 => ([0.210, 0.297], 0.072, 0.020, 0.011, 300, A4_CODES),
             Paper::A3 => ([0.297, 0.420], 0.104, 0.028, 0.016, 310, A3_CODES),
             Paper::Letter => ([0.2159, 0.2794], 0.068, 0.020, 0.009, 320, LETTER_CODES),
         };
-        let cells = codes.map(cells);
+        let cells = codes.map(cells_of_code);
         Self { paper, sheet_m, tag_m, gap_m, top_m, first, cells }
     }
 
     /// The board of a tag.
     #[must_use]
     pub fn with_tag(tag: u16) -> Option<Self> {
-        Paper::ALL.into_iter().map(Self::of).find(|l| l.place(tag).is_some())
+        Paper::ALL.into_iter().map(Self::of_paper).find(|l| l.tag_place(tag).is_some())
     }
 
     /// Numbers of its tags.
-    pub fn tags(&self) -> impl Iterator<Item = u16> + use<> {
+    pub fn tag_numbers(&self) -> impl Iterator<Item = u16> + use<> {
         let first = self.first;
         (0..TAGS as u16).map(move |k| first + k)
     }
@@ -97,8 +97,8 @@ impl BoardLayout {
     /// Corners of a tag's black border, from the upper left one on clockwise as the sheet is read; `None` for
     /// a tag of another board.
     #[must_use]
-    pub fn corners(&self, tag: u16) -> Option<[Point2<f64>; 4]> {
-        let place = self.place(tag)?;
+    pub fn tag_corners(&self, tag: u16) -> Option<[Point2<f64>; 4]> {
+        let place = self.tag_place(tag)?;
         let column = (place % COLUMNS) as f64;
         let row = (place / COLUMNS) as f64;
         let pitch_m = self.tag_m + self.gap_m;
@@ -111,7 +111,7 @@ impl BoardLayout {
 
     /// Lower left and upper right corner of the sheet.
     #[must_use]
-    pub fn sheet(&self) -> [Point2<f64>; 2] {
+    pub fn sheet_corners(&self) -> [Point2<f64>; 2] {
         let top = self.half_grid_m()[1] + self.top_m;
         let [width, height] = self.sheet_m;
         [Point2::new(-0.5 * width, top - height), Point2::new(0.5 * width, top)]
@@ -125,8 +125,8 @@ impl BoardLayout {
 
     /// Whether each of a tag's cells is black: rows from above, the border included.
     #[must_use]
-    pub fn cells(&self, tag: u16) -> Option<&TagCells> {
-        self.place(tag).map(|place| &self.cells[place])
+    pub fn tag_cells(&self, tag: u16) -> Option<&TagCells> {
+        self.tag_place(tag).map(|place| &self.cells[place])
     }
 
     /// Whether there is ink of a tag at a point of the sheet.
@@ -147,7 +147,7 @@ impl BoardLayout {
         x < CELLS && y < CELLS && cells[y][x]
     }
 
-    fn place(&self, tag: u16) -> Option<usize> {
+    fn tag_place(&self, tag: u16) -> Option<usize> {
         tag.checked_sub(self.first).map(usize::from).filter(|k| *k < TAGS)
     }
 }
@@ -160,32 +160,32 @@ mod tests {
 
     #[test]
     fn every_number_is_of_one_paper() {
-        let all: Vec<u16> = Paper::ALL.iter().flat_map(|p| BoardLayout::of(*p).tags()).collect();
+        let all: Vec<u16> = Paper::ALL.iter().flat_map(|p| BoardLayout::of_paper(*p).tag_numbers()).collect();
         assert_eq!(all.iter().collect::<BTreeSet<_>>().len(), Paper::ALL.len() * TAGS);
         for paper in Paper::ALL {
-            assert_eq!(Paper::named(paper.name()), Some(paper));
-            for tag in BoardLayout::of(paper).tags() {
+            assert_eq!(Paper::by_name(paper.name()), Some(paper));
+            for tag in BoardLayout::of_paper(paper).tag_numbers() {
                 assert_eq!(BoardLayout::with_tag(tag).unwrap().paper, paper);
             }
         }
         assert_eq!(BoardLayout::with_tag(0), None);
-        assert_eq!(Paper::named("a5"), None);
+        assert_eq!(Paper::by_name("a5"), None);
     }
 
     #[test]
     fn tags_have_white_around_them_and_lie_on_the_sheet() {
-        for layout in Paper::ALL.map(BoardLayout::of) {
+        for layout in Paper::ALL.map(BoardLayout::of_paper) {
             let cell_m = layout.tag_m / CELLS as f64;
             assert!(layout.gap_m > 2.0 * cell_m, "two tags must not share their white");
-            let [low, high] = layout.sheet();
+            let [low, high] = layout.sheet_corners();
             // Below them there is room for a ruler and a line of text.
             let room = |side: f64, least: f64| assert!(side > least, "{side} {:?}", layout.paper);
             let [half_x, half_y] = layout.half_grid_m();
             room(high.x - half_x, 0.008);
             room(high.y - half_y, cell_m);
             room(-half_y - low.y, 0.025);
-            for tag in layout.tags() {
-                let corners = layout.corners(tag).unwrap();
+            for tag in layout.tag_numbers() {
+                let corners = layout.tag_corners(tag).unwrap();
                 let middle = nalgebra::center(&corners[0], &corners[2]);
                 for corner in corners {
                     let inside = corner + (middle - corner) * 0.02;

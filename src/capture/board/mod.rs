@@ -23,7 +23,7 @@ use serde::{Deserialize, Serialize};
 pub use self::{
     in_world::BoardInWorld,
     layout::{BoardLayout, Paper},
-    place::{BoardInView, BoardPlace, ColorTurn, UNREAD_BOARD, board_scale, stretched},
+    place::{BoardInView, BoardPlace, ColorTurn, UNREAD_BOARD, board_scale, pose_scaled},
     sighting::{BoardSighting, find_board},
 };
 

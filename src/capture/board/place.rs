@@ -83,7 +83,7 @@ pub struct BoardInView<'a> {
 
 /// A pose with its distance from the origin multiplied by `scale`.
 #[must_use]
-pub fn stretched(pose: &Pose, scale: f64) -> Pose {
+pub fn pose_scaled(pose: &Pose, scale: f64) -> Pose {
     Pose::from_parts((pose.translation.vector * scale).into(), pose.rotation)
 }
 
@@ -107,7 +107,7 @@ impl BoardPlace {
     ///
     /// # Errors
     /// [`Stopped`].
-    pub fn of(
+    pub fn from_views(
         views: &[BoardInView<'_>],
         scale: [f64; 2],
         color: &ColorTurn,
@@ -121,7 +121,7 @@ impl BoardPlace {
         let mut fits = Vec::new();
         for view in views.iter().step_by(step) {
             stop.check()?;
-            fits.extend(problem.fit(problem.by_one(view)));
+            fits.extend(problem.fitted_from(problem.by_one(view)));
         }
         let best = fits.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
         Ok(best
@@ -166,24 +166,24 @@ struct ViewResidual {
 impl PlaceProblem<'_> {
     fn color_in_map(&self, view: &BoardInView<'_>) -> Pose {
         let turn = Vector3::new(self.turn[0], self.turn[1], 0.0);
-        stretched(&view.map_from_camera, self.scale) * Pose::new(Vector3::zeros(), turn)
+        pose_scaled(&view.map_from_camera, self.scale) * Pose::new(Vector3::zeros(), turn)
     }
 
     fn by_one(&self, view: &BoardInView<'_>) -> Pose {
         view.sighting.board_from_camera * self.color_in_map(view).inverse()
     }
 
-    fn fit(&self, board_from_map: Pose) -> Option<PlaceFit> {
+    fn fitted_from(&self, board_from_map: Pose) -> Option<PlaceFit> {
         let mut at = board_from_map;
         for _ in 0..ROUNDS {
-            let (fit, gradient) = self.sums(&at)?;
+            let (fit, gradient) = self.normal_equations(&at)?;
             let step: Vector6<f64> = -fit.information.cholesky()?.solve(&gradient);
             at *= Pose::new(step.fixed_rows::<3>(0).into(), step.fixed_rows::<3>(3).into());
             if step.amax() < STEP_M {
                 break;
             }
         }
-        Some(self.sums(&at)?.0)
+        Some(self.normal_equations(&at)?.0)
     }
 
     /// The place by the best fit, with its covariance; `None` where the fit leaves a motion open.
@@ -206,9 +206,9 @@ impl PlaceProblem<'_> {
     }
 
     /// Normal equations about a place: the gradient by a motion of the map, and all else.
-    fn sums(&self, board_from_map: &Pose) -> Option<(PlaceFit, Vector6<f64>)> {
+    fn normal_equations(&self, board_from_map: &Pose) -> Option<(PlaceFit, Vector6<f64>)> {
         let all: Vec<ViewResidual> =
-            self.views.iter().map(|v| self.residual(board_from_map, v)).collect::<Option<_>>()?;
+            self.views.iter().map(|v| self.residual_of_view(board_from_map, v)).collect::<Option<_>>()?;
         let squares: Vec<f64> = all.iter().map(|r| r.off.dot(&(r.information * r.off))).collect();
         let variance = (median(squares.clone())? / CHI_SQUARE_MEDIAN_6).max(1.0);
         let mut gradient = Vector6::zeros();
@@ -233,7 +233,7 @@ impl PlaceProblem<'_> {
     }
 
     /// The term of a view in the sum of docs/method.md (2.29).
-    fn residual(&self, board_from_map: &Pose, view: &BoardInView<'_>) -> Option<ViewResidual> {
+    fn residual_of_view(&self, board_from_map: &Pose, view: &BoardInView<'_>) -> Option<ViewResidual> {
         let map_from_color = self.color_in_map(view);
         let off =
             shift_and_turn(&((board_from_map * map_from_color).inverse() * view.sighting.board_from_camera));
@@ -268,7 +268,7 @@ impl PlaceProblem<'_> {
             .filter(|k| k * blocks / self.views.len() != block)
             .map(|k| self.views[k])
             .collect();
-        let fit = PlaceProblem { views: &views, ..*self }.fit(best.board_from_map)?;
+        let fit = PlaceProblem { views: &views, ..*self }.fitted_from(best.board_from_map)?;
         Some(shift_and_turn(&(best.board_from_map.inverse() * fit.board_from_map)))
     }
 }

@@ -26,8 +26,8 @@ fn made(count: usize, seed: u64) -> Vec<(Pose, BoardSighting)> {
                 Pose::new(Vector3::zeros(), Vector3::new(-TURN_TRUTH[0], -TURN_TRUTH[1], 0.0));
             let map = truth().inverse() * on_board * color_from_tracked;
             let error = Pose::new(
-                random::isotropic(rng, SIGMA[0] * 3f64.sqrt()),
-                random::isotropic(rng, SIGMA[1] * 3f64.sqrt()),
+                random::isotropic_normal(rng, SIGMA[0] * 3f64.sqrt()),
+                random::isotropic_normal(rng, SIGMA[1] * 3f64.sqrt()),
             );
             let sighting = BoardSighting {
                 paper: Paper::A4,
@@ -37,7 +37,7 @@ fn made(count: usize, seed: u64) -> Vec<(Pose, BoardSighting)> {
                 rms_px: 0.1,
                 depth_ratio: None,
             };
-            (stretched(&map, 1.0 / SCALE_TRUTH), sighting)
+            (pose_scaled(&map, 1.0 / SCALE_TRUTH), sighting)
         })
         .collect()
 }
@@ -45,7 +45,7 @@ fn made(count: usize, seed: u64) -> Vec<(Pose, BoardSighting)> {
 fn place(made: &[(Pose, BoardSighting)], scale: [f64; 2], color: &ColorTurn) -> Option<BoardPlace> {
     let views: Vec<BoardInView<'_>> =
         made.iter().map(|(p, sighting)| BoardInView { map_from_camera: *p, sighting }).collect();
-    BoardPlace::of(&views, scale, color, &Stop::never()).unwrap()
+    BoardPlace::from_views(&views, scale, color, &Stop::never()).unwrap()
 }
 
 const KNOWN: ColorTurn = ColorTurn { mean_rad: TURN_TRUTH, sigma_rad: [0.0; 2] };
@@ -141,7 +141,7 @@ fn derivatives_are_those_of_the_residual() {
             turn: [TURN_TRUTH[0] + step[7], TURN_TRUTH[1] + step[8]],
         };
         let at = truth() * Pose::new(step.fixed_rows::<3>(0).into(), step.fixed_rows::<3>(3).into());
-        problem.residual(&at, &view).unwrap()
+        problem.residual_of_view(&at, &view).unwrap()
     };
     for one in &some {
         let r = off(&SMatrix::zeros(), one);

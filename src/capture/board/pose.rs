@@ -66,31 +66,31 @@ struct ViewFit {
 
 impl BoardView<'_> {
     /// The pose with the most edges at their measured places; `tags` give starts.
-    pub fn pose(&self, tags: &[SeenTag]) -> Option<BoardPose> {
+    pub fn pose_of_board(&self, tags: &[SeenTag]) -> Option<BoardPose> {
         // All tags, or each alone, should the others be wrong.
         let all: Vec<_> = tags.iter().flat_map(|tag| self.corner_pairs(tag)).collect();
         let starts = std::iter::once(all).chain(tags.iter().map(|tag| self.corner_pairs(tag)));
-        let fits = starts.filter_map(|p| self.fit(&pose_by_homography(self.intrinsics, &p)?.inverse()));
+        let fits = starts.filter_map(|p| self.fit_from(&pose_by_homography(self.intrinsics, &p)?.inverse()));
         let mut best = fits.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
-        let over = turned_over(&best.board_from_camera.inverse()).and_then(|p| self.fit(&p.inverse()));
+        let over = turned_over(&best.board_from_camera.inverse()).and_then(|p| self.fit_from(&p.inverse()));
         if let Some(over) = over.filter(|o| o.cost < best.cost) {
             best = over;
         }
-        self.found(&best)
+        self.pose_of_fit(&best)
     }
 
     /// Corners of a tag on the board, each with its pixel.
     fn corner_pairs(&self, seen: &SeenTag) -> Vec<(Point2<f64>, Point2<f64>)> {
-        self.layout.corners(seen.tag).into_iter().flatten().zip(seen.corners).collect()
+        self.layout.tag_corners(seen.tag).into_iter().flatten().zip(seen.corners).collect()
     }
 
     /// Distance of an edge point from its place under a fit, pixels; infinite where it projects nowhere.
     fn distance_px(&self, fit: &ViewFit, point: &EdgePoint) -> f64 {
         let camera_from_board = fit.board_from_camera.inverse();
-        self.residual(&camera_from_board, fit.ink_px, point).map_or(f64::INFINITY, |(r, _)| r.abs())
+        self.edge_residual(&camera_from_board, fit.ink_px, point).map_or(f64::INFINITY, |(r, _)| r.abs())
     }
 
-    fn found(&self, fit: &ViewFit) -> Option<BoardPose> {
+    fn pose_of_fit(&self, fit: &ViewFit) -> Option<BoardPose> {
         let mut tags: Vec<u16> = self.points.iter().map(|p| p.tag).collect();
         tags.dedup();
         tags.retain(|tag| {
@@ -110,7 +110,7 @@ impl BoardView<'_> {
     }
 
     /// Gauss-Newton from a pose.
-    fn fit(&self, start: &Pose) -> Option<ViewFit> {
+    fn fit_from(&self, start: &Pose) -> Option<ViewFit> {
         let mut fit = ViewFit {
             board_from_camera: *start,
             ink_px: 0.0,
@@ -120,7 +120,7 @@ impl BoardView<'_> {
         };
         for round in 0..ROUNDS {
             let loose_px = START_PX * 0.3f64.powi(round as i32);
-            let gradient = self.sums(&mut fit, loose_px)?;
+            let gradient = self.normal_equations(&mut fit, loose_px)?;
             let step: Step = -fit.information.cholesky()?.solve(&gradient);
             fit.board_from_camera *=
                 Pose::new(step.fixed_rows::<3>(0).into(), step.fixed_rows::<3>(3).into());
@@ -132,15 +132,15 @@ impl BoardView<'_> {
                 break;
             }
         }
-        self.sums(&mut fit, 0.0)?;
+        self.normal_equations(&mut fit, 0.0)?;
         Some(fit)
     }
 
     /// Normal equations about a fit; fills in its information, scale and cost.
-    fn sums(&self, fit: &mut ViewFit, loose_px: f64) -> Option<Step> {
+    fn normal_equations(&self, fit: &mut ViewFit, loose_px: f64) -> Option<Step> {
         let camera_from_board = fit.board_from_camera.inverse();
         let residuals: Vec<Option<(f64, Step)>> =
-            self.points.iter().map(|p| self.residual(&camera_from_board, fit.ink_px, p)).collect();
+            self.points.iter().map(|p| self.edge_residual(&camera_from_board, fit.ink_px, p)).collect();
         let lengths = self.points.iter().zip(&residuals);
         let lengths: Vec<f64> = lengths.filter_map(|(p, r)| Some(r.as_ref()?.0.abs() / p.sigma_px)).collect();
         fit.scale = (SIGMAS_PER_MAD * median(lengths)?).max(1.0);
@@ -169,8 +169,8 @@ impl BoardView<'_> {
 
     /// Distance of a measured place to the outside of the expected edge, pixels, and the derivatives by the
     /// unknowns. See docs/method.md (2.28).
-    fn residual(&self, camera_from_board: &Pose, ink_px: f64, point: &EdgePoint) -> Option<(f64, Step)> {
-        let corners = self.layout.corners(point.tag)?;
+    fn edge_residual(&self, camera_from_board: &Pose, ink_px: f64, point: &EdgePoint) -> Option<(f64, Step)> {
+        let corners = self.layout.tag_corners(point.tag)?;
         let ends = [corners[point.edge], corners[(point.edge + 1) % 4]];
         let [from, to] = ends.map(|p| camera_from_board * Point3::new(p.x, p.y, 0.0));
         let [a, b] = [from, to].map(|p| self.intrinsics.project(&p));

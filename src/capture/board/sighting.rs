@@ -6,7 +6,7 @@ use nalgebra::Matrix6;
 
 use super::{
     depth::depth_ratio,
-    detection::{SeenTag, detect},
+    detection::{SeenTag, detect_tags},
     edges::{EdgePoint, edge_points},
     gray::Gray,
     layout::{BoardLayout, Paper},
@@ -39,26 +39,26 @@ impl BoardSighting {
     /// Depth readings of the frame on the board over its distance by its tags, after readings were corrected.
     #[must_use]
     pub fn depth_ratio_in(&self, frame: &RgbdFrame) -> Option<f64> {
-        depth_ratio(frame, &BoardLayout::of(self.paper), &self.board_from_camera)
+        depth_ratio(frame, &BoardLayout::of_paper(self.paper), &self.board_from_camera)
     }
 }
 
 /// The board of a frame; `None` where fewer than two of its tags are read and agree.
 #[must_use]
 pub fn find_board(frame: &RgbdFrame) -> Option<BoardSighting> {
-    let gray = Gray::of(frame);
+    let gray = Gray::of_frame(frame);
     let mut by_paper: BTreeMap<Paper, Vec<SeenTag>> = BTreeMap::new();
-    for seen in detect(&gray) {
+    for seen in detect_tags(&gray) {
         if let Some(layout) = BoardLayout::with_tag(seen.tag) {
             by_paper.entry(layout.paper).or_default().push(seen);
         }
     }
     // One board a view, the one with most tags; of equals the first.
     let (paper, tags) = by_paper.into_iter().rev().max_by_key(|(_, tags)| tags.len())?;
-    let layout = BoardLayout::of(paper);
+    let layout = BoardLayout::of_paper(paper);
     let points: Vec<EdgePoint> = tags.iter().flat_map(|t| edge_points(&gray, t)).collect();
     let view = BoardView { intrinsics: &frame.intrinsics, layout: &layout, points: &points };
-    let found = view.pose(&tags)?;
+    let found = view.pose_of_board(&tags)?;
     (found.tags.len() >= LEAST_TAGS).then(|| BoardSighting {
         paper,
         board_from_camera: found.board_from_camera,
@@ -74,7 +74,7 @@ mod tests {
     use nalgebra::Point2;
 
     use super::*;
-    use crate::board::test_view::{drawn, looking_at};
+    use crate::board::test_view::{drawn_board, looking_at};
     use geometry::shift_and_turn;
 
     #[test]
@@ -87,9 +87,9 @@ mod tests {
             // Cells narrower than what can be read.
             (Paper::A3, 1.4, 1.25, 0.0),
         ] {
-            let layout = BoardLayout::of(paper);
+            let layout = BoardLayout::of_paper(paper);
             let truth = looking_at(Point2::new(0.05, -0.02), away_m, [tilt, 0.7, roll]);
-            let frame = drawn(&layout, &truth);
+            let frame = drawn_board(&layout, &truth);
             let found = find_board(&frame).unwrap();
             assert_eq!((found.paper, found.tags), (paper, 6));
             let off = shift_and_turn(&(truth.inverse() * found.board_from_camera));
@@ -106,8 +106,8 @@ mod tests {
 
     #[test]
     fn a_floor_shows_no_board() {
-        let layout = BoardLayout::of(Paper::A4);
-        let mut frame = drawn(&layout, &looking_at(Point2::origin(), 1.0, [0.4, 0.0, 0.0]));
+        let layout = BoardLayout::of_paper(Paper::A4);
+        let mut frame = drawn_board(&layout, &looking_at(Point2::origin(), 1.0, [0.4, 0.0, 0.0]));
         frame.rgb.iter_mut().enumerate().for_each(|(i, c)| *c = [(i * 7919 % 251) as u8; 3]);
         assert_eq!(find_board(&frame), None);
         frame.rgb.fill([128; 3]);

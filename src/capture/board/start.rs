@@ -20,7 +20,7 @@ pub(super) fn pose_by_homography(
     let mut squares = SMatrix::<f64, 9, 9>::zeros();
     for (p, pixel) in points {
         let on_plane = (p.coords - middle) / size.max(1e-12);
-        let ray = intrinsics.ray(pixel.x, pixel.y);
+        let ray = intrinsics.ray_at(pixel.x, pixel.y);
         for (k, value) in [(0, ray.x), (1, ray.y)] {
             let mut row = SMatrix::<f64, 9, 1>::zeros();
             for (j, v) in [on_plane.x, on_plane.y, 1.0].into_iter().enumerate() {

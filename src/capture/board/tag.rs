@@ -10,7 +10,7 @@ pub type TagCells = [[bool; CELLS]; CELLS];
 
 /// The cells of a tag with a code of 36 bits, the highest first. A quarter of them is the upper side of every
 /// ring, from the outside in; the other quarters are turned clockwise. A set bit is white.
-pub(super) fn cells(code: u64) -> TagCells {
+pub(super) fn cells_of_code(code: u64) -> TagCells {
     let mut cells = [[true; CELLS]; CELLS];
     let quarter = INSIDE * INSIDE / 4;
     let mut place = 0;

@@ -28,15 +28,15 @@ pub fn looking_at(point: Point2<f64>, away_m: f64, [tilt, towards, roll]: [f64; 
 const SAMPLES: usize = 8;
 
 /// The view of a board on a gray floor: brightness as a camera encodes it, and depth.
-pub fn drawn(layout: &BoardLayout, board_from_camera: &Pose) -> RgbdFrame {
+pub fn drawn_board(layout: &BoardLayout, board_from_camera: &Pose) -> RgbdFrame {
     let k = INTRINSICS;
     let on_board = |u: f64, v: f64| {
-        let ray = board_from_camera * k.ray(u, v);
+        let ray = board_from_camera * k.ray_at(u, v);
         let depth_m = -board_from_camera.translation.vector.z / ray.z;
         let at = board_from_camera.translation.vector + ray * depth_m;
         (depth_m, Point2::new(at.x, at.y))
     };
-    let [low, high] = layout.sheet();
+    let [low, high] = layout.sheet_corners();
     let light = |at: &Point2<f64>| {
         let on_sheet = at.x > low.x && at.x < high.x && at.y > low.y && at.y < high.y;
         match (on_sheet, layout.is_black(at)) {

@@ -53,7 +53,7 @@ struct Stretch {
 
 impl<'a, K: Fn(usize, usize) -> bool> Gradients<'a, K> {
     /// Central differences; pixels where `keep` says no, and the border, have magnitude 0.
-    pub fn of(image: &'a FloatImage, keep: K) -> Self {
+    pub fn of_image(image: &'a FloatImage, keep: K) -> Self {
         let pixels = image.width * image.height;
         // Memory of zeros costs nothing where nobody looks.
         let magnitudes = vec![0.0; pixels];
@@ -91,7 +91,7 @@ impl<'a, K: Fn(usize, usize) -> bool> Gradients<'a, K> {
 
     /// Visits the pixels near a point by stretches of rows: `columns` gives the offsets x of a row with an
     /// offset y, `sigma` is the standard deviation of the Gaussian about the point.
-    fn around(
+    fn visit_around(
         &mut self,
         [x, y]: [f32; 2],
         radius: f32,
@@ -151,7 +151,7 @@ fn polar_kernel(
         let dx = right[i] - left[i];
         let dy = below[i] - above[i];
         magnitudes[i] = (dx * dx + dy * dy).sqrt();
-        directions[i] = direction(dx, dy);
+        directions[i] = direction_rad(dx, dy);
     }
 }
 
@@ -159,7 +159,7 @@ fn polar_kernel(
 ///
 /// The arctangent's polynomial is 4.4.49 of Abramowitz and Stegun, right to 2e-8.
 #[inline(always)]
-fn direction(dx: f32, dy: f32) -> f32 {
+fn direction_rad(dx: f32, dy: f32) -> f32 {
     let x = dx.abs();
     let y = dy.abs();
     let t = x.min(y) / x.max(y).max(f32::MIN_POSITIVE);
@@ -182,7 +182,7 @@ fn in_circle(angle_rad: f32) -> f32 {
 }
 
 /// Dominant gradient directions around a point, radians, strongest first; at most 3.
-pub fn orientations(
+pub fn dominant_orientations(
     gradients: &mut Gradients<'_, impl Fn(usize, usize) -> bool>,
     x: f32,
     y: f32,
@@ -193,7 +193,7 @@ pub fn orientations(
     let radius = 4.5 * scale_px;
     // The last bin is the first one again.
     let mut turns = [0.0f32; ORIENTATIONS + 2];
-    gradients.around(
+    gradients.visit_around(
         [x, y],
         radius,
         sigma,
@@ -260,7 +260,7 @@ fn offsets_within(reach: f32, slope: f32, middle: f32) -> [f32; 2] {
 
 /// The descriptor of the square of side 12 `scale_px` about a point, turned by `angle_rad`; `None` without
 /// gradients.
-pub fn describe(
+pub fn descriptor_at(
     gradients: &mut Gradients<'_, impl Fn(usize, usize) -> bool>,
     x: f32,
     y: f32,
@@ -272,7 +272,7 @@ pub fn describe(
     let half = 0.5 * CELLS as f32;
     let reach = cell_px * (half + 0.5);
     let mut cells: Cells = [[[0.0; DIRECTIONS + 2]; SIDE * SIDE]; 2];
-    gradients.around(
+    gradients.visit_around(
         [x, y],
         SQRT_2 * reach,
         half * cell_px,
@@ -291,7 +291,7 @@ pub fn describe(
             values[at + 1] += cell[DIRECTIONS + 1];
         }
     }
-    hellinger(&mut values)
+    hellinger_normalized(&mut values)
 }
 
 /// Histograms of the cells, row by row, with an unused border of cells; twice, as neighboring pixels would
@@ -348,7 +348,7 @@ fn add_stretch(cells: &mut Cells, stretch: &Stretch, [sin, cos]: [f32; 2], [cell
 }
 
 /// Clips strong gradients at 0.2 of the vector's length, divides by the sum and takes square roots.
-fn hellinger(values: &mut [f32; DESCRIPTOR_LENGTH]) -> Option<Descriptor> {
+fn hellinger_normalized(values: &mut [f32; DESCRIPTOR_LENGTH]) -> Option<Descriptor> {
     let norm = values.iter().map(|v| v * v).sum::<f32>().sqrt();
     if norm < 1e-6 {
         return None;
@@ -362,7 +362,7 @@ fn hellinger(values: &mut [f32; DESCRIPTOR_LENGTH]) -> Option<Descriptor> {
 
 /// Inner product; at most `DESCRIPTOR_NORM^2` up to rounding, so it fits.
 #[inline(always)]
-pub fn dot(a: &Descriptor, b: &Descriptor) -> i32 {
+pub fn descriptor_product(a: &Descriptor, b: &Descriptor) -> i32 {
     a.iter().zip(b).map(|(&p, &q)| i32::from(p) * i32::from(q)).sum()
 }
 
@@ -372,7 +372,7 @@ mod tests {
 
     /// Cosine between two descriptors, in `[0, 1]`.
     fn similarity(a: &Descriptor, b: &Descriptor) -> f32 {
-        dot(a, b) as f32 / (DESCRIPTOR_NORM * DESCRIPTOR_NORM)
+        descriptor_product(a, b) as f32 / (DESCRIPTOR_NORM * DESCRIPTOR_NORM)
     }
 
     /// A smooth pattern sampled about a center, turned by `angle` and scaled.
@@ -399,32 +399,32 @@ mod tests {
     #[test]
     fn a_turned_and_scaled_patch_has_the_same_descriptor_and_a_turned_angle() {
         let straight = pattern(0.0, 1.0);
-        let mut a = Gradients::of(&straight, |_, _| true);
-        let o = orientations(&mut a, 60.0, 60.0, 3.0)[0];
-        let da = describe(&mut a, 60.0, 60.0, 3.0, o).unwrap();
+        let mut a = Gradients::of_image(&straight, |_, _| true);
+        let o = dominant_orientations(&mut a, 60.0, 60.0, 3.0)[0];
+        let da = descriptor_at(&mut a, 60.0, 60.0, 3.0, o).unwrap();
         for (turn, scale) in [(0.7f32, 1.0f32), (-1.9, 1.3), (3.0, 0.8)] {
             let turned = pattern(turn, scale);
-            let mut b = Gradients::of(&turned, |_, _| true);
-            let p = orientations(&mut b, 60.0, 60.0, 3.0 * scale)[0];
+            let mut b = Gradients::of_image(&turned, |_, _| true);
+            let p = dominant_orientations(&mut b, 60.0, 60.0, 3.0 * scale)[0];
             let difference = (p - o - turn).rem_euclid(TAU);
             assert!(difference.min(TAU - difference) < 0.06, "{difference}");
-            let db = describe(&mut b, 60.0, 60.0, 3.0 * scale, p).unwrap();
+            let db = descriptor_at(&mut b, 60.0, 60.0, 3.0 * scale, p).unwrap();
             assert!(similarity(&da, &db) > 0.97, "{}", similarity(&da, &db));
         }
-        let other = describe(&mut a, 40.0, 75.0, 3.0, o).unwrap();
+        let other = descriptor_at(&mut a, 40.0, 75.0, 3.0, o).unwrap();
         assert!(similarity(&da, &other) < 0.95);
     }
 
     #[test]
     fn descriptors_have_unit_length_and_a_plain_patch_has_none() {
         let image = pattern(0.3, 1.0);
-        let mut a = Gradients::of(&image, |_, _| true);
-        let d = describe(&mut a, 50.0, 60.0, 2.0, 0.1).unwrap();
+        let mut a = Gradients::of_image(&image, |_, _| true);
+        let d = descriptor_at(&mut a, 50.0, 60.0, 2.0, 0.1).unwrap();
         assert!((similarity(&d, &d) - 1.0).abs() < 2e-3);
         let image = FloatImage::zeros(50, 50);
-        let mut plain = Gradients::of(&image, |_, _| true);
-        assert!(describe(&mut plain, 25.0, 25.0, 2.0, 0.0).is_none());
-        assert!(orientations(&mut plain, 25.0, 25.0, 2.0).is_empty());
+        let mut plain = Gradients::of_image(&image, |_, _| true);
+        assert!(descriptor_at(&mut plain, 25.0, 25.0, 2.0, 0.0).is_none());
+        assert!(dominant_orientations(&mut plain, 25.0, 25.0, 2.0).is_empty());
     }
 
     #[test]
@@ -435,8 +435,8 @@ mod tests {
             .filter(|i| i % 121 > 70)
             .for_each(|i| spoiled.values[i] = if i % 2 == 0 { 1.0 } else { 0.0 });
         let keep = |x: usize, _: usize| x < 69;
-        let mut a = Gradients::of(&image, keep);
-        let mut b = Gradients::of(&spoiled, keep);
-        assert_eq!(describe(&mut a, 60.0, 60.0, 3.0, 0.5), describe(&mut b, 60.0, 60.0, 3.0, 0.5));
+        let mut a = Gradients::of_image(&image, keep);
+        let mut b = Gradients::of_image(&spoiled, keep);
+        assert_eq!(descriptor_at(&mut a, 60.0, 60.0, 3.0, 0.5), descriptor_at(&mut b, 60.0, 60.0, 3.0, 0.5));
     }
 }

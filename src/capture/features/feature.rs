@@ -6,9 +6,9 @@ use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::features::{
-    descriptor::{Descriptor, Gradients, describe, orientations},
+    descriptor::{Descriptor, Gradients, descriptor_at, dominant_orientations},
     luma::luma,
-    scale_space::{FloatImage, Octave, octaves},
+    scale_space::{FloatImage, Octave, octaves_of_image},
 };
 use crate::frame::RgbdFrame;
 use numeric::vectorized;
@@ -67,9 +67,9 @@ const MARGIN_PX: usize = 20;
 
 /// Features on the object in one frame, strongest first.
 #[must_use]
-pub fn features(frame: &RgbdFrame, config: &FeatureConfig) -> Vec<Feature> {
-    let Some(crop) = Crop::of(frame, config) else { return Vec::new() };
-    let mut found = detect(&crop, config);
+pub fn object_features(frame: &RgbdFrame, config: &FeatureConfig) -> Vec<Feature> {
+    let Some(crop) = Crop::of_object(frame, config) else { return Vec::new() };
+    let mut found = features_of_crop(&crop, config);
     for f in &mut found {
         f.pixel = [0, 1].map(|k| f.pixel[k] + crop.corner[k] as f32);
     }
@@ -83,7 +83,7 @@ pub(super) fn image_features(frame: &RgbdFrame, config: &FeatureConfig) -> Vec<F
     let height = frame.intrinsics.height;
     let values: Vec<f32> = frame.rgb.iter().map(|rgb| luma(*rgb)).collect();
     let everywhere = vec![true; values.len()];
-    detect(&Crop::whole(FloatImage { width, height, values }, everywhere, config), config)
+    features_of_crop(&Crop::whole_image(FloatImage { width, height, values }, everywhere, config), config)
 }
 
 /// The searched part of a frame.
@@ -100,18 +100,18 @@ struct Crop {
 impl Crop {
     /// Whether one of its masks holds the pixel nearest to a point. Steps of octaves are powers of two: no
     /// sum is rounded.
-    fn marks(&self, mask: &[bool], u: f32, v: f32) -> bool {
+    fn mask_holds(&self, mask: &[bool], u: f32, v: f32) -> bool {
         let x = (u + 0.5) as usize;
         let y = (v + 0.5) as usize;
         x < self.image.width && y < self.image.height && mask[y * self.image.width + x]
     }
 
     /// Only the object is searched: most frames show it in a small part. `None` without an object.
-    fn of(frame: &RgbdFrame, config: &FeatureConfig) -> Option<Self> {
+    fn of_object(frame: &RgbdFrame, config: &FeatureConfig) -> Option<Self> {
         let w = frame.intrinsics.width;
         let h = frame.intrinsics.height;
         let object: Vec<bool> = (0..w * h).map(|i| frame.is_object(i)).collect();
-        let [left, top, right, bottom] = bounds(&object, w)?;
+        let [left, top, right, bottom] = mask_bounds(&object, w)?;
         let left = left.saturating_sub(MARGIN_PX);
         let top = top.saturating_sub(MARGIN_PX);
         let right = (right + MARGIN_PX).min(w - 1);
@@ -120,18 +120,18 @@ impl Crop {
         let values = rows.clone().flat_map(|row| &frame.rgb[row]).map(|rgb| luma(*rgb)).collect();
         let object = rows.flat_map(|row| object[row].iter().copied()).collect();
         let image = FloatImage { width: right + 1 - left, height: bottom + 1 - top, values };
-        Some(Self { corner: [left, top], ..Self::whole(image, object, config) })
+        Some(Self { corner: [left, top], ..Self::whole_image(image, object, config) })
     }
 
     /// A whole image.
-    fn whole(image: FloatImage, object: Vec<bool>, config: &FeatureConfig) -> Self {
-        let inner = eroded(&object, image.width, config.mask_erosion_px);
+    fn whole_image(image: FloatImage, object: Vec<bool>, config: &FeatureConfig) -> Self {
+        let inner = eroded_mask(&object, image.width, config.mask_erosion_px);
         Self { image, object, inner, corner: [0; 2] }
     }
 }
 
 /// Left, top, right, bottom of the set pixels.
-fn bounds(mask: &[bool], width: usize) -> Option<[usize; 4]> {
+fn mask_bounds(mask: &[bool], width: usize) -> Option<[usize; 4]> {
     mask.iter().enumerate().filter(|(_, m)| **m).map(|(i, _)| [i % width, i / width]).fold(
         None,
         |b: Option<[usize; 4]>, [x, y]| {
@@ -142,7 +142,7 @@ fn bounds(mask: &[bool], width: usize) -> Option<[usize; 4]> {
 }
 
 /// Pixels of a set with their whole `(2 radius + 1)` square.
-fn eroded(mask: &[bool], width: usize, radius: usize) -> Vec<bool> {
+fn eroded_mask(mask: &[bool], width: usize, radius: usize) -> Vec<bool> {
     // How many pixels before each one, it included, are set without a gap: along its row, then of the long
     // enough ones, along its column.
     let mut out = vec![false; mask.len()];
@@ -185,15 +185,18 @@ struct Extremum {
 }
 
 /// Features of a crop, strongest first, in its pixels.
-fn detect(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
-    let octaves = octaves(&crop.image, config.scales, config.sigma_px, config.upsample);
+fn features_of_crop(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
+    let octaves = octaves_of_image(&crop.image, config.scales, config.sigma_px, config.upsample);
     let mut extrema = Vec::new();
     for (o, octave) in octaves.iter().enumerate() {
         let step = octave.step;
         for level in 1..=config.scales {
-            extrema.extend(self::extrema(octave, ImageNumber { octave: o, level }, config, |x, y| {
-                crop.marks(&crop.inner, x as f32 * step, y as f32 * step)
-            }));
+            extrema.extend(self::refined_extrema(
+                octave,
+                ImageNumber { octave: o, level },
+                config,
+                |x, y| crop.mask_holds(&crop.inner, x as f32 * step, y as f32 * step),
+            ));
         }
     }
     // Strongest first: no more are described than requested; of equal ones the first found.
@@ -209,13 +212,13 @@ fn detect(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
         // Gradients stop at the whole mask, features at the eroded one: the background changes with the view
         // and must not enter a descriptor.
         let gradients = gradients.entry(e.found).or_insert_with(|| {
-            Gradients::of(&octave.gaussians[e.found.level], move |x, y| {
-                crop.marks(&crop.object, x as f32 * step, y as f32 * step)
+            Gradients::of_image(&octave.gaussians[e.found.level], move |x, y| {
+                crop.mask_holds(&crop.object, x as f32 * step, y as f32 * step)
             })
         });
         let scale = config.sigma_px * 2f32.powf(e.level / config.scales as f32);
-        for angle_rad in orientations(gradients, e.x, e.y, scale) {
-            found.extend(describe(gradients, e.x, e.y, scale, angle_rad).map(|descriptor| Feature {
+        for angle_rad in dominant_orientations(gradients, e.x, e.y, scale) {
+            found.extend(descriptor_at(gradients, e.x, e.y, scale, angle_rad).map(|descriptor| Feature {
                 pixel: [e.x * step, e.y * step],
                 scale_px: scale * step,
                 angle_rad,
@@ -229,7 +232,7 @@ fn detect(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
 }
 
 /// Refined extrema of one level of the differences of an octave with a number.
-fn extrema(
+fn refined_extrema(
     octave: &Octave,
     of: ImageNumber,
     config: &FeatureConfig,
@@ -248,7 +251,7 @@ fn extrema(
         stands_out(rows, 0.5 * config.contrast, &mut candidates);
         for &x in &candidates {
             if is_extremum(d, level, x, y, rows[1][x]) && inside(x, y) {
-                found.extend(refined(d, of, [x, y], config));
+                found.extend(refined_extremum(d, of, [x, y], config));
             }
         }
     }
@@ -324,7 +327,7 @@ const FARTHEST: f32 = 0.6;
 
 /// The extremum near a pixel, by the quadratic through the values around it; `None` for weak ones, edges and
 /// drift.
-fn refined(
+fn refined_extremum(
     d: &[FloatImage],
     found: ImageNumber,
     [mut x, mut y]: [usize; 2],
@@ -334,7 +337,7 @@ fn refined(
     let w = d[level].width;
     let h = d[level].height;
     for _ in 0..MOST_STEPS {
-        let Quadratic { gradient, hessian, value } = Around::of(d, level, x, y).quadratic();
+        let Quadratic { gradient, hessian, value } = Around::about_pixel(d, level, x, y).quadratic_fit();
         let offset = -hessian.lu().solve(&gradient)?;
         if offset.amax() <= FARTHEST {
             let response = value + 0.5 * gradient.dot(&offset);
@@ -380,7 +383,7 @@ struct Quadratic {
 struct Around([f32; 27]);
 
 impl Around {
-    fn of(differences: &[FloatImage], level: usize, x: usize, y: usize) -> Self {
+    fn about_pixel(differences: &[FloatImage], level: usize, x: usize, y: usize) -> Self {
         let mut values = [0.0; 27];
         for (row, three) in values.chunks_exact_mut(3).enumerate() {
             let plane = &differences[level - 1 + row / 3];
@@ -391,36 +394,37 @@ impl Around {
     }
 
     /// By a step of (x, y, level) from the sample.
-    fn at(&self, step: Vector3<i64>) -> f32 {
+    fn value_at(&self, step: Vector3<i64>) -> f32 {
         self.0[(13 + step.x + 3 * step.y + 9 * step.z) as usize]
     }
 
-    fn first(&self, a: Vector3<i64>) -> f32 {
-        0.5 * (self.at(a) - self.at(-a))
+    fn first_derivative(&self, a: Vector3<i64>) -> f32 {
+        0.5 * (self.value_at(a) - self.value_at(-a))
     }
 
-    fn second(&self, a: Vector3<i64>) -> f32 {
-        self.at(a) + self.at(-a) - 2.0 * self.at(Vector3::zeros())
+    fn second_derivative(&self, a: Vector3<i64>) -> f32 {
+        self.value_at(a) + self.value_at(-a) - 2.0 * self.value_at(Vector3::zeros())
     }
 
-    fn mixed(&self, a: Vector3<i64>, b: Vector3<i64>) -> f32 {
-        0.25 * (self.at(a + b) - self.at(a - b) - self.at(b - a) + self.at(-a - b))
+    fn mixed_derivative(&self, a: Vector3<i64>, b: Vector3<i64>) -> f32 {
+        0.25 * (self.value_at(a + b) - self.value_at(a - b) - self.value_at(b - a) + self.value_at(-a - b))
     }
 
     /// Gradient, Hessian and value by (x, y, level); derivatives are central.
-    fn quadratic(&self) -> Quadratic {
+    fn quadratic_fit(&self) -> Quadratic {
         let ex = Vector3::x();
         let ey = Vector3::y();
         let el = Vector3::z();
-        let xy = self.mixed(ex, ey);
-        let xl = self.mixed(ex, el);
-        let yl = self.mixed(ey, el);
-        let xx = self.second(ex);
-        let yy = self.second(ey);
-        let ll = self.second(el);
+        let xy = self.mixed_derivative(ex, ey);
+        let xl = self.mixed_derivative(ex, el);
+        let yl = self.mixed_derivative(ey, el);
+        let xx = self.second_derivative(ex);
+        let yy = self.second_derivative(ey);
+        let ll = self.second_derivative(el);
         let hessian = Matrix3::new(xx, xy, xl, xy, yy, yl, xl, yl, ll);
-        let gradient = Vector3::new(self.first(ex), self.first(ey), self.first(el));
-        Quadratic { gradient, hessian, value: self.at(Vector3::zeros()) }
+        let gradient =
+            Vector3::new(self.first_derivative(ex), self.first_derivative(ey), self.first_derivative(el));
+        Quadratic { gradient, hessian, value: self.value_at(Vector3::zeros()) }
     }
 }
 
@@ -453,8 +457,8 @@ mod tests {
         let image = blobs(128, 100, &centers);
         for upsample in [false, true] {
             let config = FeatureConfig { upsample, ..FeatureConfig::default() };
-            let crop = Crop::whole(image.clone(), vec![true; 128 * 100], &config);
-            let found = detect(&crop, &config);
+            let crop = Crop::whole_image(image.clone(), vec![true; 128 * 100], &config);
+            let found = features_of_crop(&crop, &config);
             for (c, s) in centers {
                 let near = found.iter().find(|f| (f.pixel[0] - c[0]).hypot(f.pixel[1] - c[1]) < 0.1);
                 let f = near.unwrap_or_else(|| panic!("no feature at {c:?}"));
@@ -468,11 +472,11 @@ mod tests {
         let mut edge = FloatImage::zeros(96, 96);
         (0..96 * 96).for_each(|i| edge.values[i] = if i % 96 > 47 { 0.9 } else { 0.1 });
         let config = FeatureConfig::default();
-        let found = detect(&Crop::whole(edge, vec![true; 96 * 96], &config), &config);
+        let found = features_of_crop(&Crop::whole_image(edge, vec![true; 96 * 96], &config), &config);
         assert!(found.iter().all(|f| f.pixel[1] < 16.0 || f.pixel[1] > 80.0));
         let image = blobs(96, 96, &[([30.0, 30.0], 3.0), ([70.0, 70.0], 3.0)]);
         let mask: Vec<bool> = (0..96 * 96).map(|i| i % 96 < 50).collect();
-        let found = detect(&Crop::whole(image, mask, &config), &config);
+        let found = features_of_crop(&Crop::whole_image(image, mask, &config), &config);
         assert!(!found.is_empty() && found.iter().all(|f| f.pixel[0] < 46.5));
     }
 
@@ -480,7 +484,7 @@ mod tests {
     fn erosion_keeps_what_is_far_from_the_border() {
         let mask: Vec<bool> =
             (0..400).map(|i| (3..15).contains(&(i % 20)) && (5..18).contains(&(i / 20))).collect();
-        let small = eroded(&mask, 20, 2);
+        let small = eroded_mask(&mask, 20, 2);
         for (i, &kept) in small.iter().enumerate() {
             assert_eq!(kept, (5..13).contains(&(i % 20)) && (7..16).contains(&(i / 20)), "{i}");
         }

@@ -16,7 +16,7 @@ const MOST_IMAGES: usize = 600;
 /// Features of the whole image of a frame, under its mask or not, strongest first.
 #[must_use]
 pub(crate) fn whole_image_features(frame: &RgbdFrame, ahead: &Ahead) -> Arc<Vec<Feature>> {
-    ahead.get_or_compute(|| key(frame), MOST_IMAGES, || found(frame))
+    ahead.get_or_compute(|| key(frame), MOST_IMAGES, || features_of_image(frame))
 }
 
 /// Looks at the image of a frame, so that its features are known.
@@ -24,7 +24,7 @@ pub fn look_at(frame: &RgbdFrame, ahead: &Ahead) {
     drop(whole_image_features(frame, ahead));
 }
 
-fn found(frame: &RgbdFrame) -> Vec<Feature> {
+fn features_of_image(frame: &RgbdFrame) -> Vec<Feature> {
     // At the size of the image: features of less than two pixels are noise in a view by hand.
     let config = FeatureConfig { upsample: false, limit: MOST, ..FeatureConfig::default() };
     image_features(frame, &config)
@@ -55,7 +55,7 @@ mod tests {
             readings: Vec::new(),
         };
         let first = whole_image_features(&frame, &ahead);
-        assert_eq!(*first, found(&frame));
+        assert_eq!(*first, features_of_image(&frame));
         // Depth, mask and pose do not matter; the image does.
         let masked = RgbdFrame { mask: Some(vec![false; 64 * 48]), stamp_nanos: 7, ..frame.clone() };
         assert!(Arc::ptr_eq(&first, &whole_image_features(&masked, &ahead)));

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::features::{
-    feature::{Feature, FeatureConfig, features},
+    feature::{Feature, FeatureConfig, object_features},
     partner::mutual_matches,
     pixel_match::PixelMatch,
 };
@@ -109,7 +109,7 @@ pub fn match_states(states: [&[RgbdFrame]; 2], config: &MatchConfig) -> Vec<Pixe
 }
 
 fn features_of_frames(frames: &[RgbdFrame], config: &FeatureConfig) -> Vec<Vec<Feature>> {
-    frames.par_iter().map(|f| features(f, config)).collect()
+    frames.par_iter().map(|f| object_features(f, config)).collect()
 }
 
 /// Pairs of frames of the two states, one among the `neighbors` nearest of the other, in order.

@@ -1,7 +1,7 @@
 //! Mutual best partners among the features of two images, by the inner products of their descriptors.
 
 use crate::features::{
-    descriptor::{DESCRIPTOR_NORM, dot},
+    descriptor::{DESCRIPTOR_NORM, descriptor_product},
     feature::Feature,
 };
 use numeric::vectorized;
@@ -51,7 +51,7 @@ vectorized! {
 fn products_of(a: &[Feature], b: &[Feature], products: &mut [i32]) {
     for (f, row) in a.iter().zip(products.chunks_exact_mut(b.len())) {
         for (g, product) in b.iter().zip(row) {
-            *product = dot(&f.descriptor, &g.descriptor);
+            *product = descriptor_product(&f.descriptor, &g.descriptor);
         }
     }
 }

@@ -22,7 +22,7 @@ impl FloatImage {
 
     /// Value at a pixel inside the image.
     #[cfg(test)]
-    pub fn at(&self, x: usize, y: usize) -> f32 {
+    pub fn value_at(&self, x: usize, y: usize) -> f32 {
         self.values[y * self.width + x]
     }
 
@@ -67,7 +67,7 @@ impl FloatImage {
     }
 
     /// Pixel-wise `self - other` of two images of one size.
-    pub fn minus(&self, other: &Self) -> Self {
+    pub fn difference_from(&self, other: &Self) -> Self {
         let values = self.values.iter().zip(&other.values).map(|(a, b)| a - b).collect();
         Self { width: self.width, height: self.height, values }
     }
@@ -148,7 +148,7 @@ const SMALLEST: usize = 12;
 const CAMERA_BLUR_PX: f32 = 0.5;
 
 /// All octaves of an image, finest first; `upsample` doubles the image before the first.
-pub fn octaves(image: &FloatImage, scales: usize, sigma_px: f32, upsample: bool) -> Vec<Octave> {
+pub fn octaves_of_image(image: &FloatImage, scales: usize, sigma_px: f32, upsample: bool) -> Vec<Octave> {
     let mut step = if upsample { 0.5 } else { 1.0 };
     let start = if upsample { image.doubled() } else { image.clone() };
     let blur = CAMERA_BLUR_PX / step;
@@ -163,7 +163,7 @@ pub fn octaves(image: &FloatImage, scales: usize, sigma_px: f32, upsample: bool)
             let added = before * (ratio * ratio - 1.0).sqrt();
             gaussians.push(gaussians[i - 1].blurred(added));
         }
-        let differences = gaussians.windows(2).map(|g| g[1].minus(&g[0])).collect();
+        let differences = gaussians.windows(2).map(|g| g[1].difference_from(&g[0])).collect();
         // This one has twice the blur of the first, so halved it has the same blur.
         base = gaussians[scales].halved();
         all.push(Octave { gaussians, differences, step });
@@ -192,9 +192,9 @@ mod tests {
         let mut p = FloatImage::zeros(40, 32);
         (0..40 * 32).for_each(|i| p.values[i] = (i % 40) as f32 * 0.01 + (i / 40) as f32 * 0.02);
         let d = p.doubled();
-        assert!((d.at(21, 10) - (0.105 + 0.1)).abs() < 1e-6);
+        assert!((d.value_at(21, 10) - (0.105 + 0.1)).abs() < 1e-6);
         let b = d.blurred(1.2);
-        assert!((b.at(40, 30) - (0.2 + 0.3)).abs() < 1e-5);
+        assert!((b.value_at(40, 30) - (0.2 + 0.3)).abs() < 1e-5);
         assert_eq!(d.halved(), p);
     }
 }

@@ -28,7 +28,7 @@ impl Background<'_> {
     pub fn is_above(&self, frame: &RgbdFrame, pixel: usize, point: &Point3<f64>) -> bool {
         let k = &frame.intrinsics;
         let ray =
-            frame.world_from_camera.rotation * k.ray((pixel % k.width) as f64, (pixel / k.width) as f64);
+            frame.world_from_camera.rotation * k.ray_at((pixel % k.width) as f64, (pixel / k.width) as f64);
         let sigma = self.noise.sigma_m(f64::from(frame.depth_m[pixel]));
         let isolate = &self.config.isolate;
         self.planes.iter().all(|p| {

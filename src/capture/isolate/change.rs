@@ -8,7 +8,7 @@
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-use super::voxels::{Cell, CellSet, center, frames_needed, groups};
+use super::voxels::{Cell, CellSet, center_of_cell, frames_needed, groups};
 use crate::{NoiseConfig, RgbdFrame, poses::pose_noise::PoseNoise};
 use common::stop::{Stop, Stopped};
 
@@ -41,7 +41,7 @@ pub fn at_rest(
     let mut at_rest = Vec::with_capacity(states.len());
     for (cells, frames) in cells.iter().zip(states) {
         let stays = |c: &Cell| {
-            let sight = sight(&center(c, size_m), frames, size_m, noise);
+            let sight = sight_of_point(&center_of_cell(c, size_m), frames, size_m, noise);
             sight.through < frames_needed(frames.len()) || sight.through <= sight.there
         };
         at_rest.push(filtered(cells, stays, stop)?);
@@ -50,7 +50,7 @@ pub fn at_rest(
 }
 
 /// Cells of all states looked through by frames of another state, in patches.
-pub fn changed(
+pub fn changed_cells(
     cells: &[Vec<Cell>],
     states: &[Vec<RgbdFrame>],
     size_m: f64,
@@ -60,7 +60,7 @@ pub fn changed(
     let mut changed = CellSet::default();
     for (own, cells) in cells.iter().enumerate() {
         let is_gone = |c: &Cell| {
-            let point = center(c, size_m);
+            let point = center_of_cell(c, size_m);
             let mut others = (0..states.len()).filter(|other| *other != own);
             others.any(|other| is_looked_through(&point, &states[other], size_m, noise))
         };
@@ -72,7 +72,7 @@ pub fn changed(
 
 /// Whether enough frames of a state look through a cell.
 fn is_looked_through(point: &Point3<f64>, frames: &[RgbdFrame], size_m: f64, noise: &NoiseConfig) -> bool {
-    let sight = sight(point, frames, size_m, noise);
+    let sight = sight_of_point(point, frames, size_m, noise);
     sight.through >= frames_needed(frames.len()) && sight.through >= CLEARLY * sight.there
 }
 
@@ -93,8 +93,8 @@ fn filtered(
 }
 
 /// How frames see a point.
-fn sight(point: &Point3<f64>, frames: &[RgbdFrame], size_m: f64, noise: &NoiseConfig) -> Sight {
-    frames.iter().fold(Sight::default(), |sight, frame| match behind(point, frame, size_m, noise) {
+fn sight_of_point(point: &Point3<f64>, frames: &[RgbdFrame], size_m: f64, noise: &NoiseConfig) -> Sight {
+    frames.iter().fold(Sight::default(), |sight, frame| match is_behind(point, frame, size_m, noise) {
         Some(true) => Sight { through: sight.through + 1, ..sight },
         Some(false) => Sight { there: sight.there + 1, ..sight },
         None => sight,
@@ -103,7 +103,7 @@ fn sight(point: &Point3<f64>, frames: &[RgbdFrame], size_m: f64, noise: &NoiseCo
 
 /// Whether all readings about a point's pixel are behind it (`true`), or one is where it is (`false`); `None`
 /// where something hides it, or nothing was read.
-fn behind(point: &Point3<f64>, frame: &RgbdFrame, size_m: f64, noise: &NoiseConfig) -> Option<bool> {
+fn is_behind(point: &Point3<f64>, frame: &RgbdFrame, size_m: f64, noise: &NoiseConfig) -> Option<bool> {
     let k = &frame.intrinsics;
     let seen = frame.in_camera(point);
     let (u, v) = k.project(&seen)?;
@@ -153,7 +153,7 @@ mod tests {
         let frame = |(i, has_plate): (usize, &bool)| {
             let eye = Pose::translation(0.01 * i as f64, 0.0, 0.0);
             let depth_m = (0..k.width * k.height).map(|p| {
-                let ray = k.ray((p % k.width) as f64, (p / k.width) as f64);
+                let ray = k.ray_at((p % k.width) as f64, (p / k.width) as f64);
                 let on_plate = eye * Point3::from(ray * 0.8);
                 let is_on = *has_plate && on_plate.x.abs() < 0.05 && on_plate.y.abs() < 0.05;
                 if is_on { 0.8 } else { 1.0 }
@@ -181,14 +181,14 @@ mod tests {
         let noise = NoiseConfig::default();
         let cells = [plate_cells(), Vec::new()];
         let gone = [frames(&[true; 6]), frames(&[false; 6])];
-        let found = changed(&cells, &gone, SIZE_M, &noise, &Stop::never()).unwrap();
+        let found = changed_cells(&cells, &gone, SIZE_M, &noise, &Stop::never()).unwrap();
         assert!(found.len() > 30, "{}", found.len());
         let stays = [frames(&[true; 6]), frames(&[true; 6])];
-        assert!(changed(&cells, &stays, SIZE_M, &noise, &Stop::never()).unwrap().is_empty());
+        assert!(changed_cells(&cells, &stays, SIZE_M, &noise, &Stop::never()).unwrap().is_empty());
         // What the other state did not read says nothing.
         let mut dark = gone;
         dark[1].iter_mut().for_each(|f| f.depth_m.fill(0.0));
-        assert!(changed(&cells, &dark, SIZE_M, &noise, &Stop::never()).unwrap().is_empty());
+        assert!(changed_cells(&cells, &dark, SIZE_M, &noise, &Stop::never()).unwrap().is_empty());
     }
 
     #[test]

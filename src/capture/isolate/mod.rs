@@ -23,16 +23,16 @@ use rayon::prelude::*;
 
 use self::{
     background::{Background, in_box},
-    change::{at_rest, changed},
+    change::{at_rest, changed_cells},
     outliers::outlier_cells,
     plane::background_planes,
     select::{Object, Search, bounds, choose_object},
     support::find_support,
-    voxels::{Cell, center, dilated, frames_needed, supported},
+    voxels::{Cell, center_of_cell, dilated_cells, frames_needed, supported_cells},
 };
 pub use self::{
     change::{CLEARLY, LEAST_PATCH},
-    voxels::{cell, clusters},
+    voxels::{cell_of_point, clusters_of_cells},
 };
 use super::{At, Capture, CaptureConfig, CaptureError, RgbdFrame, common_focus, pixel_weights};
 use common::note::{Note, NoteCode};
@@ -94,7 +94,7 @@ fn cell_size(capture: &Capture) -> f64 {
 fn object_cells(frame: &RgbdFrame, size_m: f64) -> Vec<Cell> {
     let pixels = (0..frame.depth_m.len()).filter(|p| frame.is_object(*p));
     let points = pixels.filter_map(|p| frame.world_point(p));
-    let mut cells: Vec<Cell> = points.filter_map(|point| cell(&point, size_m)).collect();
+    let mut cells: Vec<Cell> = points.filter_map(|point| cell_of_point(&point, size_m)).collect();
     // Most neighboring pixels see one cell.
     cells.dedup();
     cells.sort_unstable();
@@ -187,14 +187,14 @@ fn find_object(
     for (s, frames) in capture.states.iter_mut().enumerate() {
         let own: Vec<Cell> = cells[s].iter().filter(|c| object.contains(c)).copied().collect();
         // Cells at the rim are seen too rarely to count, but their points belong to the object.
-        let near = dilated(&own, 1);
+        let near = dilated_cells(&own, 1);
         frames.par_iter_mut().try_for_each(|frame| {
             stop.check()?;
             let silhouette = silhouette(frame, &own, size_m);
             paint(
                 frame,
                 &silhouette,
-                |p| in_box(workspace, p) && cell(p, size_m).is_some_and(|c| near.contains(&c)),
+                |p| in_box(workspace, p) && cell_of_point(p, size_m).is_some_and(|c| near.contains(&c)),
                 |f, pixel, p| {
                     background.is_above(f, pixel, p) || supports[s].is_solid(p, size_m, &background)
                 },
@@ -214,14 +214,16 @@ fn forget_outliers(
     stop: &Stop,
 ) -> Result<usize, Stopped> {
     // One frame is enough, since masks leave no noisy background.
-    let cells = supported(&cells_of_frames(frames, size_m, stop)?, 1);
+    let cells = supported_cells(&cells_of_frames(frames, size_m, stop)?, 1);
     let bad = outlier_cells(&cells, size_m, stop)?;
     let workspace = config.isolate.workspace;
     frames
         .par_iter_mut()
         .map(|f| {
             stop.check()?;
-            Ok(forget(f, |p| !in_box(workspace, p) || cell(p, size_m).is_none_or(|c| bad.contains(&c))))
+            Ok(forget(f, |p| {
+                !in_box(workspace, p) || cell_of_point(p, size_m).is_none_or(|c| bad.contains(&c))
+            }))
         })
         .sum()
 }
@@ -235,7 +237,7 @@ fn choose(
     stop: &Stop,
 ) -> Result<Object, CaptureError> {
     let isolate = &background.config.isolate;
-    let changed = changed(cells, &capture.states, size_m, &capture.noise, stop)?;
+    let changed = changed_cells(cells, &capture.states, size_m, &capture.noise, stop)?;
     let poses: Vec<_> = capture.states.iter().flatten().map(|f| f.world_from_camera).collect();
     // At most 20: the search for neighbors visits its cube.
     let reach = isolate.link_distance_m.map_or(3, |d| ((d / size_m).ceil() as i32).clamp(1, 20));
@@ -248,7 +250,7 @@ fn choose(
         reach,
         changed: &changed,
         is_at_support: &|c| {
-            background.planes.iter().any(|p| p.height_m(&center(c, size_m)).abs() <= touching_m)
+            background.planes.iter().any(|p| p.height_m(&center_of_cell(c, size_m)).abs() <= touching_m)
         },
         focus: common_focus(&poses),
         at: isolate.at.as_ref().map(|at| place(at, &capture.states)).transpose()?,
@@ -300,7 +302,7 @@ fn silhouette(frame: &RgbdFrame, cells: &[Cell], size_m: f64) -> Vec<bool> {
     let k = &frame.intrinsics;
     let mut covered = vec![false; k.width * k.height];
     for c in cells {
-        let point = frame.in_camera(&center(c, size_m));
+        let point = frame.in_camera(&center_of_cell(c, size_m));
         let Some((u, v)) = k.project(&point) else { continue };
         // By the longer focal length: the cells' squares leave no gaps.
         let half = 0.5 * size_m * k.fx.max(k.fy) / point.z;
@@ -335,13 +337,13 @@ fn check(capture: &Capture, size_m: f64, stop: &Stop) -> Result<[[f64; 3]; 2], C
             );
             return Err(CaptureError::Isolation { reason });
         }
-        cells.push(supported(&cells_of_frames(frames, size_m, stop)?, frames_needed(frames.len())));
+        cells.push(supported_cells(&cells_of_frames(frames, size_m, stop)?, frames_needed(frames.len())));
     }
     let (lower, upper) = bounds(cells.iter().flatten());
     let corners = [lower, upper.map(|v| v.saturating_add(1))].map(|c| c.map(|v| f64::from(v) * size_m));
     let Some((first, others)) = cells.split_first() else { return Ok(corners) };
     // Noise may put the same surface into the next cell.
-    let near = dilated(first, 1);
+    let near = dilated_cells(first, 1);
     for (k, other) in others.iter().enumerate() {
         let common = other.iter().filter(|c| near.contains(*c)).count();
         // Of the smaller state: fewer views must not look like a lack of overlap.

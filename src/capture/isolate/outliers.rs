@@ -5,7 +5,7 @@ use std::num::NonZeroUsize;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
-use super::voxels::{Cell, CellSet, center};
+use super::voxels::{Cell, CellSet, center_of_cell};
 use common::stop::{Stop, Stopped};
 
 /// Number of neighbors for the mean distance.
@@ -24,7 +24,7 @@ pub fn outlier_cells(cells: &[Cell], size_m: f64, stop: &Stop) -> Result<CellSet
         return Ok(CellSet::default());
     }
     // Cells in place of readings: places seen often do not make the others look lonely.
-    let points: Vec<[f64; 3]> = cells.iter().map(|c| center(c, size_m).coords.into()).collect();
+    let points: Vec<[f64; 3]> = cells.iter().map(|c| center_of_cell(c, size_m).coords.into()).collect();
     let Ok(tree) = ImmutableKdTree::new_from_slice(&points) else { return Ok(CellSet::default()) };
     let mean_distances = points.par_iter().with_min_len(256).map(|p| {
         stop.check()?;

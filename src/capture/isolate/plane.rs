@@ -72,7 +72,7 @@ pub fn background_planes(
     rng: &mut impl Rng,
     stop: &Stop,
 ) -> Result<Vec<Plane>, Stopped> {
-    let mut samples = sample(frames, noise);
+    let mut samples = sampled_readings(frames, noise);
     let cameras: Vec<_> =
         frames.iter().map(|f| Point3::from(f.world_from_camera.translation.vector)).collect();
     let total: f64 = samples.iter().map(|s| s.weight).sum();
@@ -94,7 +94,7 @@ pub fn background_planes(
 }
 
 /// Depth readings on a regular grid in every frame.
-fn sample(frames: &[&RgbdFrame], noise: &NoiseConfig) -> Vec<Sample> {
+fn sampled_readings(frames: &[&RgbdFrame], noise: &NoiseConfig) -> Vec<Sample> {
     let pixels: usize = frames.iter().map(|f| f.depth_m.len()).sum();
     let stride = ((pixels as f64 / SAMPLES as f64).sqrt().ceil() as usize).max(1);
     let mut samples = Vec::new();
@@ -110,7 +110,7 @@ fn sample(frames: &[&RgbdFrame], noise: &NoiseConfig) -> Vec<Sample> {
                 let depth = f64::from(frame.depth_m[y * w + x]);
                 samples.push(Sample {
                     point,
-                    ray: frame.world_from_camera.rotation * k.ray(x as f64, y as f64),
+                    ray: frame.world_from_camera.rotation * k.ray_at(x as f64, y as f64),
                     sigma_m: noise.sigma_m(depth),
                     // The area of a pixel grows with the square of its depth.
                     weight: depth * depth,
@@ -133,8 +133,8 @@ fn best_plane(
     let mut best: Option<(f64, Plane)> = None;
     for _ in 0..TRIALS {
         let [a, b, c] = [(); 3].map(|()| samples[(rng.next_u64() % samples.len() as u64) as usize].point);
-        let Some(plane) = through(&a, &b, &c, cameras) else { continue };
-        let Some(score) = judge(&plane, &scored) else { continue };
+        let Some(plane) = plane_through(&a, &b, &c, cameras) else { continue };
+        let Some(score) = background_weight(&plane, &scored) else { continue };
         if best.is_none_or(|(s, _)| score > s) {
             best = Some((score, plane));
         }
@@ -142,21 +142,26 @@ fn best_plane(
     let (_, mut plane) = best?;
     // The inliers change with the plane.
     for _ in 0..5 {
-        plane = refit(&plane, samples, cameras)?;
+        plane = refitted_plane(&plane, samples, cameras)?;
     }
     // Some readings were enough to compare; all of them decide.
     let all: Vec<&Sample> = samples.iter().collect();
-    judge(&plane, &all).filter(|weight| *weight >= support).map(|_| plane)
+    background_weight(&plane, &all).filter(|weight| *weight >= support).map(|_| plane)
 }
 
 /// The plane through three points, its normal to the cameras; `None` where they are on a line or the cameras
 /// are on both sides.
-fn through(a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>, cameras: &[Point3<f64>]) -> Option<Plane> {
+fn plane_through(
+    a: &Point3<f64>,
+    b: &Point3<f64>,
+    c: &Point3<f64>,
+    cameras: &[Point3<f64>],
+) -> Option<Plane> {
     let normal = Unit::try_new((b - a).cross(&(c - a)), 1e-4)?;
-    oriented(Plane { normal, offset_m: normal.dot(&a.coords) }, cameras)
+    oriented_to_cameras(Plane { normal, offset_m: normal.dot(&a.coords) }, cameras)
 }
 
-fn oriented(plane: Plane, cameras: &[Point3<f64>]) -> Option<Plane> {
+fn oriented_to_cameras(plane: Plane, cameras: &[Point3<f64>]) -> Option<Plane> {
     let above = cameras.iter().filter(|c| plane.height_m(c) > 0.0).count();
     if above == cameras.len() {
         Some(plane)
@@ -172,7 +177,7 @@ fn is_inlier(plane: &Plane, s: &Sample) -> bool {
 }
 
 /// Weight of a plane's points; `None` where it is no background.
-fn judge(plane: &Plane, samples: &[&Sample]) -> Option<f64> {
+fn background_weight(plane: &Plane, samples: &[&Sample]) -> Option<f64> {
     let mut inside = 0.0;
     let mut behind = 0.0;
     let mut borders = 0;
@@ -193,7 +198,7 @@ fn judge(plane: &Plane, samples: &[&Sample]) -> Option<f64> {
 }
 
 /// Least squares over the inliers, each weighted by its noise.
-fn refit(plane: &Plane, samples: &[Sample], cameras: &[Point3<f64>]) -> Option<Plane> {
+fn refitted_plane(plane: &Plane, samples: &[Sample], cameras: &[Point3<f64>]) -> Option<Plane> {
     let inliers: Vec<_> = samples.iter().filter(|s| is_inlier(plane, s)).collect();
     // The millimeter keeps grazing readings, with hardly any noise of height, from deciding alone.
     let weight = |s: &Sample| 1.0 / (0.001 + plane.height_sigma_m(&s.ray, s.sigma_m)).powi(2);
@@ -205,7 +210,7 @@ fn refit(plane: &Plane, samples: &[Sample], cameras: &[Point3<f64>]) -> Option<P
         .sum::<Matrix3<f64>>();
     let eigen = spread.symmetric_eigen();
     let normal = Unit::try_new(eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned(), 1e-9)?;
-    oriented(Plane { normal, offset_m: normal.dot(&mean) }, cameras)
+    oriented_to_cameras(Plane { normal, offset_m: normal.dot(&mean) }, cameras)
 }
 
 #[cfg(test)]
@@ -239,7 +244,7 @@ mod tests {
             let eye = Point3::new(distance * angle.cos(), distance * angle.sin(), height);
             let world_from_camera = Pose::face_towards(&eye, &Point3::new(0.0, 0.0, 0.1), &-Vector3::z());
             let mut depth = |p: usize| {
-                let ray = world_from_camera.rotation * intrinsics.ray((p % 96) as f64, (p / 96) as f64);
+                let ray = world_from_camera.rotation * intrinsics.ray_at((p % 96) as f64, (p / 96) as f64);
                 let d = blocks.iter().filter_map(|b| hit(&eye, &ray, b)).fold(f64::INFINITY, f64::min);
                 if d < 6.0 { (d + noise.sigma_m(d) * normal()) as f32 } else { 0.0 }
             };

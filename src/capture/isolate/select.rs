@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use super::voxels::{Cell, CellSet, center, groups};
+use super::voxels::{Cell, CellSet, center_of_cell, groups};
 use crate::CaptureError;
 use common::stop::Stop;
 
@@ -195,7 +195,7 @@ fn first_greatest(values: impl Iterator<Item = f64>) -> Option<usize> {
 
 /// Distance from a point to the nearest cell of a group, meters.
 fn distance_m(group: &[Cell], size_m: f64, from: &Point3<f64>) -> f64 {
-    group.iter().map(|c| (center(c, size_m) - from).norm()).fold(f64::INFINITY, f64::min)
+    group.iter().map(|c| (center_of_cell(c, size_m) - from).norm()).fold(f64::INFINITY, f64::min)
 }
 
 /// Middle of a group's bounds, meters.

@@ -12,7 +12,7 @@ use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::{
     background::{Background, in_box},
-    voxels::{Cell, cell, center, frames_needed},
+    voxels::{Cell, cell_of_point, center_of_cell, frames_needed},
 };
 use crate::RgbdFrame;
 use common::stop::{Stop, Stopped};
@@ -73,7 +73,7 @@ pub fn find_support(
 ) -> Result<Support, Stopped> {
     let read = |(frame, weights): (&RgbdFrame, &Vec<f32>)| {
         stop.check()?;
-        Ok(read(frame, weights, size_m, background))
+        Ok(readings_of_frame(frame, weights, size_m, background))
     };
     let readings: Vec<Readings> = frames.par_iter().zip(weights).map(read).collect::<Result<_, Stopped>>()?;
     // Frames and readings of a cell.
@@ -95,9 +95,9 @@ pub fn find_support(
     let needed = frames_needed(frames.len());
     let mut cells: Vec<Cell> = Vec::new();
     for (cell, (seen_by, count)) in totals {
-        let point = center(&cell, size_m);
+        let point = center_of_cell(&cell, size_m);
         let behind = (0..background.planes.len())
-            .filter_map(|p| columns.get(&column(p, &point, size_m, background)))
+            .filter_map(|p| columns.get(&column_of_point(p, &point, size_m, background)))
             .map(|n| n.background)
             .max();
         // Columns count one pixel of so many, cells all.
@@ -116,19 +116,19 @@ impl Support {
     pub fn is_solid(&self, point: &Point3<f64>, size_m: f64, background: &Background) -> bool {
         background.nearest_plane(point).is_some_and(|p| {
             background.planes[p].height_m(point) > 0.0
-                && self.solid.contains(&column(p, point, size_m, background))
+                && self.solid.contains(&column_of_point(p, point, size_m, background))
         })
     }
 }
 
-fn read(frame: &RgbdFrame, weights: &[f32], size_m: f64, background: &Background) -> Readings {
+fn readings_of_frame(frame: &RgbdFrame, weights: &[f32], size_m: f64, background: &Background) -> Readings {
     let mut readings = Readings::default();
     let width = frame.intrinsics.width;
     for p in (0..weights.len()).filter(|p| weights[*p] > 0.0) {
         let Some(point) = frame.world_point(p) else { continue };
         let above = background.is_above(frame, p, &point);
-        if let Some(c) =
-            cell(&point, size_m).filter(|_| above && in_box(background.config.isolate.workspace, &point))
+        if let Some(c) = cell_of_point(&point, size_m)
+            .filter(|_| above && in_box(background.config.isolate.workspace, &point))
         {
             *readings.cells.entry(c).or_default() += 1;
         }
@@ -139,7 +139,8 @@ fn read(frame: &RgbdFrame, weights: &[f32], size_m: f64, background: &Background
         // At the foot of its column: one cell lower it would not stand out.
         let lowered = point - background.planes[plane].normal.into_inner() * size_m;
         if !above || !background.is_above(frame, p, &lowered) {
-            let entry = readings.columns.entry(column(plane, &point, size_m, background)).or_default();
+            let entry =
+                readings.columns.entry(column_of_point(plane, &point, size_m, background)).or_default();
             entry.background += u32::from(!above);
             entry.low += 1;
             entry.below += u32::from(background.planes[plane].height_m(&point) < 0.0);
@@ -148,7 +149,7 @@ fn read(frame: &RgbdFrame, weights: &[f32], size_m: f64, background: &Background
     readings
 }
 
-fn column(plane: usize, point: &Point3<f64>, size_m: f64, background: &Background) -> Column {
+fn column_of_point(plane: usize, point: &Point3<f64>, size_m: f64, background: &Background) -> Column {
     let normal = background.planes[plane].normal;
     // Any two directions in the plane will do, as long as they are always the same.
     let helper = if normal.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };

@@ -13,27 +13,27 @@ pub type CellSet = FxHashSet<Cell>;
 
 /// Cell of a point; `None` far outside any scene.
 #[must_use]
-pub fn cell(point: &Point3<f64>, size_m: f64) -> Option<Cell> {
+pub fn cell_of_point(point: &Point3<f64>, size_m: f64) -> Option<Cell> {
     let c = [point.x, point.y, point.z].map(|v| v / size_m);
     // Sums with a reach must not overflow.
-    c.iter().all(|v| v.abs() < 1e6).then(|| c.map(floor))
+    c.iter().all(|v| v.abs() < 1e6).then(|| c.map(floor_to_integer))
 }
 
 /// The whole number below; `floor` is a library call on processors without SSE 4.1.
-fn floor(v: f64) -> i32 {
+fn floor_to_integer(v: f64) -> i32 {
     let whole = v as i32;
     whole - i32::from(f64::from(whole) > v)
 }
 
 /// Center of a cell, meters.
 #[must_use]
-pub fn center(cell: &Cell, size_m: f64) -> Point3<f64> {
+pub fn center_of_cell(cell: &Cell, size_m: f64) -> Point3<f64> {
     Point3::from(cell.map(|v| (f64::from(v) + 0.5) * size_m))
 }
 
 /// Cells of at least `frames_needed` frames, sorted, by the cells of each frame, each once.
 #[must_use]
-pub fn supported(frames: &[Vec<Cell>], frames_needed: usize) -> Vec<Cell> {
+pub fn supported_cells(frames: &[Vec<Cell>], frames_needed: usize) -> Vec<Cell> {
     let mut all: Vec<Cell> = frames.iter().flatten().copied().collect();
     all.par_sort_unstable();
     let seen_by = all.chunk_by(|a, b| a == b);
@@ -43,7 +43,7 @@ pub fn supported(frames: &[Vec<Cell>], frames_needed: usize) -> Vec<Cell> {
 /// Groups of sorted cells, each within `reach` cells of another (in the largest coordinate); each group
 /// sorted, groups in the order of their first cell.
 #[must_use]
-pub fn clusters(cells: &[Cell], reach: i32) -> Vec<Vec<Cell>> {
+pub fn clusters_of_cells(cells: &[Cell], reach: i32) -> Vec<Vec<Cell>> {
     groups(cells, reach, &Stop::never()).unwrap_or_default()
 }
 
@@ -62,7 +62,7 @@ pub(super) fn groups(cells: &[Cell], reach: i32, stop: &Stop) -> Result<Vec<Vec<
         let mut next = 0;
         while next < members.len() {
             stop.check()?;
-            for neighbor in around(&cells[members[next]], reach) {
+            for neighbor in cells_around(&cells[members[next]], reach) {
                 if let Some(i) = index.get(&neighbor).filter(|i| group[**i] == usize::MAX) {
                     group[*i] = number;
                     members.push(*i);
@@ -78,12 +78,12 @@ pub(super) fn groups(cells: &[Cell], reach: i32, stop: &Stop) -> Result<Vec<Vec<
 
 /// The cells together with all within `reach` of them.
 #[must_use]
-pub fn dilated(cells: &[Cell], reach: i32) -> CellSet {
-    cells.iter().flat_map(|c| around(c, reach)).collect()
+pub fn dilated_cells(cells: &[Cell], reach: i32) -> CellSet {
+    cells.iter().flat_map(|c| cells_around(c, reach)).collect()
 }
 
 /// All cells within `reach` of a cell, itself included.
-fn around(c: &Cell, reach: i32) -> impl Iterator<Item = Cell> + use<> {
+fn cells_around(c: &Cell, reach: i32) -> impl Iterator<Item = Cell> + use<> {
     let c = *c;
     let range = move || -reach..=reach;
     range().flat_map(move |x| range().flat_map(move |y| range().map(move |z| [c[0] + x, c[1] + y, c[2] + z])))
@@ -101,24 +101,24 @@ mod tests {
     #[test]
     fn what_is_within_reach_hangs_together() {
         let cells = [[0, 0, 0], [0, 0, 2], [0, 1, 5], [9, 9, 9]];
-        assert_eq!(clusters(&cells, 1).len(), 4);
-        assert_eq!(clusters(&cells, 2).len(), 3);
-        let three = clusters(&cells, 3);
+        assert_eq!(clusters_of_cells(&cells, 1).len(), 4);
+        assert_eq!(clusters_of_cells(&cells, 2).len(), 3);
+        let three = clusters_of_cells(&cells, 3);
         assert_eq!(three, [vec![[0, 0, 0], [0, 0, 2], [0, 1, 5]], vec![[9, 9, 9]]]);
     }
 
     #[test]
     fn support_counts_frames() {
         let frames = [vec![[1, 0, 0], [0, 0, 0]], vec![[1, 0, 0]], vec![[-1, 0, 0], [1, 0, 0]]];
-        assert_eq!(supported(&frames, 2), [[1, 0, 0]]);
-        assert_eq!(supported(&frames, 1), [[-1, 0, 0], [0, 0, 0], [1, 0, 0]]);
+        assert_eq!(supported_cells(&frames, 2), [[1, 0, 0]]);
+        assert_eq!(supported_cells(&frames, 1), [[-1, 0, 0], [0, 0, 0], [1, 0, 0]]);
     }
 
     #[test]
     fn cells_and_centers() {
-        assert_eq!(cell(&Point3::new(-0.001, 0.0, 0.019), 0.01), Some([-1, 0, 1]));
-        assert_eq!(cell(&Point3::new(f64::NAN, 0.0, 0.0), 0.01), None);
-        assert_eq!(cell(&center(&[3, -4, 0], 0.01), 0.01), Some([3, -4, 0]));
-        assert_eq!(dilated(&[[0, 0, 0]], 1).len(), 27);
+        assert_eq!(cell_of_point(&Point3::new(-0.001, 0.0, 0.019), 0.01), Some([-1, 0, 1]));
+        assert_eq!(cell_of_point(&Point3::new(f64::NAN, 0.0, 0.0), 0.01), None);
+        assert_eq!(cell_of_point(&center_of_cell(&[3, -4, 0], 0.01), 0.01), Some([3, -4, 0]));
+        assert_eq!(dilated_cells(&[[0, 0, 0]], 1).len(), 27);
     }
 }

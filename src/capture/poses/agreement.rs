@@ -35,7 +35,7 @@ pub struct PoseAgreement {
 
 impl PoseAgreement {
     /// Of a state's frames; `None` where too few features match.
-    pub(super) fn of(
+    pub(super) fn of_state(
         trajectory: &Trajectory,
         surfels: &[Surfels],
         matches: &Matches,
@@ -76,13 +76,18 @@ fn agreeing_share(
     matches: &Matches,
     delay_s: f64,
 ) -> Option<f64> {
-    let poses = trajectory.delayed(delay_s);
+    let poses = trajectory.delayed_poses(delay_s);
     let mut agreeing = 0;
     let mut all = 0;
     for (&[i, j], matches) in matches.iter().filter(|([i, j], _)| i < j) {
         let other_from_this = poses[j].inverse() * poses[i];
         for landmarks in matches {
-            let found = surfels[i].across(*landmarks, &surfels[j], &other_from_this, &PoseNoise::EXPECTED);
+            let found = surfels[i].landmark_residuals(
+                *landmarks,
+                &surfels[j],
+                &other_from_this,
+                &PoseNoise::EXPECTED,
+            );
             all += 1;
             agreeing += usize::from(found.iter().all(Option::is_some));
         }

@@ -10,7 +10,7 @@ use super::{
     pairs::{Gain, Views},
     pose_noise::PoseNoise,
     sensor_errors::SensorErrors,
-    solve::{Problem, correction, solve},
+    solve::{Problem, correction_of_pose, most_likely_poses},
 };
 use common::stop::Stopped;
 use geometry::Pose;
@@ -85,8 +85,8 @@ pub(super) struct Refined {
 
 impl Refined {
     /// Without regard to the sensor, of one state alone.
-    pub fn alone(problem: &Problem<'_>) -> Result<Option<Self>, Stopped> {
-        let Some(solution) = solve(&[problem], None)? else { return Ok(None) };
+    pub fn of_state_alone(problem: &Problem<'_>) -> Result<Option<Self>, Stopped> {
+        let Some(solution) = most_likely_poses(&[problem], None)? else { return Ok(None) };
         let draws = solution.draws.into_iter().filter_map(|d| d.poses.into_iter().next()).collect();
         let Some(poses) = solution.poses.into_iter().next() else { return Ok(None) };
         let refined = Self::new(problem, poses, draws, &solution.errors[0], None)?;
@@ -105,12 +105,12 @@ impl Refined {
         errors: &PoseErrors,
         sensor: Option<&SensorErrors>,
     ) -> Result<Option<Self>, Stopped> {
-        let corrected = problem.corrected(sensor);
+        let corrected = problem.corrected_surfels(sensor);
         let after = Views { surfels: &corrected, world_from_camera: &poses };
-        let changes = problem.comparison().changes(problem.as_reported(), after)?;
-        let Some(Gain { sigmas, residual_m }) = Gain::of(&[changes]) else { return Ok(None) };
+        let changes = problem.comparison().changes_between(problem.as_reported(), after)?;
+        let Some(Gain { sigmas, residual_m }) = Gain::of_changes(&[changes]) else { return Ok(None) };
         let corrections: Vec<[Vector3<f64>; 2]> =
-            problem.reported.iter().zip(&poses).map(|(r, f)| correction(r, f)).collect();
+            problem.reported.iter().zip(&poses).map(|(r, f)| correction_of_pose(r, f)).collect();
         let count = poses.len();
         let rms =
             |k: usize| (corrections.iter().map(|c| c[k].norm_squared()).sum::<f64>() / count as f64).sqrt();
@@ -121,7 +121,7 @@ impl Refined {
             residual_m,
             gain_sigmas: sigmas,
             // Stated as independent errors of each pose with the same mean; drift makes it worse.
-            noise: errors.of_mean(count).times((count as f64).sqrt()),
+            noise: errors.of_mean(count).scaled_by((count as f64).sqrt()),
             errors: *errors,
             tracked: problem.tracked,
         };

@@ -46,7 +46,7 @@ pub(crate) struct SplineSupport {
 
 impl SplineSupport {
     /// Of each row of values the index of the first, and the weights of all.
-    pub fn rows(&self) -> [(usize, [f64; ORDER]); ORDER] {
+    pub fn weighted_rows(&self) -> [(usize, [f64; ORDER]); ORDER] {
         std::array::from_fn(|row| {
             (self.first + row * self.columns, self.weights[0].map(|across| across * self.weights[1][row]))
         })
@@ -54,7 +54,7 @@ impl SplineSupport {
 
     /// Indices of the values, and their weights.
     pub fn iter(&self) -> impl Iterator<Item = (usize, f64)> {
-        self.rows().into_iter().flat_map(|(first, weights)| {
+        self.weighted_rows().into_iter().flat_map(|(first, weights)| {
             weights.into_iter().enumerate().map(move |(i, weight)| (first + i, weight))
         })
     }
@@ -62,7 +62,7 @@ impl SplineSupport {
 
 impl DepthWarp {
     /// None, for images of a size.
-    pub fn none(intrinsics: &Intrinsics) -> Self {
+    pub fn without_errors(intrinsics: &Intrinsics) -> Self {
         let step_px = intrinsics.width as f64 / INTERVALS;
         let shape = [intrinsics.width, intrinsics.height]
             .map(|side| ((side - 1) as f64 / step_px).ceil().max(1.0) as usize + ORDER - 1);
@@ -70,57 +70,57 @@ impl DepthWarp {
     }
 
     /// First of the values about a coordinate, of `count`, and their weights.
-    fn interval(&self, pixel: f64, count: usize) -> (usize, [f64; ORDER]) {
+    fn interval_weights(&self, pixel: f64, count: usize) -> (usize, [f64; ORDER]) {
         let at = (pixel / self.step_px).max(0.0);
         // The last pixel may lie on the end of the last interval.
         let cell = (at as usize).min(count - ORDER);
-        (cell, cubic(at - cell as f64))
+        (cell, cubic_spline_weights(at - cell as f64))
     }
 
     /// The values about a pixel, with their weights.
-    pub(crate) fn support(&self, [u, v]: [f64; 2]) -> SplineSupport {
-        let (column, across) = self.interval(u, self.shape[0]);
-        let (row, down) = self.interval(v, self.shape[1]);
+    pub(crate) fn support_at(&self, [u, v]: [f64; 2]) -> SplineSupport {
+        let (column, across) = self.interval_weights(u, self.shape[0]);
+        let (row, down) = self.interval_weights(v, self.shape[1]);
         SplineSupport { first: row * self.shape[0] + column, columns: self.shape[0], weights: [across, down] }
     }
 
     /// Share of the range, positive for a reading too short.
     #[must_use]
-    pub fn at(&self, pixel: [f64; 2]) -> f64 {
-        self.support(pixel).iter().map(|(k, weight)| weight * self.values[k]).sum()
+    pub fn relative_error_at(&self, pixel: [f64; 2]) -> f64 {
+        self.support_at(pixel).iter().map(|(k, weight)| weight * self.values[k]).sum()
     }
 
     /// Its slopes along the image, 1/pixel.
-    pub(crate) fn slopes(&self, [u, v]: [f64; 2]) -> [f64; 2] {
+    pub(crate) fn slopes_at(&self, [u, v]: [f64; 2]) -> [f64; 2] {
         /// derived: half a pixel to either side
         const STEP: f64 = 0.5;
         // The spline bends over tens of pixels: the difference over one is its slope.
         [
-            self.at([u + STEP, v + 0.0]) - self.at([u - STEP, v + 0.0]),
-            self.at([u + 0.0, v + STEP]) - self.at([u + 0.0, v - STEP]),
+            self.relative_error_at([u + STEP, v + 0.0]) - self.relative_error_at([u - STEP, v + 0.0]),
+            self.relative_error_at([u + 0.0, v + STEP]) - self.relative_error_at([u + 0.0, v - STEP]),
         ]
     }
 
     /// Share of each value in the mean over the image.
-    pub(crate) fn mean(&self, intrinsics: &Intrinsics) -> DVector<f64> {
+    pub(crate) fn mean_weights(&self, intrinsics: &Intrinsics) -> DVector<f64> {
         let mut mean = DVector::zeros(self.values.len());
         let mut count = 0.0;
         for pixel in some_pixels(intrinsics) {
-            self.support(pixel).iter().for_each(|(k, weight)| mean[k] += weight);
+            self.support_at(pixel).iter().for_each(|(k, weight)| mean[k] += weight);
             count += 1.0;
         }
         mean / count
     }
 
     /// Root mean square over the image of the difference from the mean.
-    pub(crate) fn spread(&self, intrinsics: &Intrinsics) -> f64 {
-        let all: Vec<f64> = some_pixels(intrinsics).map(|pixel| self.at(pixel)).collect();
+    pub(crate) fn spread_about_mean(&self, intrinsics: &Intrinsics) -> f64 {
+        let all: Vec<f64> = some_pixels(intrinsics).map(|pixel| self.relative_error_at(pixel)).collect();
         let mean = all.iter().sum::<f64>() / all.len() as f64;
         (all.iter().map(|c| (c - mean).powi(2)).sum::<f64>() / all.len() as f64).sqrt()
     }
 
     /// Covariance of the values for errors of unit size, with the distance of correlation.
-    pub(crate) fn smooth(&self) -> DMatrix<f64> {
+    pub(crate) fn smooth_covariance(&self) -> DMatrix<f64> {
         let width = self.step_px * INTERVALS;
         let place =
             |k: usize| [k % self.shape[0], k / self.shape[0]].map(|i| i as f64 * self.step_px / width);
@@ -133,7 +133,7 @@ impl DepthWarp {
     }
 
     /// Puts every reading of the frames right.
-    pub(crate) fn correct<'a>(&self, frames: impl Iterator<Item = &'a mut RgbdFrame>) {
+    pub(crate) fn correct_frames<'a>(&self, frames: impl Iterator<Item = &'a mut RgbdFrame>) {
         let mut factors: Vec<f32> = Vec::new();
         for frame in frames {
             let width = frame.intrinsics.width;
@@ -142,7 +142,7 @@ impl DepthWarp {
             if factors.is_empty() {
                 let rows = (0..height).into_par_iter();
                 let pixels = rows.flat_map_iter(|v| (0..width).map(move |u| [u as f64, v as f64]));
-                factors = pixels.map(|pixel| (1.0 + self.at(pixel)) as f32).collect();
+                factors = pixels.map(|pixel| (1.0 + self.relative_error_at(pixel)) as f32).collect();
             }
             frame.depth_m.iter_mut().zip(&factors).for_each(|(depth, factor)| *depth *= factor);
         }
@@ -168,12 +168,12 @@ pub(crate) struct Bend {
 
 impl Bend {
     /// Of a warp at a pixel.
-    pub fn at(warp: &DepthWarp, pixel: [f64; 2]) -> Self {
-        Self { share: warp.at(pixel), slopes: warp.slopes(pixel) }
+    pub fn of_warp_at(warp: &DepthWarp, pixel: [f64; 2]) -> Self {
+        Self { share: warp.relative_error_at(pixel), slopes: warp.slopes_at(pixel) }
     }
 
     /// Inverse depth and its slopes there, put right.
-    pub fn corrected(&self, plane: Vector3<f64>) -> Vector3<f64> {
+    pub fn corrected_plane(&self, plane: Vector3<f64>) -> Vector3<f64> {
         let factor = 1.0 + self.share;
         let slopes = self.slopes;
         // The inverse depth is divided by 1 + c: the quotient rule.
@@ -187,7 +187,7 @@ impl Bend {
 }
 
 /// Uniform cubic B-splines at a place in their interval.
-fn cubic(t: f64) -> [f64; ORDER] {
+fn cubic_spline_weights(t: f64) -> [f64; ORDER] {
     let s = 1.0 - t;
     [
         s.powi(3) / 6.0,

@@ -7,7 +7,7 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix6};
 use serde::{Deserialize, Serialize};
 
-use super::{inverse::inverse, pose_noise::PoseNoise};
+use super::{inverse::inverse_by_factor, pose_noise::PoseNoise};
 use geometry::Pose;
 
 /// Sizes of the errors.
@@ -30,7 +30,7 @@ impl PoseErrors {
     /// Of the mean of so many poses in a row, with drift from the first one on.
     pub(super) fn of_mean(&self, count: usize) -> PoseNoise {
         let drift = (count as f64 / 3.0).sqrt();
-        self.jitter.of_mean(count).beside(&self.walk.times(drift))
+        self.jitter.of_mean(count).of_difference(&self.walk.scaled_by(drift))
     }
 
     /// Whether poses err by as much as is looked for at most.
@@ -40,7 +40,7 @@ impl PoseErrors {
 
     /// Variances of the steps, and of the jitter. Views do not depend on the place of all frames as a whole:
     /// the first pose holds them, but for a step and its jitter.
-    fn squares(&self, size: usize) -> [DVector<f64>; 2] {
+    fn variances_of_steps(&self, size: usize) -> [DVector<f64>; 2] {
         [self.walk, self.jitter].map(|noise| {
             DVector::from_fn(size, |k, _| {
                 if k % 6 < 3 { noise.translation_m.powi(2) } else { noise.rotation_rad.powi(2) }
@@ -57,7 +57,7 @@ pub(super) struct Drift {
 
 impl Drift {
     /// Of poses in the order of time.
-    pub fn along(reported: &[Pose]) -> Self {
+    pub fn along_poses(reported: &[Pose]) -> Self {
         let size = 6 * reported.len();
         let mut from_steps = DMatrix::zeros(size, size);
         for (i, to) in reported.iter().enumerate() {
@@ -72,18 +72,18 @@ impl Drift {
     /// Information about all corrections, and half the logarithm of its determinant; `None` where it is not
     /// finite.
     pub fn information(&self, errors: &PoseErrors) -> Option<(DMatrix<f64>, f64)> {
-        let [walk, jitter] = errors.squares(self.from_steps.nrows());
+        let [walk, jitter] = errors.variances_of_steps(self.from_steps.nrows());
         // L Q L^T as a product of one matrix with its transpose stays positive under rounding.
         let mut scaled = self.from_steps.clone();
         scaled.column_iter_mut().zip(walk.iter()).for_each(|(mut column, square)| column *= square.sqrt());
         let mut covariance = &scaled * scaled.transpose();
         jitter.iter().enumerate().for_each(|(k, square)| covariance[(k, k)] += square);
         let factor = covariance.cholesky()?;
-        Some((inverse(&factor), -half_log_determinant(&factor)))
+        Some((inverse_by_factor(&factor), -half_log_determinant(&factor)))
     }
 
     /// Sizes nearer to the most likely ones, by the corrections and their covariance; as expected at most.
-    pub fn sizes(
+    pub fn likelier_sizes(
         &self,
         errors: &PoseErrors,
         information: &DMatrix<f64>,
@@ -108,7 +108,8 @@ impl Drift {
             }
         }
         let [walk, jitter] = [(0, &errors.walk), (1, &errors.jitter)].map(|(noise, before)| {
-            let [translation, rotation] = steps[noise].map(|(found, expected)| growth(found, expected));
+            let [translation, rotation] =
+                steps[noise].map(|(found, expected)| growth_of_deviation(found, expected));
             let size = PoseNoise {
                 translation_m: before.translation_m * translation,
                 rotation_rad: before.rotation_rad * rotation,
@@ -121,7 +122,7 @@ impl Drift {
 
 /// Factor of a standard deviation by a found sum of squares and the expected one (Harville 1977; MacKay
 /// 1992): where both agree, the marginal likelihood is stationary.
-pub(super) fn growth(found: f64, expected: f64) -> f64 {
+pub(super) fn growth_of_deviation(found: f64, expected: f64) -> f64 {
     // Directions without surface have neither.
     if expected > 0.0 { (found / expected).sqrt() } else { 1.0 }
 }

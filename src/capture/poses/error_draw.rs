@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{RgbdFrame, depth_warp::DepthWarp};
 use geometry::Pose;
-use numeric::random::{normal, stage_rng};
+use numeric::random::{stage_rng, standard_normal};
 
 /// Draws of all errors: a covariance of them has a standard error of an eighth.
 ///
@@ -41,7 +41,7 @@ impl ErrorDraw {
         point: &Vector3<f64>,
         pixel: [f64; 2],
     ) -> Vector3<f64> {
-        let share = self.warp.as_ref().map_or(0.0, |warp| warp.at(pixel));
+        let share = self.warp.as_ref().map_or(0.0, |warp| warp.relative_error_at(pixel));
         world_from_camera.rotation * (self.moved_by_pose([state, frame], point) + share * point)
     }
 
@@ -79,10 +79,11 @@ pub(super) struct Drawn {
 
 /// Draws of poses, of each state their covariance with a known sensor and their derivative by the sensor's
 /// errors, and of the sensor; `None` where a covariance is not positive. See docs/method.md (2.24).
-pub(super) fn drawn(states: &[[DMatrix<f64>; 2]], sensor: &DMatrix<f64>) -> Option<Vec<Drawn>> {
+pub(super) fn drawn_errors(states: &[[DMatrix<f64>; 2]], sensor: &DMatrix<f64>) -> Option<Vec<Drawn>> {
     let rng = &mut stage_rng(0, "errors of poses and depth", 0);
-    let roots: Vec<DMatrix<f64>> = states.iter().map(|[own, _]| root(own)).collect::<Option<_>>()?;
-    let root_of_sensor = root(sensor)?;
+    let roots: Vec<DMatrix<f64>> =
+        states.iter().map(|[own, _]| covariance_root(own)).collect::<Option<_>>()?;
+    let root_of_sensor = covariance_root(sensor)?;
     let mut draws = Vec::with_capacity(DRAWS);
     for _ in 0..DRAWS {
         let sensor = normal_draw(&root_of_sensor, rng);
@@ -97,7 +98,7 @@ pub(super) fn drawn(states: &[[DMatrix<f64>; 2]], sensor: &DMatrix<f64>) -> Opti
 }
 
 /// Lower Cholesky factor of a covariance, possibly without rows.
-fn root(covariance: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+fn covariance_root(covariance: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     match covariance.nrows() {
         0 => Some(DMatrix::zeros(0, 0)),
         _ => covariance.clone().cholesky().map(|c| c.l()),
@@ -106,7 +107,7 @@ fn root(covariance: &DMatrix<f64>) -> Option<DMatrix<f64>> {
 
 /// A draw from a normal distribution of mean zero by the root of its covariance.
 fn normal_draw(root: &DMatrix<f64>, rng: &mut impl Rng) -> DVector<f64> {
-    root * DVector::from_fn(root.nrows(), |_, _| normal(rng))
+    root * DVector::from_fn(root.nrows(), |_, _| standard_normal(rng))
 }
 
 #[cfg(test)]
@@ -117,7 +118,7 @@ mod tests {
     fn a_point_goes_with_its_camera_and_its_depth() {
         let error = Vector6::new(0.001, -0.002, 0.0, 0.0, 0.003, 0.001);
         let k = geometry::Intrinsics { width: 64, height: 48, fx: 60.0, fy: 60.0, cx: 32.0, cy: 24.0 };
-        let mut warp = DepthWarp::none(&k);
+        let mut warp = DepthWarp::without_errors(&k);
         warp.values.iter_mut().for_each(|v| *v = 0.002);
         let draw = ErrorDraw { poses: vec![vec![error]], warp: Some(warp) };
         let camera = Pose::new(Vector3::x(), Vector3::y());
@@ -133,7 +134,7 @@ mod tests {
     fn draws_have_the_covariance_that_they_are_drawn_from() {
         let follow = DMatrix::from_fn(6, 1, |r, _| r as f64);
         let own = DMatrix::from_diagonal_element(6, 6, 4.0);
-        let all = drawn(&[[own, follow]], &DMatrix::from_element(1, 1, 9.0)).unwrap();
+        let all = drawn_errors(&[[own, follow]], &DMatrix::from_element(1, 1, 9.0)).unwrap();
         let variance = |k: usize| all.iter().map(|d| d.poses[0][0][k].powi(2)).sum::<f64>() / DRAWS as f64;
         for (k, expected) in [(0, 4.0), (3, 4.0 + 81.0), (5, 4.0 + 225.0)] {
             assert!((variance(k) / expected).ln().abs() < 0.7, "{k}: {} {expected}", variance(k));

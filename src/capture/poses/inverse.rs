@@ -7,7 +7,7 @@ use nalgebra::{Cholesky, DMatrix, Dyn};
 const SMALL: usize = 24;
 
 /// The inverse of a matrix by its factor.
-pub(super) fn inverse(factor: &Cholesky<f64, Dyn>) -> DMatrix<f64> {
+pub(super) fn inverse_by_factor(factor: &Cholesky<f64, Dyn>) -> DMatrix<f64> {
     let triangle = triangle_inverse(&factor.l());
     // Transposed first: the product of two matrices is the fast one.
     triangle.transpose() * triangle
@@ -51,7 +51,7 @@ mod tests {
         for n in [0, 1, 5, SMALL, SMALL + 1, 100, 187] {
             let roots = DMatrix::from_fn(n, n, |_, _| rng.next_u64() as f64 / u64::MAX as f64 - 0.5);
             let matrix = &roots * roots.transpose() + DMatrix::identity(n, n);
-            let found = inverse(&matrix.clone().cholesky().unwrap());
+            let found = inverse_by_factor(&matrix.clone().cholesky().unwrap());
             let off = (&matrix * &found - DMatrix::identity(n, n)).amax();
             assert!(n == 0 || off < 1e-12, "{n}: {off}");
             assert!(n == 0 || (&found - found.transpose()).amax() < 1e-14);

@@ -34,7 +34,12 @@ pub(super) struct Landmarks(Vec<Vec<FrameLandmarks>>);
 
 impl FrameLandmarks {
     /// Finds features, under a mask or not, and gives them to the surfels of their frame.
-    pub fn find(frame: &RgbdFrame, surfels: &mut Surfels, noise: &NoiseConfig, ahead: &Ahead) -> Self {
+    pub fn find_in_frame(
+        frame: &RgbdFrame,
+        surfels: &mut Surfels,
+        noise: &NoiseConfig,
+        ahead: &Ahead,
+    ) -> Self {
         let features = whole_image_features(frame, ahead);
         let numbers = surfels.set_landmarks(frame, noise, features.iter().map(|f| f.pixel.map(f64::from)));
         Self { features, numbers }
@@ -46,7 +51,7 @@ impl FrameLandmarks {
     }
 
     /// Similar landmarks of this frame and of another, by their numbers.
-    pub fn matches(&self, other: &Self) -> Vec<[u32; 2]> {
+    pub fn matches_with(&self, other: &Self) -> Vec<[u32; 2]> {
         let matches = mutual_matches(&self.features, &other.features, RATIO).into_iter();
         matches.filter_map(|(m, n)| Some([self.numbers[m]?, other.numbers[n]?])).collect()
     }
@@ -54,7 +59,7 @@ impl FrameLandmarks {
 
 impl Landmarks {
     /// Those of all frames, given to the surfels of their frames.
-    pub fn find(
+    pub fn find_in_states(
         states: &[Vec<RgbdFrame>],
         surfels: &mut [Vec<Surfels>],
         noise: &NoiseConfig,
@@ -65,7 +70,7 @@ impl Landmarks {
             let pairs = frames.par_iter().zip(surfels.par_iter_mut());
             let found = pairs.map(|(frame, surfels)| {
                 stop.check()?;
-                Ok(FrameLandmarks::find(frame, surfels, noise, ahead))
+                Ok(FrameLandmarks::find_in_frame(frame, surfels, noise, ahead))
             });
             found.collect::<Result<_, Stopped>>()
         });
@@ -73,22 +78,27 @@ impl Landmarks {
     }
 
     /// Matches between the frames of a state.
-    pub fn within(&self, state: usize, frames: &[RgbdFrame], stop: &Stop) -> Result<Matches, Stopped> {
+    pub fn matches_within(
+        &self,
+        state: usize,
+        frames: &[RgbdFrame],
+        stop: &Stop,
+    ) -> Result<Matches, Stopped> {
         let pairs = frame_pairs([frames, frames], NEIGHBORS);
-        self.of([state, state], pairs.into_iter().filter(|(i, j)| i < j).collect(), 0, stop)
+        self.matches_of_pairs([state, state], pairs.into_iter().filter(|(i, j)| i < j).collect(), 0, stop)
     }
 
     /// Matches between the frames of two states; those of the second are counted behind those of the first.
-    pub fn between(
+    pub fn matches_between(
         &self,
         states: [usize; 2],
         frames: [&[RgbdFrame]; 2],
         stop: &Stop,
     ) -> Result<Matches, Stopped> {
-        self.of(states, frame_pairs(frames, NEIGHBORS), frames[0].len(), stop)
+        self.matches_of_pairs(states, frame_pairs(frames, NEIGHBORS), frames[0].len(), stop)
     }
 
-    fn of(
+    fn matches_of_pairs(
         &self,
         [a, b]: [usize; 2],
         pairs: Vec<(usize, usize)>,
@@ -97,7 +107,7 @@ impl Landmarks {
     ) -> Result<Matches, Stopped> {
         let found = pairs.par_iter().map(|&(i, j)| {
             stop.check()?;
-            Ok(([i, behind + j], self.0[a][i].matches(&self.0[b][j])))
+            Ok(([i, behind + j], self.0[a][i].matches_with(&self.0[b][j])))
         });
         let found: Vec<([usize; 2], Vec<[u32; 2]>)> = found.collect::<Result<_, Stopped>>()?;
         let back = found.iter().map(|([i, j], m)| ([*j, *i], m.iter().map(|[a, b]| [*b, *a]).collect()));

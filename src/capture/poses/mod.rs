@@ -93,7 +93,7 @@ impl PoseFindings {
 
     /// Whether any pose was changed.
     #[must_use]
-    pub fn changed(&self) -> bool {
+    pub fn has_changes(&self) -> bool {
         self.states.iter().flatten().any(|s| s.used)
     }
 
@@ -129,30 +129,30 @@ pub fn refine_poses(
 ) -> Result<PoseFindings, Stopped> {
     let surfels_of = |f: &RgbdFrame| {
         stop.check()?;
-        Ok(Surfels::of(f, noise, |_| true))
+        Ok(Surfels::of_frame(f, noise, |_| true))
     };
     let mut surfels: Vec<Vec<Surfels>> = states
         .par_iter()
         .map(|frames| frames.par_iter().map(surfels_of).collect())
         .collect::<Result<_, Stopped>>()?;
-    let landmarks = Landmarks::find(states, &mut surfels, noise, ahead, stop)?;
+    let landmarks = Landmarks::find_in_states(states, &mut surfels, noise, ahead, stop)?;
     let within: Vec<Matches> = states
         .par_iter()
         .enumerate()
-        .map(|(s, f)| landmarks.within(s, f, stop))
+        .map(|(s, f)| landmarks.matches_within(s, f, stop))
         .collect::<Result<_, Stopped>>()?;
     // 0. Poses of another time, or of another scene, are beyond correction by the rest.
-    let agreement = agreements(states, &surfels, &within, stop)?;
+    let agreement = pose_agreements(states, &surfels, &within, stop)?;
     let problems: Vec<Option<Problem<'_>>> = states
         .par_iter()
         .zip(&surfels)
         .zip(within)
-        .map(|((frames, surfels), matches)| problem(frames, surfels, matches, tracked, stop))
+        .map(|((frames, surfels), matches)| problem_of_state(frames, surfels, matches, tracked, stop))
         .collect();
     // 1. Each state by itself: the sensor must beat the best by poses alone.
     // 2. All states with their sensor.
     let alone = |problem: &Option<Problem<'_>>| match problem {
-        Some(problem) => Refined::alone(problem),
+        Some(problem) => Refined::of_state_alone(problem),
         None => Ok(None),
     };
     let (alone, together) = rayon::join(
@@ -161,7 +161,7 @@ pub fn refine_poses(
     );
     let alone = alone?;
     let calibrated = match together? {
-        Some(solution) => sensor::calibrate(states, &problems, &alone, solution)?,
+        Some(solution) => sensor::calibrated_sensor(states, &problems, &alone, solution)?,
         None => None,
     };
     let (mut found, calibration, warps) = match calibrated {
@@ -174,18 +174,18 @@ pub fn refine_poses(
     // 3. Readings, poses and surfels change together, as each was found with the others.
     let camera = states.iter().flatten().next().map(|f| f.intrinsics);
     if let (Some(used), Some(camera)) = (calibration.as_ref().filter(|c| c.used), camera) {
-        let errors = used.errors(&camera);
+        let errors = used.sensor_errors(&camera);
         for frames in states.iter_mut() {
             stop.check()?;
-            errors.warp.correct(frames.iter_mut());
+            errors.warp.correct_frames(frames.iter_mut());
         }
         for frame in states.iter_mut().flatten() {
             stop.check()?;
             used.move_color(iter::once(frame));
         }
-        surfels.iter_mut().for_each(|s| *s = Surfels::corrected(s, &errors));
+        surfels.iter_mut().for_each(|s| *s = Surfels::all_corrected(s, &errors));
     }
-    let draws = draws(states, &found, warps);
+    let draws = error_draws(states, &found, warps);
     for (frames, refined) in states.iter_mut().zip(&mut found) {
         let Some(refined) = refined.as_mut().filter(|r| r.correction.used) else { continue };
         frames.iter_mut().zip(refined.poses.drain(..)).for_each(|(f, pose)| f.world_from_camera = pose);
@@ -194,18 +194,18 @@ pub fn refine_poses(
     // Poses without need of correction are taken to be right in the mean, too.
     let mut findings =
         PoseFindings { states: found, agreement, sensor: calibration, worlds: Vec::new(), draws };
-    if !findings.changed() {
+    if !findings.has_changes() {
         return Ok(findings);
     }
     // 4. The mean error of each state against state 0.
     for s in 1..states.len() {
-        let expected = findings.mean_noise(0, states).beside(&findings.mean_noise(s, states));
-        let matches = landmarks.between([0, s], [&states[0], &states[s]], stop)?;
+        let expected = findings.mean_noise(0, states).of_difference(&findings.mean_noise(s, states));
+        let matches = landmarks.matches_between([0, s], [&states[0], &states[s]], stop)?;
         let poses = [0, s].map(|s| world::poses_of(&states[s]));
         let poses = poses.each_ref().map(Vec::as_slice);
-        let found = world::correct(poses, [&*surfels[0], &*surfels[s]], matches, &expected, stop)?;
+        let found = world::corrected_world(poses, [&*surfels[0], &*surfels[s]], matches, &expected, stop)?;
         if let Some((_, follow)) = &found {
-            findings.draws.iter_mut().for_each(|draw| follow.apply([0, s], draw));
+            findings.draws.iter_mut().for_each(|draw| follow.apply_to_draw([0, s], draw));
         }
         findings.worlds.push(found.map(|(correction, _)| correction));
     }
@@ -219,7 +219,7 @@ pub fn refine_poses(
 
 /// How far the poses of each state agree with its images; certainly late poses are moved to the images'
 /// times.
-fn agreements(
+fn pose_agreements(
     states: &mut [Vec<RgbdFrame>],
     surfels: &[Vec<Surfels>],
     within: &[Matches],
@@ -230,12 +230,12 @@ fn agreements(
         .zip(surfels)
         .zip(within)
         .map(|((frames, surfels), matches)| {
-            PoseAgreement::of(&Trajectory::of(frames), surfels, matches, stop)
+            PoseAgreement::of_state(&Trajectory::of_frames(frames), surfels, matches, stop)
         })
         .collect::<Result<_, Stopped>>()?;
     for (frames, found) in states.iter_mut().zip(&agreement) {
         if let Some(delay_s) = found.and_then(|f| f.certain_delay_s()) {
-            let poses = Trajectory::of(frames).delayed(delay_s);
+            let poses = Trajectory::of_frames(frames).delayed_poses(delay_s);
             frames.iter_mut().zip(poses).for_each(|(f, pose)| f.world_from_camera = pose);
         }
     }
@@ -243,7 +243,11 @@ fn agreements(
 }
 
 /// Draws of the remaining errors of all corrected poses, and of depth.
-fn draws(states: &[Vec<RgbdFrame>], found: &[Option<Refined>], warps: Vec<DepthWarp>) -> Vec<ErrorDraw> {
+fn error_draws(
+    states: &[Vec<RgbdFrame>],
+    found: &[Option<Refined>],
+    warps: Vec<DepthWarp>,
+) -> Vec<ErrorDraw> {
     let used = || found.iter().map(|r| r.as_ref().filter(|r| r.correction.used));
     let count = used().flatten().map(|r| r.draws.len()).max().unwrap_or(0);
     let mut draws = Vec::with_capacity(count);
@@ -260,7 +264,7 @@ fn draws(states: &[Vec<RgbdFrame>], found: &[Option<Refined>], warps: Vec<DepthW
 }
 
 /// The poses of one state to be found; `None` where too little is seen to decide.
-fn problem<'a>(
+fn problem_of_state<'a>(
     frames: &[RgbdFrame],
     surfels: &'a [Surfels],
     matches: Matches,
@@ -271,7 +275,7 @@ fn problem<'a>(
     let mut focal_px = frames.iter().map(|f| f.intrinsics.fx.min(f.intrinsics.fy));
     let has_coarse = focal_px.any(|focal_px| focal_px * PoseNoise::EXPECTED.rotation_rad < 1.0);
     (frames.len() >= LEAST_FRAMES && !has_coarse)
-        .then(|| Problem::new(surfels, matches, &Trajectory::of(frames), tracked, stop))
+        .then(|| Problem::new(surfels, matches, &Trajectory::of_frames(frames), tracked, stop))
 }
 
 #[cfg(test)]

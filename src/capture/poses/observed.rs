@@ -18,12 +18,12 @@ pub(crate) struct Observed {
 
 impl Observed {
     /// Of all information.
-    pub fn of(information: &Matrix6<f64>) -> Self {
-        Self::above(information, OBSERVED)
+    pub fn of_information(information: &Matrix6<f64>) -> Self {
+        Self::above_share(information, OBSERVED)
     }
 
     /// The same, with a least share of the information about the best direction.
-    pub fn above(information: &Matrix6<f64>, share: f64) -> Self {
+    pub fn above_share(information: &Matrix6<f64>, share: f64) -> Self {
         let trace = |from: usize| (from..from + 3).map(|k| information[(k, k)]).sum::<f64>();
         let lever_m = (trace(3) / trace(0).max(f64::MIN_POSITIVE)).sqrt().max(f64::MIN_POSITIVE);
         let unit = Matrix6::from_diagonal(&Vector6::from_fn(|k, _| if k < 3 { 1.0 } else { lever_m }));

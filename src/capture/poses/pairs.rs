@@ -171,7 +171,8 @@ impl Comparison {
         noise: PoseNoise,
         stop: &Stop,
     ) -> Self {
-        let sets = [false, true].map(|held_out| surfels.clone().map(|s| subset(s, held_out)).collect());
+        let sets =
+            [false, true].map(|held_out| surfels.clone().map(|s| surfel_subset(s, held_out)).collect());
         Self { sets, pairs, matches, noise, compared: COMPARED, coarse: 1, stop: stop.clone() }
     }
 
@@ -181,16 +182,16 @@ impl Comparison {
     }
 
     /// The same with about so many surfels in a round, all pairs together.
-    pub fn comparing(self, surfels: usize) -> Self {
+    pub fn with_surfels(self, surfels: usize) -> Self {
         Self { compared: surfels, ..self }
     }
 
     /// Robust standard deviation of the residuals in expected ones, at least 1.
-    pub fn scale(&self, views: Views<'_>) -> Result<f64, Stopped> {
+    pub fn residual_scale(&self, views: Views<'_>) -> Result<f64, Stopped> {
         let ratios = self.pairs.par_iter().map(|pair| {
             self.stop.check()?;
             let mut ratios = Ratios::default();
-            self.compare(*pair, views, Subset::Fitted, |r, _| ratios.add(r));
+            self.visit_residuals(*pair, views, Subset::Fitted, |r, _| ratios.add(r));
             Ok(ratios)
         });
         Ok(robust_scale(ratios.collect::<Result<_, Stopped>>()?))
@@ -198,7 +199,7 @@ impl Comparison {
 
     /// Normal equations about poses, and about the sensor's errors, where some are given; `scale` is the one
     /// before.
-    pub fn sums(
+    pub fn normal_equations(
         &self,
         views: Views<'_>,
         sensor: Option<&SensorErrors>,
@@ -219,11 +220,11 @@ impl Comparison {
             pairs.extend(frame.pairs);
             ratios.extend(frame.ratios);
             sensor_sums = match (sensor_sums, frame.sensor) {
-                (Some(sum), Some(next)) => Some(SensorSums::plus(sum, next)),
+                (Some(sum), Some(next)) => Some(SensorSums::added_to(sum, next)),
                 (sum, next) => sum.or(next),
             };
         }
-        Ok(Sums { pairs, sensor: sensor_sums.map(SensorSums::whole), scale: robust_scale(ratios) })
+        Ok(Sums { pairs, sensor: sensor_sums.map(SensorSums::completed), scale: robust_scale(ratios) })
     }
 
     /// Normal equations of the pairs of one first frame.
@@ -236,14 +237,16 @@ impl Comparison {
         fit: Fit,
     ) -> Result<FrameSums, Stopped> {
         self.stop.check()?;
-        let rows: Vec<Rows> = pairs.iter().map(|&pair| self.rows(pair, views, sensor, scale, fit)).collect();
+        let rows: Vec<Rows> =
+            pairs.iter().map(|&pair| self.rows_of_pair(pair, views, sensor, scale, fit)).collect();
         let agreeing = rows.iter().map(|r| r.agreeing / r.tried.max(1) as f64).sum();
         let matches = pairs.iter().filter_map(|pair| self.matches.get(pair)).flatten();
-        let weights = ReadingWeights::of(agreeing, matches.map(|m| m[0]));
+        let weights = ReadingWeights::of_frame(agreeing, matches.map(|m| m[0]));
         let mut sums = FrameSums {
             pairs: Vec::new(),
             ratios: Vec::new(),
-            sensor: sensor.map(|errors| SensorSums::none(views.world_from_camera.len(), errors.count())),
+            sensor: sensor
+                .map(|errors| SensorSums::of_no_residuals(views.world_from_camera.len(), errors.count())),
         };
         for (&pair, mut rows) in pairs.iter().zip(rows) {
             sums.ratios.push(rows.ratios);
@@ -262,7 +265,7 @@ impl Comparison {
         Ok(sums)
     }
 
-    fn rows(
+    fn rows_of_pair(
         &self,
         pair: [usize; 2],
         views: Views<'_>,
@@ -270,7 +273,7 @@ impl Comparison {
         scale: f64,
         fit: Fit,
     ) -> Rows {
-        let most = if fit.is_rough { self.most() / self.coarse } else { self.most() };
+        let most = if fit.is_rough { self.most_surfels() / self.coarse } else { self.most_surfels() };
         let mut surfels = Vec::with_capacity(most);
         let mut landmarks = Vec::new();
         let mut agreeing = 0.0;
@@ -290,9 +293,9 @@ impl Comparison {
     }
 
     /// Gain of held-out surfels `after`.
-    pub fn changes(&self, before: Views<'_>, after: Views<'_>) -> Result<Changes, Stopped> {
+    pub fn changes_between(&self, before: Views<'_>, after: Views<'_>) -> Result<Changes, Stopped> {
         // One scale for both: a scale of its own would forgive the worse poses their residuals.
-        let scale = self.scale(after)?;
+        let scale = self.residual_scale(after)?;
         let pairs = self.pairs.par_iter().map(|p| {
             self.stop.check()?;
             Ok(self.pair_change(*p, before, after, scale))
@@ -304,11 +307,11 @@ impl Comparison {
         let mut change =
             PairChange { frame: frames[0], count: 0, gain: 0.0, distances_m: [Vec::new(), Vec::new()] };
         let mut first: Vec<(usize, f64, f64)> = Vec::new();
-        self.compare(frames, before, Subset::HeldOut, |r, place| {
+        self.visit_residuals(frames, before, Subset::HeldOut, |r, place| {
             first.push((place, r.distance_m, r.sigma_m))
         });
         let mut first = first.into_iter().peekable();
-        self.compare(frames, after, Subset::HeldOut, |r, place| {
+        self.visit_residuals(frames, after, Subset::HeldOut, |r, place| {
             // Both are in one order.
             while first.peek().is_some_and(|t| t.0 < place) {
                 first.next();
@@ -316,7 +319,7 @@ impl Comparison {
             // Only surfels compared before and after, or poses would gain by losing sight of some.
             let Some((_, before_m, sigma_m)) = first.next_if(|t| t.0 == place) else { return };
             change.gain +=
-                bounded(before_m / (sigma_m * scale)) - bounded(r.distance_m / (r.sigma_m * scale));
+                bounded_cost(before_m / (sigma_m * scale)) - bounded_cost(r.distance_m / (r.sigma_m * scale));
             if change.count.is_multiple_of(MEDIAN_EVERY) {
                 change.distances_m[0].push(before_m.abs());
                 change.distances_m[1].push(r.distance_m.abs());
@@ -327,7 +330,7 @@ impl Comparison {
     }
 
     /// Visits residuals of a pair and their places in a fixed order.
-    fn compare(
+    fn visit_residuals(
         &self,
         pair: [usize; 2],
         views: Views<'_>,
@@ -335,12 +338,12 @@ impl Comparison {
         mut visit: impl FnMut(&Residual, usize),
     ) {
         let surfels = self.sets[subset as usize][pair[0]].iter().map(Vec::len).sum::<usize>();
-        self.compare_surfels(pair, views, subset, self.most(), &mut visit);
+        self.compare_surfels(pair, views, subset, self.most_surfels(), &mut visit);
         self.compare_landmarks(pair, views, subset, |r, place| visit(r, surfels + place));
     }
 
     /// Most compared surfels of a pair.
-    fn most(&self) -> usize {
+    fn most_surfels(&self) -> usize {
         (self.compared / self.pairs.len().max(1)).max(LEAST_OF_PAIR)
     }
 
@@ -366,7 +369,8 @@ impl Comparison {
             // Every pair begins elsewhere: together they use all.
             for (at, &cell) in cells.iter().enumerate().skip((7 * i + 3 * j) % stride).step_by(stride) {
                 tried += 1;
-                if let Some(r) = surfels[i].residual(cell, &surfels[j], &other_from_this, &self.noise) {
+                if let Some(r) = surfels[i].surfel_residual(cell, &surfels[j], &other_from_this, &self.noise)
+                {
                     visit(&r, before + at);
                 }
             }
@@ -389,7 +393,7 @@ impl Comparison {
             if at.is_multiple_of(HELD_OUT) != matches!(subset, Subset::HeldOut) {
                 continue;
             }
-            let across = surfels[i].across(landmarks, &surfels[j], &other_from_this, &self.noise);
+            let across = surfels[i].landmark_residuals(landmarks, &surfels[j], &other_from_this, &self.noise);
             for (k, r) in across.iter().enumerate() {
                 if let Some(r) = r {
                     visit(r, 2 * at + k);
@@ -401,7 +405,7 @@ impl Comparison {
 
 impl Gain {
     /// Of all frames of so many states; `None` where too few surfels are held out. See docs/method.md (2.16).
-    pub fn of(states: &[Changes]) -> Option<Self> {
+    pub fn of_changes(states: &[Changes]) -> Option<Self> {
         let pairs = || states.iter().flat_map(|s| &s.pairs);
         if pairs().map(|c| c.count).sum::<usize>() < LEAST_SURFELS {
             return None;
@@ -422,9 +426,9 @@ impl Gain {
 }
 
 /// The held-out surfels of a frame, or the others, by their facing.
-fn subset(surfels: &Surfels, held_out: bool) -> [Vec<u32>; FACINGS] {
-    surfels.facing().each_ref().map(|cells| {
-        let blocks = cells.iter().map(|cell| surfels.block(*cell, BLOCK).iter().sum::<usize>());
+fn surfel_subset(surfels: &Surfels, held_out: bool) -> [Vec<u32>; FACINGS] {
+    surfels.cells_by_facing().each_ref().map(|cells| {
+        let blocks = cells.iter().map(|cell| surfels.block_of_cell(*cell, BLOCK).iter().sum::<usize>());
         let wanted = cells.iter().zip(blocks).filter(|(_, b)| b.is_multiple_of(HELD_OUT) == held_out);
         wanted.map(|(cell, _)| *cell).collect()
     })
@@ -480,7 +484,7 @@ fn pair_sums(frames: [usize; 2], rows: &[Row]) -> PairSums {
 }
 
 /// Tukey's cost of a residual in robust standard deviations, from 0 to 1.
-fn bounded(z: f64) -> f64 {
+fn bounded_cost(z: f64) -> f64 {
     let u = 1.0 - (z / CUT).powi(2).min(1.0);
     1.0 - u * u * u
 }
@@ -500,10 +504,10 @@ mod tests {
         let shape = cuboid(Vector3::new(0.2, 0.15, 0.1));
         let frames = [Point3::new(0.7, 0.5, 0.4), Point3::new(0.6, 0.6, 0.45)]
             .map(|eye| view_of(&shape, k, looking_at_origin(eye)));
-        let surfels = frames.each_ref().map(|f| Surfels::of(f, &NoiseConfig::default(), |_| true));
+        let surfels = frames.each_ref().map(|f| Surfels::of_frame(f, &NoiseConfig::default(), |_| true));
         let poses = frames.each_ref().map(|f| f.world_from_camera);
         let distance = |cell: u32, poses: &[Pose; 2]| {
-            let r = surfels[0].residual(
+            let r = surfels[0].surfel_residual(
                 cell,
                 &surfels[1],
                 &nalgebra::convert(poses[1].inverse() * poses[0]),
@@ -516,12 +520,12 @@ mod tests {
         let mut drawn = || rand_core::Rng::next_u64(&mut rng) as f64 / u64::MAX as f64 - 0.5;
         let mut checked = 0;
         for size in [1e-3, -1e-3] {
-            let mut errors = SensorErrors::none(&k);
-            errors.step(&DVector::from_fn(errors.count(), |_, _| size * drawn()));
-            let warped = Surfels::corrected(&surfels, &errors);
+            let mut errors = SensorErrors::without_errors(&k);
+            errors.add_step(&DVector::from_fn(errors.count(), |_, _| size * drawn()));
+            let warped = Surfels::all_corrected(&surfels, &errors);
             let between: IsometryMatrix3<f64> = nalgebra::convert(poses[1].inverse() * poses[0]);
-            for &cell in surfels[0].facing().iter().flatten() {
-                let of = |s: &[Surfels]| s[0].residual(cell, &s[1], &between, &PoseNoise::EXPECTED);
+            for &cell in surfels[0].cells_by_facing().iter().flatten() {
+                let of = |s: &[Surfels]| s[0].surfel_residual(cell, &s[1], &between, &PoseNoise::EXPECTED);
                 let (Some(at), Some(there)) = (of(&surfels), of(&warped)) else { continue };
                 let values = errors.values();
                 let expected: f64 = by_sensor(&at, &errors).iter().map(|(k, d)| d * values[k]).sum();
@@ -533,7 +537,7 @@ mod tests {
         assert!(checked > 100, "{checked}");
         let step = 1e-6;
         let mut checked = 0;
-        for &cell in surfels[0].facing().iter().flatten() {
+        for &cell in surfels[0].cells_by_facing().iter().flatten() {
             let Some((at, row)) = distance(cell, &poses) else { continue };
             for (p, derivative) in row.iter().enumerate() {
                 let twist = SVector::<f64, 6>::from_fn(|i, _| if i == p % 6 { step } else { 0.0 });
@@ -561,7 +565,7 @@ mod tests {
         let frames = [Point3::new(0.7, 0.5, 0.4), Point3::new(0.6, 0.6, 0.45)]
             .map(|eye| view_of(&shape, k, looking_at_origin(eye)));
         let noise = NoiseConfig::default();
-        let mut surfels = frames.each_ref().map(|f| Surfels::of(f, &noise, |_| true));
+        let mut surfels = frames.each_ref().map(|f| Surfels::of_frame(f, &noise, |_| true));
         let poses = frames.each_ref().map(|f| f.world_from_camera);
         // What a pixel of the first frame shows, the second shows where it projects to, a little beside.
         let seen: Vec<[[f64; 2]; 2]> = (0..300)
@@ -579,13 +583,13 @@ mod tests {
         });
         let between = |p: &[Pose; 2]| p[1].inverse() * p[0];
         let at = |s: &[Surfels], p: &[Pose; 2], m: [u32; 2]| {
-            s[0].across(m, &s[1], &between(p), &PoseNoise::EXPECTED)
+            s[0].landmark_residuals(m, &s[1], &between(p), &PoseNoise::EXPECTED)
         };
         let mut rng = numeric::random::stage_rng(3, "warp", 0);
         let mut drawn = || rand_core::Rng::next_u64(&mut rng) as f64 / u64::MAX as f64 - 0.5;
-        let mut errors = SensorErrors::none(&k);
-        errors.step(&DVector::from_fn(errors.count(), |_, _| 1e-4 * drawn()));
-        let spoilt = Surfels::corrected(&surfels, &errors);
+        let mut errors = SensorErrors::without_errors(&k);
+        errors.add_step(&DVector::from_fn(errors.count(), |_, _| 1e-4 * drawn()));
+        let spoilt = Surfels::all_corrected(&surfels, &errors);
         let values = errors.values();
         let mut checked = 0;
         let step = 1e-6;

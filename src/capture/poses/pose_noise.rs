@@ -31,11 +31,11 @@ impl PoseNoise {
 
     /// Of the mean of so many poses.
     pub(crate) fn of_mean(&self, count: usize) -> Self {
-        self.times(1.0 / (count.max(1) as f64).sqrt())
+        self.scaled_by(1.0 / (count.max(1) as f64).sqrt())
     }
 
     /// So many times as large.
-    pub(crate) fn times(&self, factor: f64) -> Self {
+    pub(crate) fn scaled_by(&self, factor: f64) -> Self {
         Self { translation_m: factor * self.translation_m, rotation_rad: factor * self.rotation_rad }
     }
 
@@ -56,7 +56,7 @@ impl PoseNoise {
     }
 
     /// Of the difference of two.
-    pub(crate) fn beside(&self, other: &Self) -> Self {
+    pub(crate) fn of_difference(&self, other: &Self) -> Self {
         Self {
             translation_m: self.translation_m.hypot(other.translation_m),
             rotation_rad: self.rotation_rad.hypot(other.rotation_rad),

@@ -14,7 +14,7 @@ pub(super) struct ReadingWeights {
 
 impl ReadingWeights {
     /// Of a frame with surfels shared by so many others, in the mean, and landmarks matched as listed.
-    pub fn of(others: f64, matched: impl Iterator<Item = u32>) -> Self {
+    pub fn of_frame(others: f64, matched: impl Iterator<Item = u32>) -> Self {
         let mut landmarks = BTreeSet::new();
         let mut matches = 0usize;
         matched.for_each(|landmark| {
@@ -32,10 +32,10 @@ mod tests {
 
     #[test]
     fn what_two_frames_share_counts_by_half() {
-        let weights = ReadingWeights::of(1.0, [3, 4, 7].into_iter());
+        let weights = ReadingWeights::of_frame(1.0, [3, 4, 7].into_iter());
         assert_eq!([weights.of_surfels, weights.of_landmarks], [0.5; 2]);
         // One landmark in three others, one in one: two in the mean.
-        let weights = ReadingWeights::of(0.0, [3, 3, 3, 5].into_iter());
+        let weights = ReadingWeights::of_frame(0.0, [3, 3, 3, 5].into_iter());
         assert_eq!([weights.of_surfels, weights.of_landmarks], [1.0, 1.0 / 3.0]);
     }
 }

@@ -10,7 +10,7 @@ use super::{
     depth_warp::DepthWarp,
     pairs::{Changes, Gain, Views},
     sensor_errors::SensorErrors,
-    solve::{Problem, Sensor, Solution, solve},
+    solve::{Problem, Sensor, Solution, most_likely_poses},
 };
 use crate::{RgbdFrame, frame::cameras};
 use common::stop::Stopped;
@@ -62,7 +62,7 @@ impl SensorCalibration {
     }
 
     /// The found correction.
-    pub(super) fn errors(&self, intrinsics: &Intrinsics) -> SensorErrors {
+    pub(super) fn sensor_errors(&self, intrinsics: &Intrinsics) -> SensorErrors {
         let [u, v] = self.color_shift_px[0];
         SensorErrors {
             warp: self.warp.clone(),
@@ -84,7 +84,7 @@ impl SensorCalibration {
 
     /// Standard deviations of the warp's values.
     #[must_use]
-    pub fn sigmas(&self) -> Vec<f64> {
+    pub fn warp_sigmas(&self) -> Vec<f64> {
         let count = self.warp.values.len();
         self.covariance.iter().step_by(count + 1).map(|variance| variance.sqrt()).collect()
     }
@@ -133,7 +133,11 @@ pub(super) fn solve_together(
 ) -> Result<Option<Solution>, Stopped> {
     let [intrinsics] = cameras(states.iter().flatten())[..] else { return Ok(None) };
     let posed: Vec<&Problem<'_>> = problems.iter().flatten().collect();
-    if posed.is_empty() { Ok(None) } else { solve(&posed, Some(SensorErrors::none(&intrinsics))) }
+    if posed.is_empty() {
+        Ok(None)
+    } else {
+        most_likely_poses(&posed, Some(SensorErrors::without_errors(&intrinsics)))
+    }
 }
 
 /// Color at a place of the image, bilinear; the border repeats.
@@ -158,7 +162,7 @@ fn color_at(frame: &RgbdFrame, u: f64, v: f64) -> [u8; 3] {
 
 /// The sensor's errors, with the poses of all states; `None` for several cameras, or where too little is
 /// seen.
-pub(super) fn calibrate(
+pub(super) fn calibrated_sensor(
     states: &[Vec<RgbdFrame>],
     problems: &[Option<Problem<'_>>],
     alone: &[Option<Refined>],
@@ -184,18 +188,18 @@ pub(super) fn calibrate(
         .filter_map(|((problem, alone), refined)| {
             let problem = problem.as_ref()?;
             let refined = refined.as_ref()?;
-            let corrected = problem.corrected(Some(&sensor));
+            let corrected = problem.corrected_surfels(Some(&sensor));
             let best = alone.as_ref().filter(|a| a.correction.used).map_or(&problem.reported, |a| &a.poses);
             let before = Views { surfels: problem.surfels, world_from_camera: best };
             let after = Views { surfels: &corrected, world_from_camera: &refined.poses };
-            Some(problem.comparison().changes(before, after))
+            Some(problem.comparison().changes_between(before, after))
         })
         .collect::<Result<_, Stopped>>()?;
     // All frames of all states decide together, since they have one sensor.
-    let Some(gain) = Gain::of(&changes) else { return Ok(None) };
+    let Some(gain) = Gain::of_changes(&changes) else { return Ok(None) };
     let count = sensor.first_of_shift();
     let focal_px = [intrinsics.fx, intrinsics.fy];
-    let lag = sensor.lag();
+    let lag = sensor.lag_index();
     let pose_lag_s = [sensor.lag_s, covariance[(lag, lag)].sqrt()];
     let color_shift_px = [
         [0, 1].map(|i| sensor.color_shift[i] * focal_px[i]),
@@ -208,14 +212,14 @@ pub(super) fn calibrate(
         warps.push(DepthWarp { values, ..sensor.warp.clone() });
     }
     let warp = sensor.warp;
-    let mean = warp.mean(&intrinsics);
+    let mean = warp.mean_weights(&intrinsics);
     let calibration = SensorCalibration {
         used: is_clear(&gain),
         scale: [
             mean.iter().zip(&warp.values).map(|(share, v)| share * v).sum(),
             mean.dot(&(&covariance * &mean)).sqrt(),
         ],
-        warp_rms: warp.spread(&intrinsics),
+        warp_rms: warp.spread_about_mean(&intrinsics),
         color_shift_px,
         pose_lag_s,
         covariance: covariance.as_slice().to_vec(),

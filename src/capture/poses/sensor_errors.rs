@@ -30,8 +30,8 @@ pub(crate) struct SensorErrors {
 
 impl SensorErrors {
     /// None, for images of a size.
-    pub fn none(intrinsics: &Intrinsics) -> Self {
-        Self { warp: DepthWarp::none(intrinsics), color_shift: [0.0; 2], lag_s: 0.0 }
+    pub fn without_errors(intrinsics: &Intrinsics) -> Self {
+        Self { warp: DepthWarp::without_errors(intrinsics), color_shift: [0.0; 2], lag_s: 0.0 }
     }
 
     /// Number of its values.
@@ -40,7 +40,7 @@ impl SensorErrors {
     }
 
     /// Index of the lag among the values.
-    pub fn lag(&self) -> usize {
+    pub fn lag_index(&self) -> usize {
         self.count() - 1
     }
 
@@ -59,19 +59,19 @@ impl SensorErrors {
     }
 
     /// Moves all values by a step.
-    pub fn step(&mut self, step: &DVector<f64>) {
+    pub fn add_step(&mut self, step: &DVector<f64>) {
         let all = self.warp.values.iter_mut().chain(&mut self.color_shift).chain([&mut self.lag_s]);
         all.zip(step.iter()).for_each(|(v, s)| *v += s);
     }
 
     /// Expected covariance of the values, by the size of smooth errors: docs/method.md (2.20).
-    pub fn expected(&self, size: f64) -> DMatrix<f64> {
-        let warp = (self.warp.smooth() * size.powi(2)).add_scalar(SCALE.powi(2));
+    pub fn expected_covariance(&self, size: f64) -> DMatrix<f64> {
+        let warp = (self.warp.smooth_covariance() * size.powi(2)).add_scalar(SCALE.powi(2));
         let of_warp = self.first_of_shift();
         let count = self.count();
         let mut expected = DMatrix::from_diagonal_element(count, count, COLOR_SHIFT.powi(2));
         expected.view_mut((0, 0), (of_warp, of_warp)).copy_from(&warp);
-        expected[(self.lag(), self.lag())] = LAG_S.powi(2);
+        expected[(self.lag_index(), self.lag_index())] = LAG_S.powi(2);
         expected
     }
 }

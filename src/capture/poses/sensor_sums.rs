@@ -45,7 +45,7 @@ impl BySensor {
 
 impl SensorSums {
     /// Of no residuals; the poses lie along columns until it is `whole`: sums are contiguous.
-    pub fn none(poses: usize, values: usize) -> Self {
+    pub fn of_no_residuals(poses: usize, values: usize) -> Self {
         Self {
             information: DMatrix::zeros(values, values),
             between: DMatrix::zeros(values, 6 * poses),
@@ -85,13 +85,13 @@ impl SensorSums {
     }
 
     /// Completes the sums from their halves.
-    pub fn whole(mut self) -> Self {
+    pub fn completed(mut self) -> Self {
         self.information = &self.information + self.information.transpose();
         self.between = self.between.transpose();
         self
     }
 
-    pub fn plus(mut self, other: Self) -> Self {
+    pub fn added_to(mut self, other: Self) -> Self {
         self.information += other.information;
         self.between += other.between;
         self.gradient += other.gradient;
@@ -119,7 +119,7 @@ fn add_all(sums: &mut SensorSums, frames: [usize; 2], rows: &[Row]) {
 /// the other frame: a point moves along its ray, and so does the plane. Features move with the color.
 pub(super) fn by_sensor(r: &Residual, errors: &SensorErrors) -> BySensor {
     // docs/method.md (2.21).
-    let [this, other] = r.pixels.map(|pixel| errors.warp.support(pixel).rows());
+    let [this, other] = r.pixels.map(|pixel| errors.warp.support_at(pixel).weighted_rows());
     let along = r.normal.dot(&r.point.coords);
     let across = r.other_normal.dot(&r.other_point.coords);
     let warp = std::array::from_fn(|piece| {

@@ -9,9 +9,9 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use rayon::prelude::*;
 
 use super::{
-    drift::{Drift, PoseErrors, growth, half_log_determinant},
-    error_draw::{Drawn, drawn},
-    inverse::inverse,
+    drift::{Drift, PoseErrors, growth_of_deviation, half_log_determinant},
+    error_draw::{Drawn, drawn_errors},
+    inverse::inverse_by_factor,
     pairs::{Comparison, Fit, Matches, PairSums, Sums, Views},
     sensor_errors::SensorErrors,
     sensor_sums::SensorSums,
@@ -111,7 +111,7 @@ impl<'a> Problem<'a> {
         Self {
             comparison: comparison.coarse_while_loose(),
             surfels,
-            drift: Drift::along(&reported),
+            drift: Drift::along_poses(&reported),
             reported,
             tracked,
             velocities,
@@ -129,14 +129,15 @@ impl<'a> Problem<'a> {
     }
 
     /// Its surfels by corrected readings: those as read, where nothing is corrected.
-    pub fn corrected(&self, sensor: Option<&SensorErrors>) -> Cow<'a, [Surfels]> {
-        sensor.map_or(Cow::Borrowed(self.surfels), |errors| Surfels::corrected(self.surfels, errors).into())
+    pub fn corrected_surfels(&self, sensor: Option<&SensorErrors>) -> Cow<'a, [Surfels]> {
+        sensor
+            .map_or(Cow::Borrowed(self.surfels), |errors| Surfels::all_corrected(self.surfels, errors).into())
     }
 
     /// Corrections so far, six values a camera.
     fn corrections(&self, poses: &[Pose]) -> DVector<f64> {
         let all = self.reported.iter().zip(poses).flat_map(|(reported, pose)| {
-            let [moved, turned] = correction(reported, pose);
+            let [moved, turned] = correction_of_pose(reported, pose);
             [moved.x, moved.y, moved.z, turned.x, turned.y, turned.z]
         });
         DVector::from_iterator(6 * poses.len(), all)
@@ -148,7 +149,7 @@ impl<'a> Problem<'a> {
 ///
 /// # Errors
 /// [`Stopped`].
-pub(super) fn solve(
+pub(super) fn most_likely_poses(
     problems: &[&Problem<'_>],
     sensor: Option<SensorErrors>,
 ) -> Result<Option<Solution>, Stopped> {
@@ -157,9 +158,11 @@ pub(super) fn solve(
         Sensor { errors, covariance: DMatrix::zeros(count, count) }
     });
     let mut poses: Vec<Vec<Pose>> = problems.iter().map(|p| p.reported.clone()).collect();
-    let mut sizes = Sizes { poses: started(problems, PoseErrors::EXPECTED), warp: WARP };
-    let mut scales: Vec<f64> =
-        problems.iter().map(|p| p.comparison.scale(p.as_reported())).collect::<Result<_, Stopped>>()?;
+    let mut sizes = Sizes { poses: starting_sizes(problems, PoseErrors::EXPECTED), warp: WARP };
+    let mut scales: Vec<f64> = problems
+        .iter()
+        .map(|p| p.comparison.residual_scale(p.as_reported()))
+        .collect::<Result<_, Stopped>>()?;
     let mut loosened = LOOSE.into_iter();
     let mut found = None;
     for (stage, rounds) in ROUNDS.into_iter().enumerate() {
@@ -173,16 +176,18 @@ pub(super) fn solve(
                 .zip(&poses)
                 .zip(&scales)
                 .map(|((p, poses), &scale)| {
-                    let corrected = p.corrected(known);
+                    let corrected = p.corrected_surfels(known);
                     let views = Views { surfels: &corrected, world_from_camera: poses };
                     let fit = Fit { loose: loose.unwrap_or(0.0), is_rough: stage == 0 };
-                    p.comparison.sums(views, known, scale, fit)
+                    p.comparison.normal_equations(views, known, scale, fit)
                 })
                 .collect::<Result<_, Stopped>>()?;
             scales = sums.iter().map(|s| s.scale).collect();
             let at: Vec<DVector<f64>> =
                 problems.iter().zip(&poses).map(|(p, poses)| p.corrections(poses)).collect();
-            let Some(step) = step(problems, &sums, &at, known, &sizes) else { return unsolved(problems) };
+            let Some(step) = likeliest_step(problems, &sums, &at, known, &sizes) else {
+                return unsolved(problems);
+            };
             let mut longest = 0.0f64;
             for (poses, step) in poses.iter_mut().zip(&step.poses) {
                 for (pose, s) in poses.iter_mut().zip(step.as_slice().chunks_exact(6)) {
@@ -192,7 +197,7 @@ pub(super) fn solve(
                 longest = longest.max(step.amax());
             }
             if let Some(sensor) = &mut sensor {
-                sensor.errors.step(&step.sensor);
+                sensor.errors.add_step(&step.sensor);
                 sensor.covariance = step.sensor_covariance.clone();
                 longest = longest.max(step.sensor.amax());
             }
@@ -211,7 +216,7 @@ pub(super) fn solve(
             found = Some(step);
         }
     }
-    let draws = found.and_then(|found| drawn(&found.own, &found.sensor_covariance));
+    let draws = found.and_then(|found| drawn_errors(&found.own, &found.sensor_covariance));
     Ok(draws.map(|draws| Solution { poses, errors: sizes.poses, sensor, draws }))
 }
 
@@ -222,7 +227,7 @@ fn unsolved(problems: &[&Problem<'_>]) -> Result<Option<Solution>, Stopped> {
 }
 
 /// The step by the normal equations of all states; `None`, too, where it was asked to stop.
-fn step(
+fn likeliest_step(
     problems: &[&Problem<'_>],
     sums: &[Sums],
     at: &[DVector<f64>],
@@ -230,7 +235,7 @@ fn step(
     sizes: &Sizes,
 ) -> Option<Step> {
     let values = sensor.map_or_else(|| DVector::zeros(0), SensorErrors::values);
-    let lag = sensor.map(SensorErrors::lag);
+    let lag = sensor.map(SensorErrors::lag_index);
     let lag_s = sensor.map_or(0.0, |s| s.lag_s);
     let (sensor_information, half_log) = match sensor {
         Some(errors) => sensor_information(errors, sizes.warp)?,
@@ -255,7 +260,7 @@ fn step(
         own_gradient += &pull;
         let factor = own.cholesky()?;
         log_likelihood += half_log - half_log_determinant(&factor) - 0.5 * away.dot(&pull);
-        let covariance = inverse(&factor);
+        let covariance = inverse_by_factor(&factor);
         let own_step = &covariance * &own_gradient;
         let follow = match &sums.sensor {
             Some(of_state) => {
@@ -276,7 +281,7 @@ fn step(
     let sensor_covariance = if sensor.is_some() {
         let factor = information.cholesky()?;
         log_likelihood -= half_log_determinant(&factor);
-        inverse(&factor)
+        inverse_by_factor(&factor)
     } else {
         information
     };
@@ -355,8 +360,8 @@ fn pose_equations(pairs: &[PairSums], poses: usize) -> (DMatrix<f64>, DVector<f6
 /// Prior information about the sensor's errors: one of scale, and smooth ones. With half the logarithm of its
 /// determinant.
 fn sensor_information(errors: &SensorErrors, size: f64) -> Option<(DMatrix<f64>, f64)> {
-    let factor = errors.expected(size).cholesky()?;
-    Some((inverse(&factor), -half_log_determinant(&factor)))
+    let factor = errors.expected_covariance(size).cholesky()?;
+    Some((inverse_by_factor(&factor), -half_log_determinant(&factor)))
 }
 
 /// The most likely sizes of the errors by the last equations, about their place: with drift of the poses
@@ -380,7 +385,7 @@ fn most_likely(
 }
 
 /// Sizes of the errors of poses to start from.
-fn started(problems: &[&Problem<'_>], errors: PoseErrors) -> Vec<PoseErrors> {
+fn starting_sizes(problems: &[&Problem<'_>], errors: PoseErrors) -> Vec<PoseErrors> {
     problems.iter().map(|p| if p.tracked { PoseErrors::WITHOUT_DRIFT } else { errors }).collect()
 }
 
@@ -394,31 +399,38 @@ fn settled_sizes(
     before: &Sizes,
     start: PoseErrors,
 ) -> Option<(Sizes, f64)> {
-    let mut sizes = Sizes { poses: started(problems, start), ..before.clone() };
+    let mut sizes = Sizes { poses: starting_sizes(problems, start), ..before.clone() };
     for _ in 0..SIZES {
-        sizes = resized(problems, at, sensor, &step(problems, sums, at, sensor, &sizes)?, &sizes);
+        sizes = resized_errors(
+            problems,
+            at,
+            sensor,
+            &likeliest_step(problems, sums, at, sensor, &sizes)?,
+            &sizes,
+        );
         if start == PoseErrors::WITHOUT_DRIFT {
             sizes.poses.iter_mut().for_each(|p| p.walk = start.walk);
         }
     }
-    let likelihood = step(problems, sums, at, sensor, &sizes)?.log_likelihood;
+    let likelihood = likeliest_step(problems, sums, at, sensor, &sizes)?.log_likelihood;
     Some((sizes, likelihood))
 }
 
 /// Sizes by the estimates and their covariance. See docs/method.md (2.15).
-fn resized(
+fn resized_errors(
     problems: &[&Problem<'_>],
     at: &[DVector<f64>],
     sensor: Option<&SensorErrors>,
     step: &Step,
     sizes: &Sizes,
 ) -> Sizes {
-    let lag_s = sensor.map_or(0.0, |s| s.lag_s + step.sensor[s.lag()]);
+    let lag_s = sensor.map_or(0.0, |s| s.lag_s + step.sensor[s.lag_index()]);
     let mut poses = sizes.poses.clone();
     for (k, problem) in problems.iter().enumerate().filter(|(_, problem)| !problem.tracked) {
         let mean = &at[k] + &step.poses[k] - &problem.velocities * lag_s;
         let information = &step.pose_information[k];
-        poses[k] = problem.drift.sizes(&sizes.poses[k], information, &mean, &step.pose_covariances[k]);
+        poses[k] =
+            problem.drift.likelier_sizes(&sizes.poses[k], information, &mean, &step.pose_covariances[k]);
     }
     Sizes { poses, warp: sensor.map_or(sizes.warp, |errors| resized_warp(sizes.warp, errors, step)) }
 }
@@ -429,16 +441,16 @@ fn resized_warp(size: f64, errors: &SensorErrors, step: &Step) -> f64 {
     let information = &step.sensor_information;
     let pull = information * mean;
     let marginal = information - information * &step.sensor_covariance * information;
-    let smooth = errors.warp.smooth();
+    let smooth = errors.warp.smooth_covariance();
     let count = errors.first_of_shift();
     let pull = pull.rows(0, count);
     let marginal = marginal.view((0, 0), (count, count));
-    let change = growth(pull.dot(&(&smooth * pull)), smooth.dot(&marginal));
+    let change = growth_of_deviation(pull.dot(&(&smooth * pull)), smooth.dot(&marginal));
     (size * change).max(LEAST_WARP)
 }
 
 /// Translation, meters, and rotation vector, radians, of a correction in the camera's frame.
-pub(super) fn correction(reported: &Pose, pose: &Pose) -> [Vector3<f64>; 2] {
+pub(super) fn correction_of_pose(reported: &Pose, pose: &Pose) -> [Vector3<f64>; 2] {
     let change = reported.inverse() * pose;
     [change.translation.vector, log_so3(&change.rotation)]
 }

@@ -89,7 +89,7 @@ pub(crate) struct Overlap {
 
 impl Overlap {
     /// Of two frames' surfels.
-    pub fn plus(self, other: Self) -> Self {
+    pub fn added_to(self, other: Self) -> Self {
         Self {
             tried: self.tried + other.tried,
             agreeing: self.agreeing + other.agreeing,
@@ -143,19 +143,20 @@ impl Surfel {
 
 impl Surfels {
     /// Of the wanted pixels of a frame.
-    pub fn of(frame: &RgbdFrame, noise: &NoiseConfig, wanted: impl Fn(usize) -> bool) -> Self {
+    pub fn of_frame(frame: &RgbdFrame, noise: &NoiseConfig, wanted: impl Fn(usize) -> bool) -> Self {
         let k = frame.intrinsics;
         let step = (k.width / COLUMNS).max(LEAST_STEP);
         let count = |side: usize| side.saturating_sub(2 * R).div_ceil(step);
         let columns = count(k.width);
         let rows = count(k.height);
         let place = |i: usize| [R + i % columns * step, R + i / columns * step];
-        let plane =
-            |[x, y]: [usize; 2]| if wanted(y * k.width + x) { plane(frame, noise, x, y) } else { None };
+        let plane = |[x, y]: [usize; 2]| {
+            if wanted(y * k.width + x) { plane_about_pixel(frame, noise, x, y) } else { None }
+        };
         let planes =
             WindowPlanes { columns, rows, step, all: (0..columns * rows).map(|i| plane(place(i))).collect() };
         let cells: Vec<Option<Surfel>> = (0..columns * rows)
-            .map(|i| surfel(&k, noise, place(i), &planes.all[i]?, planes.slopes(i)?))
+            .map(|i| surfel_of_plane(&k, noise, place(i), &planes.all[i]?, planes.smoothed_slopes(i)?))
             .collect();
         let mut facing: [Vec<u32>; FACINGS] = Default::default();
         for (i, surfel) in cells.iter().enumerate() {
@@ -175,7 +176,7 @@ impl Surfels {
         pixels: impl Iterator<Item = [f64; 2]>,
     ) -> Vec<Option<u32>> {
         let numbers = pixels.map(|pixel| {
-            self.landmarks.push(Landmark::at(frame, noise, pixel)?);
+            self.landmarks.push(Landmark::at_pixel(frame, noise, pixel)?);
             Some(self.landmarks.len() as u32 - 1)
         });
         numbers.collect()
@@ -183,7 +184,7 @@ impl Surfels {
 
     /// A landmark against its match in `other`: its distances from the match's ray, along two directions
     /// across it. Distances beyond three standard deviations do not count. See docs/method.md (2.14).
-    pub fn across(
+    pub fn landmark_residuals(
         &self,
         [this, that]: [u32; 2],
         other: &Self,
@@ -220,19 +221,27 @@ impl Surfels {
 
     /// Where a landmark is: in the camera's frame, meters, with the standard deviations of its depth and of
     /// its place across the ray, meters.
-    pub fn landmark(&self, number: u32) -> (Point3<f64>, [f64; 2]) {
+    pub fn landmark_point(&self, number: u32) -> (Point3<f64>, [f64; 2]) {
         let landmark = &self.landmarks[number as usize];
         (landmark.point, [landmark.sigma_m, landmark.place_m(&self.intrinsics)])
     }
 
     /// The view of `other` at every so many of the surfels.
-    pub fn overlap(&self, other: &Self, other_from_this: &Pose, poses: &PoseNoise, every: usize) -> Overlap {
+    pub fn overlap_with(
+        &self,
+        other: &Self,
+        other_from_this: &Pose,
+        poses: &PoseNoise,
+        every: usize,
+    ) -> Overlap {
         let mut overlap = Overlap::default();
         for &cell in self.facing.iter().flat_map(|cells| cells.iter().step_by(every)) {
             let Some(this) = self.cells[cell as usize] else { continue };
             overlap.tried += 1;
             let point = other_from_this * this.point.cast::<f64>();
-            let Some(there) = other.intrinsics.project(&point).and_then(|at| other.at(at)) else { continue };
+            let Some(there) = other.intrinsics.project(&point).and_then(|at| other.surfel_at(at)) else {
+                continue;
+            };
             let normal: Vector3<f64> = there.normal.cast();
             let distance_m = normal.dot(&(point - there.point.cast::<f64>()));
             let sigma_m = f64::from(this.sigma_m).hypot(f64::from(there.sigma_m));
@@ -249,16 +258,16 @@ impl Surfels {
     }
 
     /// The same of several frames by corrected readings.
-    pub fn corrected(all: &[Self], errors: &SensorErrors) -> Vec<Self> {
+    pub fn all_corrected(all: &[Self], errors: &SensorErrors) -> Vec<Self> {
         // All frames have one camera: one table serves them.
         let Some(first) = all.first() else { return Vec::new() };
         let bends: Vec<Bend> =
-            (0..first.cells.len()).map(|i| Bend::at(&errors.warp, first.pixel(i))).collect();
+            (0..first.cells.len()).map(|i| Bend::of_warp_at(&errors.warp, first.pixel_of_cell(i))).collect();
         let corrected = all.par_iter().map(|surfels| {
             if surfels.intrinsics == first.intrinsics {
                 return surfels.corrected_by(errors, |i| bends[i]);
             }
-            surfels.corrected_by(errors, |i| Bend::at(&errors.warp, surfels.pixel(i)))
+            surfels.corrected_by(errors, |i| Bend::of_warp_at(&errors.warp, surfels.pixel_of_cell(i)))
         });
         corrected.collect()
     }
@@ -268,12 +277,13 @@ impl Surfels {
         let mut corrected = self.clone();
         for (i, cell) in corrected.cells.iter_mut().enumerate() {
             let Some(surfel) = cell else { continue };
-            let pixel = self.pixel(i);
-            let plane = bend(i).corrected(surfel.plane.cast());
-            let ray = self.intrinsics.ray(pixel[0], pixel[1]);
+            let pixel = self.pixel_of_cell(i);
+            let plane = bend(i).corrected_plane(surfel.plane.cast());
+            let ray = self.intrinsics.ray_at(pixel[0], pixel[1]);
             // Deviations and facings stay, since corrections are of percents.
             surfel.point = Point3::from(ray / plane.x).cast();
-            surfel.normal = normal(&self.intrinsics, &ray, &plane).map_or(surfel.normal, |n| n.cast());
+            surfel.normal =
+                normal_of_plane(&self.intrinsics, &ray, &plane).map_or(surfel.normal, |n| n.cast());
         }
         corrected.landmarks.iter_mut().for_each(|l| l.correct(&self.intrinsics, errors));
         corrected
@@ -285,17 +295,17 @@ impl Surfels {
     }
 
     /// Pixel in the middle of a cell.
-    fn pixel(&self, cell: usize) -> [f64; 2] {
+    fn pixel_of_cell(&self, cell: usize) -> [f64; 2] {
         [R + cell % self.columns * self.step, R + cell / self.columns * self.step].map(|i| i as f64)
     }
 
     /// Indices of the cells with a surfel, rising for each facing.
-    pub fn facing(&self) -> &[Vec<u32>; FACINGS] {
+    pub fn cells_by_facing(&self) -> &[Vec<u32>; FACINGS] {
         &self.facing
     }
 
     /// Sum of the surfels' middles, and their number.
-    pub fn sum(&self) -> (Vector3<f64>, f64) {
+    pub fn sum_of_points(&self) -> (Vector3<f64>, f64) {
         let sum =
             self.cells.iter().flatten().fold(Vector3::zeros(), |sum, s| sum + s.point.coords.cast::<f64>());
         (sum, self.facing.iter().map(Vec::len).sum::<usize>() as f64)
@@ -307,14 +317,14 @@ impl Surfels {
     }
 
     /// Column and row of a cell's block of `side` x `side` cells.
-    pub fn block(&self, cell: u32, side: usize) -> [usize; 2] {
+    pub fn block_of_cell(&self, cell: u32, side: usize) -> [usize; 2] {
         let cell = cell as usize;
         [cell % self.columns / side, cell / self.columns / side]
     }
 
     /// The surfel of a cell against the one of `other` in its place; `None` without one, or for another
     /// surface. Distances beyond three standard deviations by the noise of depth and `poses` do not count.
-    pub fn residual(
+    pub fn surfel_residual(
         &self,
         cell: u32,
         other: &Self,
@@ -325,7 +335,7 @@ impl Surfels {
         let point: Point3<f64> = this.point.cast();
         let other_point = other_from_this * point;
         let seen_at = other.intrinsics.project(&other_point)?;
-        let there = other.at(seen_at)?;
+        let there = other.surfel_at(seen_at)?;
         let other_normal: Vector3<f64> = there.normal.cast();
         let distance_m = other_normal.dot(&(other_point - there.point.cast::<f64>()));
         let variance_m2 = f64::from(this.sigma_m).powi(2) + f64::from(there.sigma_m).powi(2);
@@ -338,7 +348,7 @@ impl Surfels {
         if normal.dot(&this.normal.cast()) < SAME_COSINE {
             return None;
         }
-        let pixels = [self.pixel(cell as usize), seen_at.into()];
+        let pixels = [self.pixel_of_cell(cell as usize), seen_at.into()];
         Some(Residual {
             distance_m,
             displacement_m,
@@ -353,7 +363,7 @@ impl Surfels {
     }
 
     /// The surfel nearest to a pixel.
-    fn at(&self, (u, v): (f64, f64)) -> Option<&Surfel> {
+    fn surfel_at(&self, (u, v): (f64, f64)) -> Option<&Surfel> {
         let row = self.nearest_cell(v, self.rows)?;
         let column = self.nearest_cell(u, self.columns)?;
         self.cells[row * self.columns + column].as_ref()
@@ -368,13 +378,13 @@ impl Surfels {
 
 impl Landmark {
     /// A feature at a pixel; `None` where its depth is not of a plane.
-    fn at(frame: &RgbdFrame, noise: &NoiseConfig, [u, v]: [f64; 2]) -> Option<Self> {
+    fn at_pixel(frame: &RgbdFrame, noise: &NoiseConfig, [u, v]: [f64; 2]) -> Option<Self> {
         let k = frame.intrinsics;
         let [x, y] = [u, v].map(|c| c.round().max(0.0) as usize);
         if x < R || y < R || x + R >= k.width || y + R >= k.height {
             return None;
         }
-        let plane = plane(frame, noise, x, y)?;
+        let plane = plane_about_pixel(frame, noise, x, y)?;
         let [slope_u, slope_v] = plane.slopes;
         let inverse = plane.inverse + slope_u * (u - x as f64) + slope_v * (v - y as f64);
         let reading_m = noise.sigma_m(plane.mean_depth_m).max(plane.reading_sigma_m());
@@ -385,7 +395,7 @@ impl Landmark {
             point: Point3::origin(),
             by_shift: [Vector3::zeros(); 2],
         };
-        landmark.correct(&k, &SensorErrors::none(&k));
+        landmark.correct(&k, &SensorErrors::without_errors(&k));
         Some(landmark)
     }
 
@@ -396,8 +406,8 @@ impl Landmark {
         // Depth has the color's point beside the pixel.
         let [u, v] = [0, 1].map(|i| self.pixel[i] - shift_px[i]);
         let inverse = self.read.x - self.read.y * shift_px[0] - self.read.z * shift_px[1];
-        let ray = k.ray(u, v);
-        let depth_m = (1.0 + errors.warp.at([u, v])) / inverse;
+        let ray = k.ray_at(u, v);
+        let depth_m = (1.0 + errors.warp.relative_error_at([u, v])) / inverse;
         self.point = Point3::from(ray * depth_m);
         let slopes = [self.read.y, self.read.z];
         self.by_shift = [0, 1].map(|i| {
@@ -414,7 +424,7 @@ impl Landmark {
 }
 
 /// The plane about a pixel; `None` where its readings scatter.
-fn plane(frame: &RgbdFrame, noise: &NoiseConfig, x: usize, y: usize) -> Option<WindowPlane> {
+fn plane_about_pixel(frame: &RgbdFrame, noise: &NoiseConfig, x: usize, y: usize) -> Option<WindowPlane> {
     let plane = WindowPlane::fit_with_holes(frame, x, y)?;
     (plane.reading_sigma_m() < MISFIT * noise.sigma_m(plane.mean_depth_m)).then_some(plane)
 }
@@ -430,7 +440,7 @@ struct WindowPlanes {
 impl WindowPlanes {
     /// Slopes of inverse depth at a cell, by the cells about it on its plane, 1/(meter pixel). Slopes of one
     /// window are noisy, and noise of normals looks like information about undetermined motions.
-    fn slopes(&self, cell: usize) -> Option<[f64; 2]> {
+    fn smoothed_slopes(&self, cell: usize) -> Option<[f64; 2]> {
         let own = self.all[cell].as_ref()?;
         let x = (cell % self.columns) as i64;
         let y = (cell / self.columns) as i64;
@@ -465,7 +475,7 @@ impl WindowPlanes {
 }
 
 /// The plane `n . p = 1` of inverse depth `a + b u + c v` has `n = (b fx, c fy, a + b cx + c cy)`.
-fn surfel(
+fn surfel_of_plane(
     k: &Intrinsics,
     noise: &NoiseConfig,
     [x, y]: [usize; 2],
@@ -473,9 +483,9 @@ fn surfel(
     slopes: [f64; 2],
 ) -> Option<Surfel> {
     let reading_m = noise.sigma_m(plane.mean_depth_m);
-    let ray = k.ray(x as f64, y as f64);
+    let ray = k.ray_at(x as f64, y as f64);
     let inverse = Vector3::new(plane.inverse, slopes[0], slopes[1]);
-    let normal = normal(k, &ray, &inverse)?;
+    let normal = normal_of_plane(k, &ray, &inverse)?;
     let along = normal.dot(&ray);
     if along < GRAZING_COSINE * ray.norm() {
         return None;
@@ -492,7 +502,7 @@ fn surfel(
 
 /// Unit normal of a plane of inverse depth with slopes `plane.y` and `plane.z` at the pixel of `ray`.
 /// See docs/method.md (2.12).
-fn normal(k: &Intrinsics, ray: &Vector3<f64>, plane: &Vector3<f64>) -> Option<Vector3<f64>> {
+fn normal_of_plane(k: &Intrinsics, ray: &Vector3<f64>, plane: &Vector3<f64>) -> Option<Vector3<f64>> {
     let [b, c] = [plane.y * k.fx, plane.z * k.fy];
     Vector3::new(b, c, plane.x - b * ray.x - c * ray.y).try_normalize(0.0)
 }
@@ -511,8 +521,8 @@ mod tests {
         let k = Intrinsics { width: 160, height: 120, fx: 170.0, fy: 165.0, cx: 81.0, cy: 58.0 };
         let half = Vector3::new(0.2, 0.15, 0.1);
         let frame = view_of(&cuboid(half), k, looking_at_origin(Point3::new(0.7, 0.5, 0.4)));
-        let surfels = Surfels::of(&frame, &FINE, |_| true);
-        assert!(surfels.sum().1 > 50.0, "{}", surfels.sum().1);
+        let surfels = Surfels::of_frame(&frame, &FINE, |_| true);
+        assert!(surfels.sum_of_points().1 > 50.0, "{}", surfels.sum_of_points().1);
         for s in surfels.cells.iter().flatten() {
             let p = frame.world_from_camera * s.point.cast::<f64>();
             let n = frame.world_from_camera * s.normal.cast::<f64>();
@@ -531,13 +541,13 @@ mod tests {
         let shape = cuboid(Vector3::new(0.2, 0.15, 0.1));
         let [a, b] = [Point3::new(0.7, 0.5, 0.4), Point3::new(0.6, 0.6, 0.45)]
             .map(|eye| view_of(&shape, k, looking_at_origin(eye)));
-        let [sa, sb] = [&a, &b].map(|f| Surfels::of(f, &FINE, |_| true));
+        let [sa, sb] = [&a, &b].map(|f| Surfels::of_frame(f, &FINE, |_| true));
         let b_from_a = nalgebra::convert(b.world_from_camera.inverse() * a.world_from_camera);
         let all: Vec<Residual> = sa
-            .facing()
+            .cells_by_facing()
             .iter()
             .flatten()
-            .filter_map(|&i| sa.residual(i, &sb, &b_from_a, &PoseNoise::EXPECTED))
+            .filter_map(|&i| sa.surfel_residual(i, &sb, &b_from_a, &PoseNoise::EXPECTED))
             .collect();
         assert!(all.len() > 30 && all.iter().all(|r| r.distance_m.abs() < 1e-4), "{}", all.len());
     }

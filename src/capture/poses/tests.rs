@@ -69,9 +69,10 @@ fn disturbed(frames: &[RgbdFrame], translation_m: f64, rotation_rad: f64) -> Vec
 
 /// The poses of one state corrected.
 fn refine(frames: &mut [RgbdFrame]) -> Option<PoseCorrection> {
-    let surfels: Vec<Surfels> = frames.iter().map(|f| Surfels::of(f, &NOISE, |_| true)).collect();
+    let surfels: Vec<Surfels> = frames.iter().map(|f| Surfels::of_frame(f, &NOISE, |_| true)).collect();
     let Refined { poses, correction, .. } =
-        Refined::alone(&problem(frames, &surfels, Matches::new(), false, &Stop::never())?).unwrap()?;
+        Refined::of_state_alone(&problem_of_state(frames, &surfels, Matches::new(), false, &Stop::never())?)
+            .unwrap()?;
     if correction.used {
         frames.iter_mut().zip(poses).for_each(|(f, pose)| f.world_from_camera = pose);
     }
@@ -105,7 +106,7 @@ fn known_errors_are_found() {
     let corrections = found
         .iter()
         .zip(&reported)
-        .map(|(f, t)| super::solve::correction(&t.world_from_camera, &f.world_from_camera)[0]);
+        .map(|(f, t)| super::solve::correction_of_pose(&t.world_from_camera, &f.world_from_camera)[0]);
     let mean = corrections.sum::<Vector3<f64>>() / found.len() as f64;
     assert!(mean.norm() < 0.5 * correction.translation_rms_m, "{mean} {correction:?}");
 }
@@ -128,7 +129,7 @@ fn a_wall_seen_from_the_front_does_not_slide() {
     for (f, t) in found.iter().zip(&reported) {
         // Nothing shows motions along the wall and of turns about its normal, where the cameras look but
         // for 6 degrees: they stay within what is expected of poses.
-        let [moved, turned] = super::solve::correction(&t.world_from_camera, &f.world_from_camera);
+        let [moved, turned] = super::solve::correction_of_pose(&t.world_from_camera, &f.world_from_camera);
         assert!(
             moved.xy().norm() < PoseNoise::EXPECTED.translation_m
                 && turned.z.abs() < PoseNoise::EXPECTED.rotation_rad,
@@ -246,7 +247,7 @@ fn warped(mut states: Vec<Vec<RgbdFrame>>, warp: &DepthWarp) -> Vec<Vec<RgbdFram
     let width = INTRINSICS.width;
     for depth_m in states.iter_mut().flatten().map(|f| &mut f.depth_m) {
         for (i, d) in depth_m.iter_mut().enumerate() {
-            *d /= (1.0 + warp.at([(i % width) as f64, (i / width) as f64])) as f32;
+            *d /= (1.0 + warp.relative_error_at([(i % width) as f64, (i / width) as f64])) as f32;
         }
     }
     states
@@ -255,8 +256,8 @@ fn warped(mut states: Vec<Vec<RgbdFrame>>, warp: &DepthWarp) -> Vec<Vec<RgbdFram
 /// Smooth errors and one of scale, drawn.
 fn drawn_warp(seed: u64) -> DepthWarp {
     let mut normal = Normal::new(seed);
-    let mut warp = DepthWarp::none(&INTRINSICS);
-    let smooth = warp.smooth().cholesky().unwrap().l();
+    let mut warp = DepthWarp::without_errors(&INTRINSICS);
+    let smooth = warp.smooth_covariance().cholesky().unwrap().l();
     let scale = 0.004 * (normal.0)();
     let values = smooth * nalgebra::DVector::from_fn(warp.values.len(), |_, _| 0.004 * (normal.0)());
     warp.values = values.iter().map(|v| v + scale).collect();
@@ -281,11 +282,11 @@ fn the_errors_of_a_sensor_are_found_within_their_deviation() {
         // At places all over the image.
         for pixel in (0..48).map(|i| [15.0 + 30.0 * f64::from(i % 8), 15.0 + 30.0 * f64::from(i / 8)]) {
             let mut support = nalgebra::DVector::zeros(count);
-            truth.support(pixel).iter().for_each(|(k, weight)| support[k] += weight);
-            let error = found.warp.at(pixel) - truth.at(pixel);
+            truth.support_at(pixel).iter().for_each(|(k, weight)| support[k] += weight);
+            let error = found.warp.relative_error_at(pixel) - truth.relative_error_at(pixel);
             squares.push(error.powi(2) / (support.dot(&(&covariance * &support))));
             left += error.powi(2);
-            before += truth.at(pixel).powi(2);
+            before += truth.relative_error_at(pixel).powi(2);
         }
     }
     let mean = squares.iter().sum::<f64>() / squares.len() as f64;
@@ -468,7 +469,7 @@ fn draws_are_as_large_as_what_is_left_of_the_errors() {
         let truth = late(0.3 * f64::from(seed), 12, 0.0);
         let mut found = vec![disturbed(&truth, 0.003, 0.004)];
         let findings = refine_poses(&mut found, &NOISE, false, &Ahead::default(), &Stop::never()).unwrap();
-        assert!(findings.changed() && findings.draws.len() > 8);
+        assert!(findings.has_changes() && findings.draws.len() > 8);
         let square = |sum: &mut [f64; 2], errors: [f64; 2], share: f64| {
             (0..2).for_each(|k| sum[k] += share * errors[k].powi(2));
         };

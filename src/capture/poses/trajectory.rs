@@ -12,7 +12,7 @@ pub(super) struct Trajectory {
 }
 
 impl Trajectory {
-    pub fn of(frames: &[RgbdFrame]) -> Self {
+    pub fn of_frames(frames: &[RgbdFrame]) -> Self {
         let first = frames.first().map_or(0, |f| f.stamp_nanos);
         Self {
             poses: frames.iter().map(|f| f.world_from_camera).collect(),
@@ -39,7 +39,7 @@ impl Trajectory {
     }
 
     /// The poses at other times: later than the stamps by `delay_s`; beyond either end they go on as there.
-    pub fn delayed(&self, delay_s: f64) -> Vec<Pose> {
+    pub fn delayed_poses(&self, delay_s: f64) -> Vec<Pose> {
         self.stamps_s.iter().map(|stamp_s| self.pose_at(stamp_s + delay_s)).collect()
     }
 
@@ -67,7 +67,7 @@ mod tests {
         let stamps_s = vec![0.0, 0.4, 1.0, 1.3, 2.0];
         let trajectory = Trajectory { poses: stamps_s.iter().map(|s| way(*s)).collect(), stamps_s };
         for delay_s in [-0.5, 0.0, 0.25, 0.7] {
-            for (pose, s) in trajectory.delayed(delay_s).iter().zip(&trajectory.stamps_s) {
+            for (pose, s) in trajectory.delayed_poses(delay_s).iter().zip(&trajectory.stamps_s) {
                 let off = way(s + delay_s).inverse() * pose;
                 assert!(off.translation.vector.norm() < 0.01 && off.rotation.angle() < 1e-6, "{off}");
             }

@@ -73,14 +73,15 @@ pub fn align_worlds(
 ) -> Result<Option<WorldCorrection>, Stopped> {
     let of_frame = |f: &RgbdFrame| {
         stop.check()?;
-        Ok(Surfels::of(f, noise, |pixel| !only_object || f.is_object(pixel)))
+        Ok(Surfels::of_frame(f, noise, |pixel| !only_object || f.is_object(pixel)))
     };
     let of_state =
         |frames: &[RgbdFrame]| frames.par_iter().map(of_frame).collect::<Result<Vec<_>, Stopped>>();
     let surfels = [of_state(states[0])?, of_state(states[1])?];
     let poses = states.map(poses_of);
     let poses = poses.each_ref().map(Vec::as_slice);
-    let found = correct(poses, surfels.each_ref().map(Vec::as_slice), Matches::new(), expected, stop)?;
+    let found =
+        corrected_world(poses, surfels.each_ref().map(Vec::as_slice), Matches::new(), expected, stop)?;
     Ok(found.map(|(world, _)| world))
 }
 
@@ -96,7 +97,7 @@ fn second_state_moved(reported: &[Pose], first: usize, from_center: &Pose, moved
 }
 
 /// See [`align_worlds`]; of the reported poses of both states.
-pub(crate) fn correct(
+pub(crate) fn corrected_world(
     states: [&[Pose]; 2],
     surfels: [&[Surfels]; 2],
     matches: Matches,
@@ -115,21 +116,21 @@ pub(crate) fn correct(
         Views { surfels, world_from_camera }
     }
     let reported: Vec<Pose> = states.concat();
-    let Some(center) = middle(&reported[first..], surfels[1]) else { return Ok(None) };
+    let Some(center) = middle_of_surfels(&reported[first..], surfels[1]) else { return Ok(None) };
     let from_center = Pose::from_parts(center.coords.into(), nalgebra::UnitQuaternion::identity());
     // A motion about the middle; undetermined motions stay small there.
     let mut moved = Pose::identity();
-    let mut scale = comparison.scale(seen_from(&all, &reported))?;
+    let mut scale = comparison.residual_scale(seen_from(&all, &reported))?;
     for round in 0..ROUNDS {
         let poses = second_state_moved(&reported, first, &from_center, &moved);
-        let sums = comparison.sums(
+        let sums = comparison.normal_equations(
             seen_from(&all, &poses),
             None,
             scale,
             Fit::loose(LOOSE.get(round).copied().unwrap_or(0.0)),
         )?;
         scale = sums.scale;
-        let step = step(&sums.pairs, &poses, first, &from_center, &moved, expected);
+        let step = world_step(&sums.pairs, &poses, first, &from_center, &moved, expected);
         let Some(step) = step else { return Ok(None) };
         moved = Pose::new(step.fixed_rows::<3>(0).into(), step.fixed_rows::<3>(3).into()) * moved;
         if round >= LOOSE.len() && step.amax() < STEP_M {
@@ -137,18 +138,18 @@ pub(crate) fn correct(
         }
     }
     let poses = second_state_moved(&reported, first, &from_center, &moved);
-    let changes = comparison.changes(seen_from(&all, &reported), seen_from(&all, &poses))?;
-    let Some(Gain { sigmas, residual_m }) = Gain::of(&[changes]) else { return Ok(None) };
+    let changes = comparison.changes_between(seen_from(&all, &reported), seen_from(&all, &poses))?;
+    let Some(Gain { sigmas, residual_m }) = Gain::of_changes(&[changes]) else { return Ok(None) };
     if sigmas <= 0.0 {
         return Ok(None);
     }
     // Both states have one sensor, with the same error for all readings at one pixel.
     let Some(of_first) = surfels[0].first() else { return Ok(None) };
-    let sensor = SensorErrors::none(of_first.intrinsics());
-    let sums = comparison.sums(seen_from(&all, &poses), Some(&sensor), scale, Fit::CLOSE)?;
+    let sensor = SensorErrors::without_errors(of_first.intrinsics());
+    let sums = comparison.normal_equations(seen_from(&all, &poses), Some(&sensor), scale, Fit::CLOSE)?;
     let pairs: Vec<PairInformation> =
-        sums.pairs.iter().map(|s| PairInformation::of(s, &poses, first, &from_center)).collect();
-    let covariance = covariance(&pairs, [first, count - first], expected).map(|about_center| {
+        sums.pairs.iter().map(|s| PairInformation::of_pair(s, &poses, first, &from_center)).collect();
+    let covariance = world_covariance(&pairs, [first, count - first], expected).map(|about_center| {
         // Callers work with motions about the world's origin.
         let at_origin = adjoint(&from_center);
         at_origin * about_center * at_origin.transpose()
@@ -184,7 +185,8 @@ impl Follow {
         from_center: &Pose,
         expected: &PoseNoise,
     ) -> Option<Self> {
-        let Observed { information, projector } = Observed::of(&pairs.iter().map(|p| p.information).sum());
+        let Observed { information, projector } =
+            Observed::of_information(&pairs.iter().map(|p| p.information).sum());
         let response = -(information + expected_information(expected)).cholesky()?.inverse() * projector;
         let mut by_frame = vec![Matrix6::zeros(); poses.len()];
         for pair in pairs {
@@ -200,7 +202,7 @@ impl Follow {
     }
 
     /// Lets the second of two states follow the errors of a draw. See docs/method.md (2.25).
-    pub fn apply(&self, [first, second]: [usize; 2], draw: &mut ErrorDraw) {
+    pub fn apply_to_draw(&self, [first, second]: [usize; 2], draw: &mut ErrorDraw) {
         let of_frames = draw.poses[first].iter().chain(&draw.poses[second]);
         let mut world: Vector6<f64> = of_frames.zip(&self.by_frame).map(|(error, by)| by * error).sum();
         if let Some(warp) = &draw.warp {
@@ -225,7 +227,7 @@ struct PairInformation {
 }
 
 impl PairInformation {
-    fn of(sums: &PairSums, poses: &[Pose], first: usize, from_center: &Pose) -> Self {
+    fn of_pair(sums: &PairSums, poses: &[Pose], first: usize, from_center: &Pose) -> Self {
         // The camera of state 1 among the two.
         let which = usize::from(sums.frames[0] < first);
         // The motion of the world, in the frame of the camera carried along.
@@ -242,7 +244,7 @@ impl PairInformation {
 }
 
 /// One step of the motion about the middle: translation and rotation, from the left.
-fn step(
+fn world_step(
     sums: &[PairSums],
     poses: &[Pose],
     first: usize,
@@ -252,11 +254,11 @@ fn step(
 ) -> Option<Vector6<f64>> {
     let mut information = Matrix6::zeros();
     let mut gradient = Vector6::zeros();
-    for pair in sums.iter().map(|s| PairInformation::of(s, poses, first, from_center)) {
+    for pair in sums.iter().map(|s| PairInformation::of_pair(s, poses, first, from_center)) {
         information += pair.information;
         gradient += pair.gradient;
     }
-    let Observed { information, projector } = Observed::of(&information);
+    let Observed { information, projector } = Observed::of_information(&information);
     let expected = expected_information(expected);
     // Along undetermined directions the prior alone pulls.
     let gradient = projector * gradient + expected * shift_and_turn(moved);
@@ -266,9 +268,14 @@ fn step(
 /// Covariance of the motion about the middle. Errors of depth and pose run together over an image: each frame
 /// of either state is one observer (cluster-robust: Liang and Zeger 1986); `None` for no more frames of a
 /// state than parameters. See docs/method.md (2.17).
-fn covariance(pairs: &[PairInformation], frames: [usize; 2], expected: &PoseNoise) -> Option<Matrix6<f64>> {
+fn world_covariance(
+    pairs: &[PairInformation],
+    frames: [usize; 2],
+    expected: &PoseNoise,
+) -> Option<Matrix6<f64>> {
     const PARAMETERS: usize = 6;
-    let Observed { information, projector } = Observed::of(&pairs.iter().map(|p| p.information).sum());
+    let Observed { information, projector } =
+        Observed::of_information(&pairs.iter().map(|p| p.information).sum());
     let mut by_frame = vec![Vector6::zeros(); frames[0] + frames[1]];
     for pair in pairs {
         pair.frames.iter().for_each(|&f| by_frame[f] += projector * pair.gradient);
@@ -294,11 +301,11 @@ fn expected_information(expected: &PoseNoise) -> Matrix6<f64> {
 }
 
 /// Middle of the seen surfels, in the world; `None` without any.
-fn middle(world_from_camera: &[Pose], surfels: &[Surfels]) -> Option<Point3<f64>> {
+fn middle_of_surfels(world_from_camera: &[Pose], surfels: &[Surfels]) -> Option<Point3<f64>> {
     let mut sum = Vector3::zeros();
     let mut count = 0.0;
     for (pose, surfels) in world_from_camera.iter().zip(surfels) {
-        let (own, number) = surfels.sum();
+        let (own, number) = surfels.sum_of_points();
         sum += pose.rotation * own + pose.translation.vector * number;
         count += number;
     }

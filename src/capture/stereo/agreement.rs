@@ -26,15 +26,15 @@ enum Word {
 
 /// Whether the plane of each cell is found by at least two other views as well, and by more than see through
 /// it.
-pub(super) fn agreed(views: &[Cells], planes: &[Planes], reference: usize) -> Vec<bool> {
+pub(super) fn agreed_cells(views: &[Cells], planes: &[Planes], reference: usize) -> Vec<bool> {
     let view = &views[reference];
     let mut agreed = vec![false; view.hole.len()];
     for (cell, agreed) in agreed.iter_mut().enumerate() {
-        let Some(point) = place(view, &planes[reference], cell) else { continue };
+        let Some(point) = confirmed_point(view, &planes[reference], cell) else { continue };
         let mut same = 0;
         let mut through = 0;
         for other in (0..views.len()).filter(|&o| o != reference) {
-            match word(&views[other], &planes[other], &point) {
+            match verdict_of_view(&views[other], &planes[other], &point) {
                 Word::Same(_) => same += 1,
                 Word::Through => through += 1,
                 Word::Nothing => {}
@@ -46,7 +46,7 @@ pub(super) fn agreed(views: &[Cells], planes: &[Planes], reference: usize) -> Ve
 }
 
 /// Relative standard deviation of agreed depths: of differences between two views, over the root of two.
-pub(super) fn spread(
+pub(super) fn relative_spread(
     views: &[Cells],
     planes: &[Planes],
     agreed: &[Vec<bool>],
@@ -57,9 +57,9 @@ pub(super) fn spread(
         stop.check()?;
         // Every few cells: neighbors share their patch.
         for cell in (0..view.hole.len()).step_by(7).filter(|&c| agreed[reference][c]) {
-            let Some(point) = place(view, &planes[reference], cell) else { continue };
+            let Some(point) = confirmed_point(view, &planes[reference], cell) else { continue };
             for other in (0..views.len()).filter(|&o| o != reference) {
-                if let Word::Same(difference) = word(&views[other], &planes[other], &point) {
+                if let Word::Same(difference) = verdict_of_view(&views[other], &planes[other], &point) {
                     differences.push(f64::from(difference.abs()));
                 }
             }
@@ -69,25 +69,25 @@ pub(super) fn spread(
 }
 
 /// The world point of a cell with a confirmed plane.
-fn place(view: &Cells, planes: &Planes, cell: usize) -> Option<Point3<f64>> {
+fn confirmed_point(view: &Cells, planes: &Planes, cell: usize) -> Option<Point3<f64>> {
     let inverse = borne_out(view, planes, cell)?;
-    Some(view.world_from_camera * Point3::from((view.ray(cell) / inverse).cast::<f64>()))
+    Some(view.world_from_camera * Point3::from((view.ray_of_cell(cell) / inverse).cast::<f64>()))
 }
 
 /// The inverse depth of a cell of a hole with a confirmed plane.
 fn borne_out(view: &Cells, planes: &Planes, cell: usize) -> Option<f32> {
-    let inverse = planes.at[cell].dot(&view.ray(cell));
+    let inverse = planes.at[cell].dot(&view.ray_of_cell(cell));
     (view.hole[cell] && planes.cost[cell] <= LARGEST_COST && inverse > 0.0).then_some(inverse)
 }
 
-fn word(view: &Cells, planes: &Planes, point: &Point3<f64>) -> Word {
+fn verdict_of_view(view: &Cells, planes: &Planes, point: &Point3<f64>) -> Word {
     let seen = view.world_from_camera.inverse_transform_point(point);
-    let Some(cell) = view.camera.pixel(&seen) else { return Word::Nothing };
+    let Some(cell) = view.camera.pixel_of(&seen) else { return Word::Nothing };
     if view.off_object[cell] {
         return Word::Through;
     }
     let depth_m = seen.z as f32;
-    match view.against(cell, depth_m) {
+    match view.side_of_depth(cell, depth_m) {
         Side::Before => Word::Through,
         Side::On => Word::Same((depth_m - view.depth_m[cell]) / depth_m),
         Side::Behind => Word::Nothing,

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use crate::{NoiseConfig, RgbdFrame, dilated, luma};
+use crate::{NoiseConfig, RgbdFrame, dilated_mask, luma};
 use geometry::{Intrinsics, Pose};
 use numeric::statistics::{SIGMAS_PER_MAD, median};
 
@@ -34,7 +34,7 @@ pub(super) struct Cells {
 }
 
 impl Cells {
-    pub fn of(frame: &RgbdFrame, noise: &NoiseConfig) -> Self {
+    pub fn of_frame(frame: &RgbdFrame, noise: &NoiseConfig) -> Self {
         let full = &frame.intrinsics;
         let width = full.width / 2;
         let height = full.height / 2;
@@ -60,7 +60,7 @@ impl Cells {
             hole: vec![false; count],
         };
         for cell in 0..count {
-            let pixels = cells.pixels(cell, full.width);
+            let pixels = cells.pixels_of_cell(cell, full.width);
             cells.luma[cell] = pixels.iter().map(|&p| luma(frame.rgb[p])).sum::<f32>() / 4.0;
             let objects = pixels.iter().filter(|&&p| frame.is_object(p)).count();
             let depths = pixels.map(|p| frame.depth_m[p]);
@@ -75,36 +75,37 @@ impl Cells {
             cells.hole[cell] = objects == 4 && read <= 1;
         }
         let object: Vec<bool> = (0..count)
-            .map(|cell| cells.pixels(cell, full.width).iter().any(|&p| frame.is_object(p)))
+            .map(|cell| cells.pixels_of_cell(cell, full.width).iter().any(|&p| frame.is_object(p)))
             .collect();
-        cells.off_object = dilated(&object, width, height, GUARD).into_iter().map(|near| !near).collect();
+        cells.off_object =
+            dilated_mask(&object, width, height, GUARD).into_iter().map(|near| !near).collect();
         cells.luma_sigma = cells.noise_of_luma();
         cells
     }
 
     /// Cells on the object, and those among them without a reading of it within a patch's reach.
-    pub fn unread(&self, reach: usize) -> [usize; 2] {
+    pub fn unread_counts(&self, reach: usize) -> [usize; 2] {
         let w = self.camera.width;
         let h = self.camera.height;
         let read: Vec<bool> =
             self.depth_m.iter().zip(&self.on_object).map(|(d, on)| *d > 0.0 && *on).collect();
-        let near = dilated(&read, w, h, reach);
+        let near = dilated_mask(&read, w, h, reach);
         let object = self.on_object.iter().filter(|on| **on).count();
         [object, self.hole.iter().zip(near).filter(|(hole, near)| **hole && !near).count()]
     }
 
     /// The pixels of a cell in an image of the given width.
-    pub fn pixels(&self, cell: usize, width: usize) -> [usize; 4] {
+    pub fn pixels_of_cell(&self, cell: usize, width: usize) -> [usize; 4] {
         let x = 2 * (cell % self.camera.width);
         let y = 2 * (cell / self.camera.width);
         [y * width + x, y * width + x + 1, (y + 1) * width + x, (y + 1) * width + x + 1]
     }
 
     /// Direction of the ray through a cell's middle, z = 1.
-    pub fn ray(&self, cell: usize) -> Vector3<f32> {
+    pub fn ray_of_cell(&self, cell: usize) -> Vector3<f32> {
         let x = cell % self.camera.width;
         let y = cell / self.camera.width;
-        self.camera.ray(x as f64, y as f64).cast()
+        self.camera.ray_at(x as f64, y as f64).cast()
     }
 
     /// Noise of the brightness by the residuals of planes in 3 x 3 cells (Immerkaer 1996, by the median, to

@@ -40,7 +40,7 @@ pub(super) struct Eye<'a> {
 }
 
 /// The views compared with one.
-pub(super) fn eyes(views: &[Cells], reference: usize) -> Vec<Eye<'_>> {
+pub(super) fn compared_views(views: &[Cells], reference: usize) -> Vec<Eye<'_>> {
     let poses: Vec<_> = views.iter().map(|v| v.world_from_camera).collect();
     let Some(focus) = common_focus(&poses) else { return Vec::new() };
     let toward = |i: usize| (focus.coords - poses[i].translation.vector).normalize();
@@ -53,11 +53,11 @@ pub(super) fn eyes(views: &[Cells], reference: usize) -> Vec<Eye<'_>> {
     }
     others.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     others.truncate(VIEWS);
-    others.into_iter().map(|(_, i)| Eye::of(&views[reference], &views[i])).collect()
+    others.into_iter().map(|(_, i)| Eye::of_view(&views[reference], &views[i])).collect()
 }
 
 impl<'a> Eye<'a> {
-    fn of(reference: &Cells, cells: &'a Cells) -> Self {
+    fn of_view(reference: &Cells, cells: &'a Cells) -> Self {
         let motion = cells.world_from_camera.inverse() * reference.world_from_camera;
         // A camera's matrix can always be inverted.
         let back = camera_matrix(&reference.camera).try_inverse().unwrap_or_else(Matrix3::identity);
@@ -82,7 +82,7 @@ pub(super) struct Patch<'a> {
 }
 
 /// Offsets of the samples, cells, row by row.
-fn offsets() -> [(i32, i32); SAMPLES] {
+fn sample_offsets() -> [(i32, i32); SAMPLES] {
     std::array::from_fn(|k| {
         let x = k as i32 % SIDE;
         let y = k as i32 / SIDE;
@@ -92,14 +92,14 @@ fn offsets() -> [(i32, i32); SAMPLES] {
 
 impl<'a> Patch<'a> {
     /// The patch, where it has more texture than noise makes and enough of the object.
-    pub fn about(view: &'a Cells, cell: usize) -> Option<Self> {
+    pub fn about_cell(view: &'a Cells, cell: usize) -> Option<Self> {
         let w = view.camera.width as i32;
         let h = view.camera.height as i32;
         let x = cell as i32 % w;
         let y = cell as i32 / w;
         let mut values = [0.0; SAMPLES];
         let mut weights = [0.0; SAMPLES];
-        for (k, (dx, dy)) in offsets().into_iter().enumerate() {
+        for (k, (dx, dy)) in sample_offsets().into_iter().enumerate() {
             let x = x + dx;
             let y = y + dy;
             if x >= 0 && y >= 0 && x < w && y < h && view.on_object[(y * w + x) as usize] {
@@ -125,8 +125,8 @@ impl<'a> Patch<'a> {
     /// Cost of a plane, `n . x = 1` in the camera's frame: how unlike the patch looks in other views, 1 less
     /// the normalized cross-correlation in the mean of the most alike ones, and more for each view that sees
     /// through the place.
-    pub fn cost(&self, n: &Vector3<f32>, eyes: &[Eye<'_>]) -> f32 {
-        let inverse = n.dot(&self.view.ray(self.cell));
+    pub fn plane_cost(&self, n: &Vector3<f32>, eyes: &[Eye<'_>]) -> f32 {
+        let inverse = n.dot(&self.view.ray_of_cell(self.cell));
         if inverse <= 0.0 {
             return UNKNOWN;
         }
@@ -134,7 +134,7 @@ impl<'a> Patch<'a> {
         let mut used = 0;
         let mut through = 0;
         for eye in eyes {
-            match self.look(n, inverse, eye) {
+            match self.look_by_view(n, inverse, eye) {
                 Look::Unlike(cost) => {
                     costs[used] = cost;
                     used += 1;
@@ -151,12 +151,12 @@ impl<'a> Patch<'a> {
         costs[..best].iter().sum::<f32>() / best as f32 + SEEN_THROUGH * through as f32
     }
 
-    fn look(&self, n: &Vector3<f32>, inverse: f32, eye: &Eye<'_>) -> Look {
+    fn look_by_view(&self, n: &Vector3<f32>, inverse: f32, eye: &Eye<'_>) -> Look {
         let camera = &self.view.camera;
         let x = (self.cell % camera.width) as f32;
         let y = (self.cell / camera.width) as f32;
         let middle = eye.turn * Vector3::new(x, y, 1.0) + eye.shift * inverse;
-        if let Some(look) = eye.place(&middle, inverse) {
+        if let Some(look) = eye.verdict_on_place(&middle, inverse) {
             return look;
         }
         let across = eye.turn.column(0) + eye.shift * (n.x / camera.fx as f32);
@@ -166,7 +166,7 @@ impl<'a> Patch<'a> {
         if CORNERS.iter().any(|&corner| !eye.is_inside(&at(corner))) {
             return Look::Blocked;
         }
-        let places = offsets().map(|offset| {
+        let places = sample_offsets().map(|offset| {
             let q = at(offset);
             [q.x / q.z, q.y / q.z]
         });
@@ -174,7 +174,7 @@ impl<'a> Patch<'a> {
         let mut square = 0.0;
         let mut product = 0.0;
         for (k, &place) in places.iter().enumerate() {
-            let value = self.weights[k] * eye.sample(place);
+            let value = self.weights[k] * eye.luma_at(place);
             sum += value;
             square += value * value;
             product += value * self.values[k];
@@ -197,19 +197,19 @@ enum Look {
 
 impl Eye<'_> {
     /// The view's verdict on a place by its depth and mask; `None`: nothing speaks against comparing.
-    fn place(&self, q: &Vector3<f32>, inverse: f32) -> Option<Look> {
-        let Some(cell) = self.cell(q) else { return Some(Look::Blocked) };
+    fn verdict_on_place(&self, q: &Vector3<f32>, inverse: f32) -> Option<Look> {
+        let Some(cell) = self.cell_at(q) else { return Some(Look::Blocked) };
         if self.cells.off_object[cell] {
             return Some(Look::Through);
         }
-        match self.cells.against(cell, q.z / inverse) {
+        match self.cells.side_of_depth(cell, q.z / inverse) {
             Side::Before => Some(Look::Through),
             Side::Behind => Some(Look::Blocked),
             Side::On | Side::Unknown => None,
         }
     }
 
-    fn cell(&self, q: &Vector3<f32>) -> Option<usize> {
+    fn cell_at(&self, q: &Vector3<f32>) -> Option<usize> {
         let w = self.cells.camera.width;
         let h = self.cells.camera.height;
         if q.z <= 0.0 {
@@ -228,7 +228,7 @@ impl Eye<'_> {
     }
 
     /// Brightness at a place, linear between cells.
-    fn sample(&self, [x, y]: [f32; 2]) -> f32 {
+    fn luma_at(&self, [x, y]: [f32; 2]) -> f32 {
         let w = self.cells.camera.width;
         let i = x as usize;
         let j = y as usize;
@@ -257,7 +257,7 @@ pub(super) enum Side {
 
 impl Cells {
     /// Side of a z-depth against the depth read at a cell.
-    pub fn against(&self, cell: usize, depth_m: f32) -> Side {
+    pub fn side_of_depth(&self, cell: usize, depth_m: f32) -> Side {
         let read_m = self.depth_m[cell];
         if read_m <= 0.0 {
             return Side::Unknown;

@@ -14,10 +14,10 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use self::{
-    agreement::{agreed, spread},
+    agreement::{agreed_cells, relative_spread},
     cells::Cells,
-    likeness::{REACH, eyes},
-    planes::{Planes, propagated},
+    likeness::{REACH, compared_views},
+    planes::{Planes, propagated_planes},
 };
 use super::{NoiseConfig, RgbdFrame};
 use common::stop::{Stop, Stopped};
@@ -49,11 +49,11 @@ const MUCH_UNREAD: f64 = 0.05;
 const ASKED: usize = 5;
 
 /// Share of the object further than [`REACH`] from any reading of it, in some of the views.
-fn unread(frames: &[RgbdFrame], noise: &NoiseConfig, stop: &Stop) -> Result<f64, Stopped> {
+fn unread_share(frames: &[RgbdFrame], noise: &NoiseConfig, stop: &Stop) -> Result<f64, Stopped> {
     let asked: Vec<&RgbdFrame> = frames.iter().step_by(ASKED).collect();
     let unread = |frame: &&RgbdFrame| {
         stop.check()?;
-        Ok(Cells::of(frame, noise).unread(REACH as usize))
+        Ok(Cells::of_frame(frame, noise).unread_counts(REACH as usize))
     };
     let counts: Vec<[usize; 2]> = asked.par_iter().map(unread).collect::<Result<_, Stopped>>()?;
     let sum = |k: usize| counts.iter().map(|count| count[k]).sum::<usize>();
@@ -89,38 +89,40 @@ pub fn fill_from_color(
     if when == UseColorDepth::Never {
         return Ok(None);
     }
-    let unread = unread(frames, noise, stop)?;
+    let unread = unread_share(frames, noise, stop)?;
     if when == UseColorDepth::Auto && unread <= MUCH_UNREAD {
         return Ok(None);
     }
     let cells = |frame: &RgbdFrame| {
         stop.check()?;
-        Ok(Cells::of(frame, noise))
+        Ok(Cells::of_frame(frame, noise))
     };
     let views: Vec<Cells> = frames.par_iter().map(cells).collect::<Result<_, Stopped>>()?;
     let planes: Vec<Planes> = (0..views.len())
         .into_par_iter()
-        .map(|i| propagated(&views[i], &eyes(&views, i), seed.wrapping_add(i as u64), stop))
+        .map(|i| propagated_planes(&views[i], &compared_views(&views, i), seed.wrapping_add(i as u64), stop))
         .collect::<Result<_, Stopped>>()?;
     let agreed = |i: usize| {
         stop.check()?;
-        Ok(agreed(&views, &planes, i))
+        Ok(agreed_cells(&views, &planes, i))
     };
     let agreed: Vec<Vec<bool>> =
         (0..views.len()).into_par_iter().map(agreed).collect::<Result<_, Stopped>>()?;
-    let relative_sigma = spread(&views, &planes, &agreed, stop)?;
+    let relative_sigma = relative_spread(&views, &planes, &agreed, stop)?;
     let filled: usize = frames
         .par_iter_mut()
         .zip(&views)
         .zip(planes.par_iter().zip(&agreed))
-        .map(|((frame, view), (planes, agreed))| fill(frame, view, planes, agreed, relative_sigma, noise))
+        .map(|((frame, view), (planes, agreed))| {
+            fill_from_view(frame, view, planes, agreed, relative_sigma, noise)
+        })
         .sum();
     let holes = views.iter().map(|view| 4 * view.hole.iter().filter(|h| **h).count()).sum();
     Ok(Some(ColorDepth { unread, holes, filled, relative_sigma }))
 }
 
 /// Writes a view's agreed depths to the pixels without one.
-fn fill(
+fn fill_from_view(
     frame: &mut RgbdFrame,
     view: &Cells,
     planes: &Planes,
@@ -134,8 +136,8 @@ fn fill(
     }
     let mut filled = 0;
     for cell in (0..agreed.len()).filter(|&c| agreed[c]) {
-        for pixel in view.pixels(cell, width) {
-            let ray = frame.intrinsics.ray((pixel % width) as f64, (pixel / width) as f64);
+        for pixel in view.pixels_of_cell(cell, width) {
+            let ray = frame.intrinsics.ray_at((pixel % width) as f64, (pixel / width) as f64);
             let inverse = planes.at[cell].dot(&ray.cast());
             if frame.depth_m[pixel] > 0.0 || inverse <= 0.0 {
                 continue;

@@ -33,18 +33,23 @@ pub(super) struct Planes {
 }
 
 /// The best confirmed planes of a view's holes.
-pub(super) fn propagated(view: &Cells, eyes: &[Eye<'_>], seed: u64, stop: &Stop) -> Result<Planes, Stopped> {
+pub(super) fn propagated_planes(
+    view: &Cells,
+    eyes: &[Eye<'_>],
+    seed: u64,
+    stop: &Stop,
+) -> Result<Planes, Stopped> {
     stop.check()?;
-    let mut planes = extended(view);
+    let mut planes = extended_planes(view);
     let width = view.camera.width;
     let holes: Vec<usize> = (0..view.hole.len()).filter(|&c| view.hole[c]).collect();
-    let patches: Vec<Option<Patch>> = holes.par_iter().map(|&cell| Patch::about(view, cell)).collect();
+    let patches: Vec<Option<Patch>> = holes.par_iter().map(|&cell| Patch::about_cell(view, cell)).collect();
     let costs: Vec<f32> = holes
         .par_iter()
         .zip(&patches)
         .map(|(&cell, patch)| {
             stop.check()?;
-            Ok(patch.as_ref().map_or(UNKNOWN, |p| p.cost(&planes.at[cell], eyes)))
+            Ok(patch.as_ref().map_or(UNKNOWN, |p| p.plane_cost(&planes.at[cell], eyes)))
         })
         .collect::<Result<_, Stopped>>()?;
     holes.iter().zip(costs).for_each(|(&cell, cost)| planes.cost[cell] = cost);
@@ -60,7 +65,7 @@ pub(super) fn propagated(view: &Cells, eyes: &[Eye<'_>], seed: u64, stop: &Stop)
                     let Some(patch) = patch.as_ref().filter(|_| is_due) else { return Ok(None) };
                     let step = (round * 2 + half) * view.hole.len() + cell;
                     let rng = &mut stage_rng(seed, "capture/stereo", step as u64);
-                    Ok(Some(best(view, cell, &planes, patch, eyes, round, rng)))
+                    Ok(Some(best_plane_of_cell(view, cell, &planes, patch, eyes, round, rng)))
                 })
                 .collect::<Result<_, Stopped>>()?;
             for (&cell, better) in holes.iter().zip(better) {
@@ -74,7 +79,7 @@ pub(super) fn propagated(view: &Cells, eyes: &[Eye<'_>], seed: u64, stop: &Stop)
 }
 
 /// The best of a cell's plane, its neighbors' and some about them.
-fn best(
+fn best_plane_of_cell(
     view: &Cells,
     cell: usize,
     planes: &Planes,
@@ -93,15 +98,15 @@ fn best(
     let mut best = planes.at[cell];
     let mut least = planes.cost[cell];
     for plane in passed_on {
-        let cost = patch.cost(&plane, eyes);
+        let cost = patch.plane_cost(&plane, eyes);
         if cost < least {
             (best, least) = (plane, cost);
         }
     }
-    let ray = view.ray(cell);
+    let ray = view.ray_of_cell(cell);
     for _ in 0..TRIES {
-        let plane = perturbed(&best, &ray, round, rng);
-        let cost = patch.cost(&plane, eyes);
+        let plane = perturbed_plane(&best, &ray, round, rng);
+        let cost = patch.plane_cost(&plane, eyes);
         if cost < least {
             (best, least) = (plane, cost);
         }
@@ -110,10 +115,15 @@ fn best(
 }
 
 /// A plane turned and moved along the ray, by less from round to round.
-fn perturbed(plane: &Vector3<f32>, ray: &Vector3<f32>, round: usize, rng: &mut impl Rng) -> Vector3<f32> {
+fn perturbed_plane(
+    plane: &Vector3<f32>,
+    ray: &Vector3<f32>,
+    round: usize,
+    rng: &mut impl Rng,
+) -> Vector3<f32> {
     let scale = 0.5f64.powi(round as i32);
     let inverse = plane.dot(ray);
-    let mut draw = |size: f64| (size * scale * random::range(rng, -1.0, 1.0)) as f32;
+    let mut draw = |size: f64| (size * scale * random::uniform_in(rng, -1.0, 1.0)) as f32;
     let mut next = plane + Vector3::new(draw(SPREAD.1) * inverse, draw(SPREAD.1) * inverse, 0.0);
     // The turn alone would move the plane along the ray.
     next.z += inverse * (1.0 + draw(SPREAD.0)) - next.dot(ray);
@@ -121,12 +131,12 @@ fn perturbed(plane: &Vector3<f32>, ray: &Vector3<f32>, round: usize, rng: &mut i
 }
 
 /// Planes of the read depth, and in holes those of the nearest reading on the object.
-fn extended(view: &Cells) -> Planes {
+fn extended_planes(view: &Cells) -> Planes {
     let count = view.hole.len();
     let mut planes = Planes { at: vec![Vector3::zeros(); count], cost: vec![UNKNOWN; count] };
     let mut front = VecDeque::new();
     for cell in 0..count {
-        if let Some(plane) = read(view, cell).filter(|_| view.on_object[cell]) {
+        if let Some(plane) = plane_of_readings(view, cell).filter(|_| view.on_object[cell]) {
             planes.at[cell] = plane;
             front.push_back(cell);
         }
@@ -160,7 +170,7 @@ fn inverse_depth(view: &Cells, x: usize, y: usize) -> Option<f32> {
 }
 
 /// Slope between the readings on both sides, or beside the hole on one.
-fn slope(before: Option<f32>, here: f32, after: Option<f32>) -> Option<f32> {
+fn slope_at(before: Option<f32>, here: f32, after: Option<f32>) -> Option<f32> {
     match (before, after) {
         (Some(a), Some(b)) => Some((b - a) / (2 * SLOPE) as f32),
         (Some(a), None) => Some((here - a) / SLOPE as f32),
@@ -170,17 +180,17 @@ fn slope(before: Option<f32>, here: f32, after: Option<f32>) -> Option<f32> {
 }
 
 /// The plane of the depth read about a cell.
-fn read(view: &Cells, cell: usize) -> Option<Vector3<f32>> {
+fn plane_of_readings(view: &Cells, cell: usize) -> Option<Vector3<f32>> {
     let w = view.camera.width;
     let x = cell % w;
     let y = cell / w;
     let here = inverse_depth(view, x, y)?;
     let left = x.checked_sub(SLOPE).and_then(|x| inverse_depth(view, x, y));
     let above = y.checked_sub(SLOPE).and_then(|y| inverse_depth(view, x, y));
-    let across = slope(left, here, inverse_depth(view, x + SLOPE, y))?;
-    let down = slope(above, here, inverse_depth(view, x, y + SLOPE))?;
+    let across = slope_at(left, here, inverse_depth(view, x + SLOPE, y))?;
+    let down = slope_at(above, here, inverse_depth(view, x, y + SLOPE))?;
     let nx = across * view.camera.fx as f32;
     let ny = down * view.camera.fy as f32;
-    let ray = view.ray(cell);
+    let ray = view.ray_of_cell(cell);
     Some(Vector3::new(nx, ny, here - nx * ray.x - ny * ray.y))
 }

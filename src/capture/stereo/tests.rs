@@ -2,7 +2,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::*;
 use geometry::{Intrinsics, Pose};
-use numeric::random::{range, stage_rng};
+use numeric::random::{stage_rng, uniform_in};
 use numeric::statistics::SIGMAS_PER_MAD;
 
 const NOISE: NoiseConfig =
@@ -13,8 +13,8 @@ fn brightness(p: &Point3<f64>, contrast: f64) -> u8 {
     let mut sum = 0.0;
     for k in 0..12 {
         let rng = &mut stage_rng(5, "waves", k);
-        let wave = Vector3::from_fn(|_, _| range(rng, -160.0, 160.0));
-        sum += (wave.dot(&p.coords) + range(rng, 0.0, 6.0)).sin();
+        let wave = Vector3::from_fn(|_, _| uniform_in(rng, -160.0, 160.0));
+        sum += (wave.dot(&p.coords) + uniform_in(rng, 0.0, 6.0)).sin();
     }
     (127.0 + contrast * sum).clamp(0.0, 255.0) as u8
 }
@@ -30,7 +30,8 @@ fn views(contrast: f64) -> (Vec<RgbdFrame>, Vec<Vec<f64>>) {
         let mut depth_m = vec![0.0f32; 160 * 120];
         let mut rgb = vec![[0; 3]; 160 * 120];
         for pixel in 0..truth.len() {
-            let ray = world_from_camera.rotation * intrinsics.ray((pixel % 160) as f64, (pixel / 160) as f64);
+            let ray =
+                world_from_camera.rotation * intrinsics.ray_at((pixel % 160) as f64, (pixel / 160) as f64);
             // z - 0.1 x = 1 along the ray.
             let at = (1.0 - eye.z + 0.1 * eye.x) / (ray.z - 0.1 * ray.x);
             let point = Point3::from(eye + ray * at);

@@ -51,7 +51,7 @@ pub(super) struct Adjusted {
 
 impl Adjustment<'_> {
     /// Agreeing poses near a start.
-    pub fn solve(&self, start: &[Pose]) -> Result<Option<Adjusted>, Stopped> {
+    pub fn solve_near(&self, start: &[Pose]) -> Result<Option<Adjusted>, Stopped> {
         let mut pairs: Vec<[usize; 2]> = self.pairs.iter().flat_map(|[i, j]| [[*i, *j], [*j, *i]]).collect();
         pairs.sort_unstable();
         pairs.dedup();
@@ -61,13 +61,14 @@ impl Adjustment<'_> {
         }
         let free = start.len() - self.fixed;
         let comparison = Comparison::new(self.surfels.iter(), pairs, matches, self.start, self.stop)
-            .comparing(COMPARED * free.max(1));
+            .with_surfels(COMPARED * free.max(1));
         let mut poses = start.to_vec();
-        let mut scale = comparison.scale(self.seen_from(&poses))?;
+        let mut scale = comparison.residual_scale(self.seen_from(&poses))?;
         let mut sums = Vec::new();
         for round in 0..ROUNDS {
             let loose = LOOSE.get(round).copied().unwrap_or(0.0);
-            let found = comparison.sums(self.seen_from(&poses), None, scale, Fit::loose(loose))?;
+            let found =
+                comparison.normal_equations(self.seen_from(&poses), None, scale, Fit::loose(loose))?;
             (scale, sums) = (found.scale, found.pairs);
             let Some(step) = self.step(&sums, start, &poses) else { return Ok(None) };
             for (k, pose) in poses[self.fixed..].iter_mut().enumerate() {
@@ -131,7 +132,7 @@ const START_SPREAD: f64 = 10.0;
 
 impl Adjusted {
     /// Information of all pairs about the pose of one frame in its own camera's frame, the others held.
-    pub fn information(&self, frame: usize) -> Matrix6<f64> {
+    pub fn pose_information(&self, frame: usize) -> Matrix6<f64> {
         self.sums.iter().map(|s| information_of(s, frame)).sum()
     }
 
@@ -170,7 +171,7 @@ pub(super) fn landmark_information(
 ) -> Matrix6<f64> {
     let mut sum = Matrix6::zeros();
     for &m in matches {
-        for r in frames[0].across(m, frames[1], second_from_first, noise).into_iter().flatten() {
+        for r in frames[0].landmark_residuals(m, frames[1], second_from_first, noise).into_iter().flatten() {
             let turn: Vector3<f64> = r.other_point.coords.cross(&r.other_normal);
             let n = r.other_normal;
             let row = Vector6::new(n.x, n.y, n.z, turn.x, turn.y, turn.z);

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::{
     keyframes::view_distance_rad,
     landmark_motion::{LandmarkPair, landmark_motion},
-    locate::{mean_depth_m, overlap},
+    locate::{mean_depth_m, overlap_both_ways},
     track::Track,
 };
 use crate::{
@@ -20,7 +20,7 @@ use crate::{
         pairs::Matches,
         pose_noise::PoseNoise,
         surfels::{Overlap, Surfels},
-        world::correct,
+        world::corrected_world,
     },
     select::spread_views,
 };
@@ -76,7 +76,7 @@ pub fn align_tracks(
     seed: u64,
     stop: &Stop,
 ) -> Result<Result<(Pose, f64), Unaligned>, Stopped> {
-    let sides = [first, second].map(TrackSide::of);
+    let sides = [first, second].map(TrackSide::of_track);
     let pairs: Vec<[usize; 2]> =
         (0..sides[0].poses.len()).flat_map(|i| (0..sides[1].poses.len()).map(move |j| [i, j])).collect();
     let matches: Vec<Vec<[u32; 2]>> = pairs
@@ -85,12 +85,12 @@ pub fn align_tracks(
             stop.check()?;
             let observations =
                 [&first.observations[sides[0].keyframes[i]], &second.observations[sides[1].keyframes[j]]];
-            Ok(observations[0].matches(observations[1]))
+            Ok(observations[0].matches_with(observations[1]))
         })
         .collect::<Result<_, Stopped>>()?;
     let Some(surfels) = sides[0].surfels.first() else { return Ok(Err(Unaligned::NothingAlike)) };
     let depth_m = mean_depth_m(surfels);
-    let mut found: Vec<Proposal> = proposals(&sides, &pairs, &matches, depth_m, seed, stop)?;
+    let mut found: Vec<Proposal> = proposed_motions(&sides, &pairs, &matches, depth_m, seed, stop)?;
     let best = found.iter().map(|p| p.overlap.agreement()).fold(0.0, f64::max);
     found.retain(|p| p.overlap.agreement() >= POSSIBLE * best);
     // By cells; of equals the first.
@@ -102,7 +102,7 @@ pub fn align_tracks(
     if let Some(next) = rivals.find(|p| !is_same(&p.motion, &coarse, &sides[0].poses[0], depth_m)) {
         return Ok(Err(Unaligned::Ambiguous { cells: [cells, next.cells] }));
     }
-    let fine = refined(&sides, &pairs, &matches, &coarse, stop)?.unwrap_or(coarse);
+    let fine = refined_motion(&sides, &pairs, &matches, &coarse, stop)?.unwrap_or(coarse);
     Ok(Ok((fine.inverse(), overlap.agreement())))
 }
 
@@ -114,7 +114,7 @@ struct TrackSide<'a> {
 }
 
 impl<'a> TrackSide<'a> {
-    fn of(track: &'a Track) -> Self {
+    fn of_track(track: &'a Track) -> Self {
         let keyframes = spread_views(&track.key_poses, KEYFRAMES);
         Self {
             poses: keyframes.iter().map(|&k| track.key_poses[k]).collect(),
@@ -134,7 +134,7 @@ struct Proposal {
 }
 
 /// Motions followed by landmarks, the most followed first.
-fn proposals(
+fn proposed_motions(
     sides: &[TrackSide<'_>; 2],
     pairs: &[[usize; 2]],
     matches: &[Vec<[u32; 2]>],
@@ -153,24 +153,35 @@ fn proposals(
         stop.check()?;
         let mut rng = stage_rng(seed, "track/states", attempt as u64);
         let Some((motion, _)) = landmark_motion(&left, &mut rng) else { break };
-        let cells: BTreeSet<[i64; 3]> =
-            left.iter().filter(|p| p.follows(&motion)).map(|p| p.cell(CELL_SHARE * depth_m)).collect();
+        let cells: BTreeSet<[i64; 3]> = left
+            .iter()
+            .filter(|p| p.follows(&motion))
+            .map(|p| p.cell_of_space(CELL_SHARE * depth_m))
+            .collect();
         left.retain(|p| !p.is_near(&motion));
-        motions.push(Proposal { motion, cells: cells.len(), overlap: agreement(sides, pairs, &motion) });
+        motions.push(Proposal {
+            motion,
+            cells: cells.len(),
+            overlap: overlap_after_motion(sides, pairs, &motion),
+        });
     }
     Ok(motions)
 }
 
 /// Surfels in place by the other state, of both states.
-fn agreement(sides: &[TrackSide<'_>; 2], pairs: &[[usize; 2]], motion: &Pose) -> Overlap {
+fn overlap_after_motion(sides: &[TrackSide<'_>; 2], pairs: &[[usize; 2]], motion: &Pose) -> Overlap {
     let overlaps = pairs.par_iter().map(|&[i, j]| {
         let moved = motion * sides[0].poses[i];
         let a = sides[0].surfels[i];
         let b = sides[1].surfels[j];
         let near = view_distance_rad(&moved, &sides[1].poses[j], mean_depth_m(a)) < REACH_RAD;
-        if near { overlap([a, b], &(sides[1].poses[j].inverse() * moved)) } else { Overlap::default() }
+        if near {
+            overlap_both_ways([a, b], &(sides[1].poses[j].inverse() * moved))
+        } else {
+            Overlap::default()
+        }
     });
-    overlaps.collect::<Vec<Overlap>>().into_iter().fold(Overlap::default(), Overlap::plus)
+    overlaps.collect::<Vec<Overlap>>().into_iter().fold(Overlap::default(), Overlap::added_to)
 }
 
 /// Whether two motions of the first map take the view of its camera to about the same place.
@@ -180,7 +191,7 @@ fn is_same(a: &Pose, b: &Pose, camera: &Pose, depth_m: f64) -> bool {
 }
 
 /// The motion by surfaces and landmarks, where held-out ones gain by it.
-fn refined(
+fn refined_motion(
     sides: &[TrackSide<'_>; 2],
     pairs: &[[usize; 2]],
     matches: &[Vec<[u32; 2]>],
@@ -198,6 +209,6 @@ fn refined(
     }
     let poses = [&sides[0].poses[..], &moved];
     let surfels = owned.each_ref().map(Vec::as_slice);
-    let found = correct(poses, surfels, all, &PoseNoise::EXPECTED, stop)?;
+    let found = corrected_world(poses, surfels, all, &PoseNoise::EXPECTED, stop)?;
     Ok(found.map(|(world, _)| (world.corrected_from_reported * back).inverse()))
 }

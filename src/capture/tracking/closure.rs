@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::{
     keyframes::{KeyframeEdge, Keyframes, view_distance_rad},
-    locate::{Guess, Known, Located, locate},
+    locate::{Guess, Known, Located, locate_frame},
 };
 use crate::poses::pose_noise::PoseNoise;
 use common::stop::{Stop, Stopped};
@@ -38,8 +38,8 @@ pub(super) fn close_loops(keyframes: &mut Keyframes, seed: u64, stop: &Stop) -> 
         .map(|&[i, j]| {
             stop.check()?;
             let pose = keyframes.all[i].pose.inverse() * keyframes.all[j].pose;
-            let noise = PoseNoise::EXPECTED.times(CLOSE);
-            Ok(compared(keyframes, [i, j], Some(Guess { pose, noise }), seed))
+            let noise = PoseNoise::EXPECTED.scaled_by(CLOSE);
+            Ok(edge_between(keyframes, [i, j], Some(Guess { pose, noise }), seed))
         })
         .collect::<Result<_, Stopped>>()?;
     let before = keyframes.edges.len();
@@ -68,7 +68,7 @@ pub(super) fn join_pieces(keyframes: &mut Keyframes, seed: u64, stop: &Stop) -> 
         // Joined pieces may reach a piece out of reach of the largest.
         let mut joined = None;
         for k in at + 1..pieces.len() {
-            if join(keyframes, [pieces[at], pieces[k]], seed, stop)? {
+            if join_two_pieces(keyframes, [pieces[at], pieces[k]], seed, stop)? {
                 joined = Some(k);
                 break;
             }
@@ -82,7 +82,12 @@ pub(super) fn join_pieces(keyframes: &mut Keyframes, seed: u64, stop: &Stop) -> 
 }
 
 /// Joins the second piece to the first, if one of its keyframes has common surface with the first.
-fn join(keyframes: &mut Keyframes, pieces: [usize; 2], seed: u64, stop: &Stop) -> Result<bool, Stopped> {
+fn join_two_pieces(
+    keyframes: &mut Keyframes,
+    pieces: [usize; 2],
+    seed: u64,
+    stop: &Stop,
+) -> Result<bool, Stopped> {
     let [into, from] = pieces;
     let [of_into, of_from] = pieces.map(|piece| keyframes.of_piece(piece));
     for &j in of_from.iter().step_by(of_from.len().div_ceil(TRIED)) {
@@ -93,9 +98,9 @@ fn join(keyframes: &mut Keyframes, pieces: [usize; 2], seed: u64, stop: &Stop) -
         let alike = keyframes.most_alike(&candidates, &keyframes.all[j].observation, JOINED_BY, stop)?;
         let (numbers, known): (Vec<usize>, Vec<Known<'_>>) = alike.into_iter().unzip();
         let mut rng = stage_rng(seed, "track/join", (into * keyframes.all.len() + j) as u64);
-        if let Ok(located) = locate(&known, &keyframes.all[j].observation, None, &mut rng) {
+        if let Ok(located) = locate_frame(&known, &keyframes.all[j].observation, None, &mut rng) {
             let into_from_piece = located.pose * keyframes.all[j].pose.inverse();
-            keyframes.merge(from, into, &into_from_piece);
+            keyframes.merge_piece(from, into, &into_from_piece);
             keyframes.add_edges(&numbers, j, &located, true);
             return Ok(true);
         }
@@ -114,7 +119,7 @@ const LOOKED_AT: usize = 100;
 const JOINED_BY: usize = 4;
 
 /// The edge between two keyframes; `None` for too little in common, or contradictions.
-fn compared(
+fn edge_between(
     keyframes: &Keyframes,
     [i, j]: [usize; 2],
     guess: Option<Guess>,
@@ -123,7 +128,7 @@ fn compared(
     let mut rng = stage_rng(seed, "track/close", (i * keyframes.all.len() + j) as u64);
     let known = Known { observation: &keyframes.all[i].observation, pose: Pose::identity(), matches: None };
     let new = &keyframes.all[j].observation;
-    let Located { pose, by_known, mut matches, .. } = locate(&[known], new, guess, &mut rng).ok()?;
+    let Located { pose, by_known, mut matches, .. } = locate_frame(&[known], new, guess, &mut rng).ok()?;
     Some(KeyframeEdge {
         frames: [i, j],
         first_from_second: pose,

@@ -88,23 +88,24 @@ impl Track {
     /// The world of the twin: z up, x along the cameras' view, the origin on the support below their focus.
     /// Up is from accelerations or the support, the better known of both.
     #[must_use]
-    pub fn upright(&self) -> Upright {
+    pub fn upright_world(&self) -> Upright {
         let measured = self.measured_up.as_ref().and_then(|m| m.as_ref().ok());
-        Placed { observations: self.observations.iter().collect(), poses: &self.key_poses }.upright(measured)
+        Placed { observations: self.observations.iter().collect(), poses: &self.key_poses }
+            .upright_world(measured)
     }
 }
 
 impl Placed<'_> {
-    pub fn upright(&self, measured: Option<&MeasuredUp>) -> Upright {
-        let patches = self.patches();
+    pub fn upright_world(&self, measured: Option<&MeasuredUp>) -> Upright {
+        let patches = self.surface_patches();
         let upright = self.images_upright();
-        let by_images = support(&patches, &upright);
+        let by_images = support_plane(&patches, &upright);
         // A camera held on its side sees walls below; axes mixed up make a wall of the floor. A plane in
         // agreement with gravity is the support, if there is one.
         let support = match measured {
             None => by_images,
             Some(m) => {
-                let found = [by_images, support(&patches, &m.up)].into_iter().flatten();
+                let found = [by_images, support_plane(&patches, &m.up)].into_iter().flatten();
                 found.min_by(|a, b| a.normal.angle(&m.up).total_cmp(&b.normal.angle(&m.up)))
             }
         };
@@ -143,7 +144,7 @@ impl Placed<'_> {
                 (plane.offset_m - plane.normal.dot(&focus.coords)) / plane.normal.dot(normal)
                     + height_m(&focus)
             }
-            _ => low(patches.iter().map(|p| height_m(&p.point)).collect()),
+            _ => tenth_percentile(patches.iter().map(|p| height_m(&p.point)).collect()),
         };
         let origin = focus + normal.into_inner() * (floor_m - height_m(&focus));
         let flat = ahead - normal.into_inner() * normal.dot(&ahead);
@@ -169,8 +170,8 @@ impl Placed<'_> {
         median(self.observations.iter().map(|o| mean_depth_m(&o.surfels)).collect()).unwrap_or(1.0)
     }
 
-    fn patches(&self) -> Vec<SurfacePatch> {
-        let count: usize = self.observations.iter().map(|o| o.surfels.sum().1 as usize).sum();
+    fn surface_patches(&self) -> Vec<SurfacePatch> {
+        let count: usize = self.observations.iter().map(|o| o.surfels.sum_of_points().1 as usize).sum();
         let every = count.div_ceil(LOOKED_AT).max(1);
         let mut patches = Vec::new();
         for (observation, pose) in self.observations.iter().zip(self.poses) {
@@ -187,7 +188,7 @@ impl Placed<'_> {
 }
 
 /// Normal and offset of the largest plane below everything, facing up by about `upright`.
-fn support(patches: &[SurfacePatch], upright: &Unit<Vector3<f64>>) -> Option<SupportPlane> {
+fn support_plane(patches: &[SurfacePatch], upright: &Unit<Vector3<f64>>) -> Option<SupportPlane> {
     let total: f64 = patches.iter().map(|p| p.weight).sum();
     let mut best: Option<(f64, Unit<Vector3<f64>>, f64)> = None;
     for proposing in patches.iter().step_by(PROPOSING) {
@@ -207,7 +208,7 @@ fn support(patches: &[SurfacePatch], upright: &Unit<Vector3<f64>>) -> Option<Sup
     let (_, normal, offset_m) = best?;
     let mut found = SupportPlane { normal, offset_m, sigma_rad: LEVEL_RAD };
     for _ in 0..5 {
-        found = refit(patches, &found)?;
+        found = refitted_plane(patches, &found)?;
     }
     Some(found)
 }
@@ -218,7 +219,7 @@ fn is_on(patch: &SurfacePatch, normal: &Unit<Vector3<f64>>, offset_m: f64) -> bo
 }
 
 /// Least squares over the patches on a plane.
-fn refit(patches: &[SurfacePatch], plane: &SupportPlane) -> Option<SupportPlane> {
+fn refitted_plane(patches: &[SurfacePatch], plane: &SupportPlane) -> Option<SupportPlane> {
     let on: Vec<&SurfacePatch> = patches.iter().filter(|p| is_on(p, &plane.normal, plane.offset_m)).collect();
     let weight = |p: &SurfacePatch| p.weight / p.gate_m.powi(2);
     let total: f64 = on.iter().map(|p| weight(p)).sum();
@@ -245,7 +246,7 @@ fn refit(patches: &[SurfacePatch], plane: &SupportPlane) -> Option<SupportPlane>
 }
 
 /// The tenth percentile; 0 of none.
-fn low(mut values: Vec<f64>) -> f64 {
+fn tenth_percentile(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 10).copied().unwrap_or(0.0)
 }

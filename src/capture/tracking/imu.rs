@@ -260,7 +260,7 @@ mod tests {
     fn placed(rate_hz: f64, turn_rad: f64, map: &Pose) -> Vec<(i64, Pose)> {
         let rng = &mut stage_rng(1, "views", 0);
         let times = (0..(SECONDS * rate_hz) as usize).map(|k| k as f64 / rate_hz);
-        let mut error = |sigma: f64| Vector3::from_fn(|_, _| sigma * random::normal(rng));
+        let mut error = |sigma: f64| Vector3::from_fn(|_, _| sigma * random::standard_normal(rng));
         let view = |t: f64| {
             let pose = map * pose(t, turn_rad) * Pose::new(error(0.0005), error(0.001));
             ((t * 1e9) as i64, pose)
@@ -277,7 +277,7 @@ mod tests {
             let step = 1e-3;
             let moved = (at(t + step) - 2.0 * at(t) + at(t - step)) / (step * step);
             let held = moved + Vector3::z() * GRAVITY;
-            let noise = Vector3::from_fn(|_, _| 0.0165 * random::normal(rng));
+            let noise = Vector3::from_fn(|_, _| 0.0165 * random::standard_normal(rng));
             ((t * 1e9) as i64, unit * (pose(t, turn_rad).rotation.inverse() * held + bias + noise))
         });
         Accelerometer { readings: readings.collect(), place_m }

@@ -83,7 +83,7 @@ impl Keyframes {
     ) -> Result<Vec<(usize, Known<'_>)>, Stopped> {
         let matched = |&k: &usize| {
             stop.check()?;
-            Ok((self.all[k].observation.matches(new), k))
+            Ok((self.all[k].observation.matches_with(new), k))
         };
         let mut alike: Vec<(Vec<[u32; 2]>, usize)> =
             candidates.par_iter().map(matched).collect::<Result<_, Stopped>>()?;
@@ -122,7 +122,7 @@ impl Keyframes {
     }
 
     /// Takes a piece into another, by a motion between their frames.
-    pub fn merge(&mut self, piece: usize, into: usize, into_from_piece: &Pose) {
+    pub fn merge_piece(&mut self, piece: usize, into: usize, into_from_piece: &Pose) {
         for keyframe in self.all.iter_mut().filter(|k| k.piece == piece) {
             keyframe.piece = into;
             keyframe.pose = into_from_piece * keyframe.pose;

@@ -6,7 +6,7 @@ use rand_core::Rng;
 
 use crate::poses::surfels::Surfels;
 use geometry::{Pose, rigid_fit};
-use numeric::random::below;
+use numeric::random::index_below;
 
 /// Triples tried at most.
 /// derived: with 30 % of right matches one triple in 37 is right; 300 miss it once in 3000 times
@@ -49,7 +49,7 @@ impl LandmarkPair {
     /// Landmarks of two cameras in two maps, by their numbers.
     pub fn new(cameras: [&Pose; 2], frames: [&Surfels; 2], numbers: [u32; 2]) -> Self {
         let [(from, [depth0, place0]), (to, [depth1, place1])] =
-            [0, 1].map(|k| frames[k].landmark(numbers[k]));
+            [0, 1].map(|k| frames[k].landmark_point(numbers[k]));
         Self {
             from: cameras[0] * from,
             from_ray: cameras[0].rotation * from.coords.normalize(),
@@ -62,7 +62,7 @@ impl LandmarkPair {
 
     /// Squared distance in standard deviations across the second ray, and along it, after a motion.
     /// See docs/method.md (2.26).
-    fn off(&self, motion: &Pose) -> [f64; 2] {
+    fn squared_distances(&self, motion: &Pose) -> [f64; 2] {
         let off = motion * self.from - self.to;
         let along = off.dot(&self.to_ray);
         let cosine = (motion.rotation * self.from_ray).dot(&self.to_ray);
@@ -75,16 +75,16 @@ impl LandmarkPair {
     /// Whether it lies where a motion between the maps takes it.
     pub fn follows(&self, motion: &Pose) -> bool {
         // Two directions across have the same chance beyond a somewhat wider gate; one is taken for both.
-        self.off(motion).iter().all(|square| *square <= GATE * GATE)
+        self.squared_distances(motion).iter().all(|square| *square <= GATE * GATE)
     }
 
     /// Whether it may follow a somewhat inexact motion.
     pub fn is_near(&self, motion: &Pose) -> bool {
-        self.off(motion).iter().all(|square| *square <= (NEAR * GATE).powi(2))
+        self.squared_distances(motion).iter().all(|square| *square <= (NEAR * GATE).powi(2))
     }
 
     /// Its cell of space, in the first map.
-    pub fn cell(&self, side_m: f64) -> [i64; 3] {
+    pub fn cell_of_space(&self, side_m: f64) -> [i64; 3] {
         [0, 1, 2].map(|k| (self.from[k] / side_m).floor() as i64)
     }
 
@@ -104,7 +104,7 @@ pub(super) fn landmark_motion(pairs: &[LandmarkPair], rng: &mut impl Rng) -> Opt
     let mut needed = TRIALS;
     while tried < needed {
         tried += 1;
-        let triple = [(); 3].map(|()| pairs[below(rng, pairs.len())]);
+        let triple = [(); 3].map(|()| pairs[index_below(rng, pairs.len())]);
         let Some(motion) = motion_of(&triple) else { continue };
         let followers = pairs.iter().filter(|p| p.follows(&motion)).count();
         if best.is_none_or(|(most, _)| followers > most) {
@@ -140,12 +140,18 @@ fn keeps_length(a: &LandmarkPair, b: &LandmarkPair) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use numeric::random::{stage_rng, unit};
+    use numeric::random::{stage_rng, unit_uniform};
 
     /// Pairs of which every `wrong`-th shows nothing in common.
     fn pairs(motion: &Pose, count: usize, wrong: usize) -> Vec<LandmarkPair> {
         let mut rng = stage_rng(5, "landmarks", 0);
-        let mut point = || Point3::new(unit(&mut rng) - 0.5, unit(&mut rng) - 0.5, 1.0 + unit(&mut rng));
+        let mut point = || {
+            Point3::new(
+                unit_uniform(&mut rng) - 0.5,
+                unit_uniform(&mut rng) - 0.5,
+                1.0 + unit_uniform(&mut rng),
+            )
+        };
         let pair = |i: usize| {
             let from = point();
             let elsewhere = point();

@@ -70,13 +70,13 @@ impl LiveTracker {
     pub fn see(&mut self, observation: Observation) -> Result<LiveView, Lost> {
         let view = self.views;
         self.views += 1;
-        if let Some(why) = observation.blind() {
+        if let Some(why) = observation.reason_unplaceable() {
             return Err(why);
         }
         if self.keyframes() == 0 {
             return Ok(self.begin(view, observation));
         }
-        let found = match self.tracker.look(view, &observation) {
+        let found = match self.tracker.place_of_frame(view, &observation) {
             Ok(found) => found,
             Err(why) => {
                 // Of a map of one view nothing is lost. This view may be the better one to begin with.
@@ -100,7 +100,7 @@ impl LiveTracker {
         let last = self.tracker.last.map(|l| (l.pose, self.tracker.keyframes.all[l.keyframe].depth_m));
         let is_fast = last.is_some_and(|(last, depth_m)| view_distance_rad(&last, &pose, depth_m) > FAST_RAD);
         let may = !self.is_full();
-        self.tracker.place(view, observation, &found, may);
+        self.tracker.take_placed(view, observation, &found, may);
         self.errors_m.resize(self.keyframes(), error_m);
         Ok(LiveView { world_from_camera: self.world_from_map * pose, inliers, error_m, is_fast })
     }
@@ -109,7 +109,7 @@ impl LiveTracker {
     fn begin(&mut self, view: usize, observation: Observation) -> LiveView {
         self.tracker = Tracker::new(self.seed);
         self.world_from_map = Placed { observations: vec![&observation], poses: &[Pose::identity()] }
-            .upright(None)
+            .upright_world(None)
             .world_from_map;
         self.tracker.begin_piece(view, observation);
         self.errors_m = vec![0.0];

@@ -68,14 +68,16 @@ pub(super) struct Guess {
 const BY_LANDMARKS: f64 = 3.0;
 
 /// Places a frame among known ones: by common landmarks, else by a guess.
-pub(super) fn locate(
+pub(super) fn locate_frame(
     known: &[Known<'_>],
     new: &Observation,
     guess: Option<Guess>,
     rng: &mut impl Rng,
 ) -> Result<Located, Lost> {
-    let matched: Vec<Vec<[u32; 2]>> =
-        known.par_iter().map(|k| k.matches.clone().unwrap_or_else(|| k.observation.matches(new))).collect();
+    let matched: Vec<Vec<[u32; 2]>> = known
+        .par_iter()
+        .map(|k| k.matches.clone().unwrap_or_else(|| k.observation.matches_with(new)))
+        .collect();
     // The new camera is its own map.
     let own = Pose::identity();
     let own = &own;
@@ -88,13 +90,13 @@ pub(super) fn locate(
         })
         .collect();
     let by_landmarks = landmark_motion(&pairs, rng).map(|(camera_from_map, _)| {
-        let noise = PoseNoise::EXPECTED.times(BY_LANDMARKS);
+        let noise = PoseNoise::EXPECTED.scaled_by(BY_LANDMARKS);
         Guess { pose: camera_from_map.inverse(), noise }
     });
     let guesses = by_landmarks.into_iter().chain(guess);
     let mut lost = Lost::NoGuess;
     for guess in guesses {
-        match settled(known, new, &matched, guess) {
+        match settled_place(known, new, &matched, guess) {
             Ok(located) => return Ok(located),
             Err(why) => lost = why,
         }
@@ -107,7 +109,7 @@ pub(super) fn locate(
 }
 
 /// The place near a guess where surfaces and landmarks agree, if they show it.
-fn settled(
+fn settled_place(
     known: &[Known<'_>],
     new: &Observation,
     matched: &[Vec<[u32; 2]>],
@@ -128,13 +130,13 @@ fn settled(
         // A moment's work.
         stop: &Stop::never(),
     };
-    let Ok(Some(adjusted)) = adjustment.solve(&start) else { return Err(Lost::Undetermined) };
+    let Ok(Some(adjusted)) = adjustment.solve_near(&start) else { return Err(Lost::Undetermined) };
     let pose = adjusted.poses[last];
     let overlaps: Vec<Overlap> = known
         .iter()
-        .map(|k| overlap([&k.observation.surfels, &new.surfels], &(pose.inverse() * k.pose)))
+        .map(|k| overlap_both_ways([&k.observation.surfels, &new.surfels], &(pose.inverse() * k.pose)))
         .collect();
-    let both = overlaps.iter().copied().fold(Overlap::default(), Overlap::plus);
+    let both = overlaps.iter().copied().fold(Overlap::default(), Overlap::added_to);
     if overlaps.iter().map(Overlap::share).fold(0.0, f64::max) < LEAST_SHARE {
         return Err(Lost::LittleShared);
     }
@@ -143,7 +145,7 @@ fn settled(
         return Err(Lost::Contradicted);
     }
     let depth_m = mean_depth_m(&new.surfels);
-    let least_known_m = least_known_m(&observed(known, new, matched, &adjusted), depth_m);
+    let least_known_m = least_known_m(&observed_information(known, new, matched, &adjusted), depth_m);
     // The truth must lie within the assumed error of the joint refinement.
     if !(least_known_m <= PoseNoise::EXPECTED.displacement_m(depth_m)) {
         return Err(Lost::Undetermined);
@@ -153,7 +155,7 @@ fn settled(
 }
 
 /// Information about the new frame without directions shown by noise of normals alone.
-fn observed(
+fn observed_information(
     known: &[Known<'_>],
     new: &Observation,
     matched: &[Vec<[u32; 2]>],
@@ -171,20 +173,20 @@ fn observed(
         .sum::<Matrix6<f64>>()
         // A landmark in several known frames is one.
         / (last.max(1) as f64 * adjusted.scale.powi(2));
-    let all = adjusted.information(last);
-    Observed::above(&all, LEAST_OBSERVED).information + by_landmarks
+    let all = adjusted.pose_information(last);
+    Observed::above_share(&all, LEAST_OBSERVED).information + by_landmarks
 }
 
 /// Two frames' views of each other's surfels.
-pub(super) fn overlap(frames: [&Surfels; 2], second_from_first: &Pose) -> Overlap {
+pub(super) fn overlap_both_ways(frames: [&Surfels; 2], second_from_first: &Pose) -> Overlap {
     let [first, second] = frames;
     let noise = PoseNoise::EXPECTED;
-    let there = first.overlap(second, second_from_first, &noise, CHECKED_EVERY);
-    there.plus(second.overlap(first, &second_from_first.inverse(), &noise, CHECKED_EVERY))
+    let there = first.overlap_with(second, second_from_first, &noise, CHECKED_EVERY);
+    there.added_to(second.overlap_with(first, &second_from_first.inverse(), &noise, CHECKED_EVERY))
 }
 
 /// Mean depth of a frame's surfels, meters; 1 without any.
 pub(super) fn mean_depth_m(surfels: &Surfels) -> f64 {
-    let (sum, count) = surfels.sum();
+    let (sum, count) = surfels.sum_of_points();
     if count > 0.0 { sum.z / count } else { 1.0 }
 }

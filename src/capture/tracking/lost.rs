@@ -24,7 +24,7 @@ pub enum Lost {
 impl Lost {
     /// Reason of most of the views without a place, for people; placed views give none.
     #[must_use]
-    pub fn mostly(reasons: &[Option<Self>]) -> &'static str {
+    pub fn most_frequent_reason(reasons: &[Option<Self>]) -> &'static str {
         let counts =
             reasons.iter().flatten().map(|why| (reasons.iter().filter(|r| **r == Some(*why)).count(), *why));
         counts.max().map_or(

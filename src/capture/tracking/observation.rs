@@ -34,11 +34,11 @@ impl Observation {
     /// Of a frame without a mask, with possible gaps of single pixels in its depth (as of depth aligned to
     /// color): the surroundings of the object show the camera's motion, too.
     #[must_use]
-    pub fn of(mut frame: RgbdFrame, noise: &NoiseConfig, ahead: &Ahead) -> Self {
+    pub fn of_frame(mut frame: RgbdFrame, noise: &NoiseConfig, ahead: &Ahead) -> Self {
         fill_gaps(&mut frame);
         let frame = &frame;
-        let mut surfels = Surfels::of(frame, noise, |_| true);
-        let landmarks = FrameLandmarks::find(frame, &mut surfels, noise, ahead);
+        let mut surfels = Surfels::of_frame(frame, noise, |_| true);
+        let landmarks = FrameLandmarks::find_in_frame(frame, &mut surfels, noise, ahead);
         let count = frame.rgb.len().max(1) as f64;
         Self {
             stamp_nanos: frame.stamp_nanos,
@@ -50,7 +50,7 @@ impl Observation {
     }
 
     /// Why a frame cannot be placed whatever others show, if so: it shows nothing itself.
-    pub(super) fn blind(&self) -> Option<Lost> {
+    pub(super) fn reason_unplaceable(&self) -> Option<Lost> {
         match () {
             () if self.landmarks.count() >= FEW_FEATURES && self.read >= LEAST_READ => None,
             () if self.brightness < DARK && self.read < LEAST_READ => Some(Lost::Covered),
@@ -61,8 +61,8 @@ impl Observation {
     }
 
     /// Similar landmarks of this frame and of another, by their numbers.
-    pub(super) fn matches(&self, other: &Self) -> Vec<[u32; 2]> {
-        self.landmarks.matches(&other.landmarks)
+    pub(super) fn matches_with(&self, other: &Self) -> Vec<[u32; 2]> {
+        self.landmarks.matches_with(&other.landmarks)
     }
 }
 

@@ -35,7 +35,7 @@ pub(super) fn pose_graph(start: &[Pose], edges: &[KeyframeEdge], stop: &Stop) ->
     for round in 0..ROUNDS {
         stop.check()?;
         let trusted = (TRUSTED * 0.1f64.powi(round as i32 / 2)).max(1.0);
-        let Some(step) = step(&poses, edges, trusted * DOUBTED) else { return Ok(poses) };
+        let Some(step) = graph_step(&poses, edges, trusted * DOUBTED) else { return Ok(poses) };
         for (k, pose) in poses[1..].iter_mut().enumerate() {
             *pose *= Pose::new(step.fixed_rows::<3>(6 * k).into(), step.fixed_rows::<3>(6 * k + 3).into());
         }
@@ -47,12 +47,12 @@ pub(super) fn pose_graph(start: &[Pose], edges: &[KeyframeEdge], stop: &Stop) ->
 }
 
 /// The step by the pairs; those found by looks count half at the squared length `doubted`.
-fn step(poses: &[Pose], edges: &[KeyframeEdge], doubted: f64) -> Option<DVector<f64>> {
+fn graph_step(poses: &[Pose], edges: &[KeyframeEdge], doubted: f64) -> Option<DVector<f64>> {
     let size = 6 * (poses.len() - 1);
     let mut information = DMatrix::zeros(size, size);
     let mut gradient = DVector::zeros(size);
     for edge in edges {
-        let (residual, by_first) = residual(poses, edge);
+        let (residual, by_first) = edge_residual(poses, edge);
         let own = edge_information(edge);
         let share =
             if edge.closure { (1.0 + residual.dot(&(own * residual)) / doubted).powi(-2) } else { 1.0 };
@@ -82,7 +82,7 @@ fn step(poses: &[Pose], edges: &[KeyframeEdge], doubted: f64) -> Option<DVector<
 
 /// Difference between the poses of a pair and its relative pose, in the second camera's frame, and its
 /// derivative by a motion of the first camera in its own.
-fn residual(poses: &[Pose], edge: &KeyframeEdge) -> (Vector6<f64>, Matrix6<f64>) {
+fn edge_residual(poses: &[Pose], edge: &KeyframeEdge) -> (Vector6<f64>, Matrix6<f64>) {
     let [i, j] = edge.frames;
     let second_from_first = poses[j].inverse() * poses[i];
     let off = edge.first_from_second.inverse() * second_from_first.inverse();
@@ -91,7 +91,7 @@ fn residual(poses: &[Pose], edge: &KeyframeEdge) -> (Vector6<f64>, Matrix6<f64>)
 
 /// Information of a pair, common errors included.
 fn edge_information(edge: &KeyframeEdge) -> Matrix6<f64> {
-    let floor = PoseNoise::EXPECTED.times(FLOOR);
+    let floor = PoseNoise::EXPECTED.scaled_by(FLOOR);
     let floor = Matrix6::from_diagonal(&Vector6::from_fn(|k, _| {
         (if k < 3 { floor.translation_m } else { floor.rotation_rad }).powi(2)
     }));
@@ -162,14 +162,14 @@ mod tests {
         let poses = circle(5);
         let near = Pose::new(Vector3::new(1e-4, 2e-4, -1e-4), Vector3::new(2e-4, -1e-4, 1e-4));
         let pair = edge([1, 3], poses[1].inverse() * poses[3] * near, false);
-        let (at, by_first) = residual(&poses, &pair);
+        let (at, by_first) = edge_residual(&poses, &pair);
         let step = 1e-6;
         for p in 0..12 {
             let twist = SVector::<f64, 6>::from_fn(|i, _| if i == p % 6 { step } else { 0.0 });
             let mut moved = poses.clone();
             moved[if p < 6 { 1 } else { 3 }] *=
                 Pose::new(twist.fixed_rows::<3>(0).into(), twist.fixed_rows::<3>(3).into());
-            let slope = (residual(&moved, &pair).0 - at) / step;
+            let slope = (edge_residual(&moved, &pair).0 - at) / step;
             let expected = if p < 6 {
                 by_first.column(p).into_owned()
             } else {

@@ -66,7 +66,7 @@ fn track(frames: &[RgbdFrame]) -> (Track, Vec<Option<Lost>>) {
     let hidden = |f: &RgbdFrame| RgbdFrame { world_from_camera: Pose::identity(), ..f.clone() };
     let lost = frames
         .iter()
-        .map(|f| tracker.add(Observation::of(hidden(f), &NOISE, &Ahead::default())).err())
+        .map(|f| tracker.add(Observation::of_frame(hidden(f), &NOISE, &Ahead::default())).err())
         .collect();
     (tracker.finish(&Stop::never()).unwrap(), lost)
 }
@@ -139,7 +139,7 @@ fn along_a_plain_wall_the_camera_is_lost() {
 fn the_support_is_level_and_low() {
     let frames = views(&boxes(Vector3::zeros()), 6);
     let (found, _) = track(&frames);
-    let Upright { world_from_map, by, .. } = found.upright();
+    let Upright { world_from_map, by, .. } = found.upright_world();
     assert_eq!(by, UpBy::Support);
     for (frame, pose) in frames.iter().zip(&found.poses) {
         let pose = world_from_map * pose.unwrap();
@@ -201,7 +201,7 @@ fn a_view_that_shows_nothing_is_lost_with_its_reason() {
         let mut tracker = Tracker::new(0);
         frames
             .into_iter()
-            .map(|f| tracker.add(Observation::of(f, &NOISE, &Ahead::default())).err())
+            .map(|f| tracker.add(Observation::of_frame(f, &NOISE, &Ahead::default())).err())
             .collect::<Vec<_>>()
     };
     let black = |f: &mut RgbdFrame| f.rgb.fill([2; 3]);
@@ -221,8 +221,10 @@ fn a_view_that_shows_nothing_is_lost_with_its_reason() {
     let wall: Vec<RgbdFrame> =
         (0..3).map(|i| view(&|p: &Point3<f64>| p.z - FLOOR_M, eye(i), false, i)).collect();
     let mut tracker = Tracker::new(0);
-    let found: Vec<_> =
-        wall.into_iter().map(|f| tracker.add(Observation::of(f, &NOISE, &Ahead::default())).err()).collect();
+    let found: Vec<_> = wall
+        .into_iter()
+        .map(|f| tracker.add(Observation::of_frame(f, &NOISE, &Ahead::default())).err())
+        .collect();
     assert_eq!(found[1..], [Some(Lost::Blank); 2]);
 }
 
@@ -230,8 +232,10 @@ fn a_view_that_shows_nothing_is_lost_with_its_reason() {
 fn live(frames: &[RgbdFrame], most: usize) -> (LiveTracker, Vec<Result<LiveView, Lost>>) {
     let mut tracker = LiveTracker::new(3, most);
     let hidden = |f: &RgbdFrame| RgbdFrame { world_from_camera: Pose::identity(), ..f.clone() };
-    let seen =
-        frames.iter().map(|f| tracker.see(Observation::of(hidden(f), &NOISE, &Ahead::default()))).collect();
+    let seen = frames
+        .iter()
+        .map(|f| tracker.see(Observation::of_frame(hidden(f), &NOISE, &Ahead::default())))
+        .collect();
     (tracker, seen)
 }
 
@@ -296,7 +300,7 @@ fn a_camera_that_moves_fast_is_said() {
 fn up_is_what_is_known_better_and_a_contradiction_is_said() {
     let frames = views(&boxes(Vector3::zeros()), 6);
     let mut found = track(&frames).0;
-    let alone = found.upright();
+    let alone = found.upright_world();
     assert!(alone.by == UpBy::Support && alone.apart_rad.is_none() && !alone.contradicted);
     let sigma_rad = alone.sigma_rad.unwrap();
     assert!((0.005..0.05).contains(&sigma_rad), "{sigma_rad}");
@@ -311,7 +315,7 @@ fn up_is_what_is_known_better_and_a_contradiction_is_said() {
             windows: 9,
         };
         found.measured_up = Some(Ok(measured));
-        let upright = found.upright();
+        let upright = found.upright_world();
         let tilt = (upright.world_from_map.rotation.inverse() * Vector3::z()).angle(&up);
         assert!((upright.apart_rad.unwrap() - off_rad).abs() < 1e-3, "{upright:?}");
         (upright.by, upright.contradicted, (1e3 * tilt).round() as i64)
@@ -321,5 +325,5 @@ fn up_is_what_is_known_better_and_a_contradiction_is_said() {
     assert_eq!(with(0.3, 0.002), (UpBy::Imu, true, 300));
     assert_eq!(with(0.3, 0.07), (UpBy::Support, true, 0));
     found.measured_up = Some(Err(imu::NoGravity::Short { windows: 1 }));
-    assert_eq!(found.upright().by, UpBy::Support);
+    assert_eq!(found.upright_world().by, UpBy::Support);
 }

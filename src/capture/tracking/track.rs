@@ -80,7 +80,7 @@ impl Tracker {
                 observations.push(observation);
             }
         }
-        let key_poses = together(&observations, &near, &edges, stop)?;
+        let key_poses = adjusted_together(&observations, &near, &edges, stop)?;
         let poses: Vec<Option<Pose>> = self
             .views
             .iter()
@@ -96,7 +96,7 @@ impl Tracker {
         let findings = TrackingFindings {
             views: poses.len(),
             tracked: poses.iter().flatten().count(),
-            lost: stretches(&poses),
+            lost: stretches_without_pose(&poses),
             keyframes: key_poses.len(),
             pairs: [edges.iter().filter(|e| !e.closure).count(), closures],
             closed_m: (moved.sum::<f64>() / key_poses.len().max(1) as f64).sqrt(),
@@ -120,7 +120,7 @@ impl Track {
 }
 
 /// Keyframe poses with agreeing surfels and landmarks, near those by the pairs.
-fn together(
+fn adjusted_together(
     observations: &[Observation],
     near: &[Pose],
     edges: &[KeyframeEdge],
@@ -142,11 +142,11 @@ fn together(
     if near.len() < 2 {
         return Ok(near.to_vec());
     }
-    Ok(adjustment.solve(near)?.map_or_else(|| near.to_vec(), |a| a.poses))
+    Ok(adjustment.solve_near(near)?.map_or_else(|| near.to_vec(), |a| a.poses))
 }
 
 /// Stretches of views without a pose.
-fn stretches(poses: &[Option<Pose>]) -> Vec<[usize; 2]> {
+fn stretches_without_pose(poses: &[Option<Pose>]) -> Vec<[usize; 2]> {
     let mut all: Vec<[usize; 2]> = Vec::new();
     for view in (0..poses.len()).filter(|&v| poses[v].is_none()) {
         match all.last_mut().filter(|s| s[1] + 1 == view) {

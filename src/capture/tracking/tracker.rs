@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::{
     keyframes::{Keyframe, Keyframes, view_distance_rad},
-    locate::{Guess, Known, Located, locate},
+    locate::{Guess, Known, Located, locate_frame},
     lost::Lost,
     observation::Observation,
 };
@@ -105,9 +105,9 @@ impl Tracker {
     pub fn add(&mut self, observation: Observation) -> Result<(), Lost> {
         let view = self.views.len();
         self.stamps_nanos.push(observation.stamp_nanos);
-        match self.look(view, &observation) {
+        match self.place_of_frame(view, &observation) {
             Ok(found) => {
-                let place = self.place(view, observation, &found, true);
+                let place = self.take_placed(view, observation, &found, true);
                 self.views.push(Some(place));
                 Ok(())
             }
@@ -122,20 +122,24 @@ impl Tracker {
     }
 
     /// Place of a frame, by the present keyframes; `view` numbers its draws.
-    pub(super) fn look(&self, view: usize, new: &Observation) -> Result<Found, Lost> {
-        let placed = self.follow(view, new).or_else(|why| self.find_again(view, new).ok_or(why));
-        placed.map_err(|why| new.blind().unwrap_or(why))
+    pub(super) fn place_of_frame(&self, view: usize, new: &Observation) -> Result<Found, Lost> {
+        let placed = self.place_by_following(view, new).or_else(|why| self.find_again(view, new).ok_or(why));
+        placed.map_err(|why| new.reason_unplaceable().unwrap_or(why))
     }
 
     /// By the keyframes about where the camera should be.
-    fn follow(&self, view: usize, new: &Observation) -> Result<Found, Lost> {
+    fn place_by_following(&self, view: usize, new: &Observation) -> Result<Found, Lost> {
         let last = self.last.ok_or(Lost::NoGuess)?;
-        let guess = last.ahead(new.stamp_nanos);
+        let guess = last.extrapolated_guess(new.stamp_nanos);
         let mut near = vec![last.keyframe];
         let nearest = self.keyframes.nearest(last.piece, &guess.pose);
         near.extend(nearest.into_iter().filter(|k| *k != last.keyframe).take(NEIGHBORS - 1));
-        let located =
-            locate(&self.known(&near), new, Some(guess), &mut stage_rng(self.seed, "track", view as u64))?;
+        let located = locate_frame(
+            &self.known_frames(&near),
+            new,
+            Some(guess),
+            &mut stage_rng(self.seed, "track", view as u64),
+        )?;
         Ok(Found { piece: last.piece, known: near, located })
     }
 
@@ -150,13 +154,13 @@ impl Tracker {
         let alike = self.keyframes.most_alike(&looked_at, new, NEIGHBORS, &Stop::never()).ok()?;
         let (numbers, known): (Vec<usize>, Vec<Known<'_>>) = alike.into_iter().unzip();
         let mut rng = stage_rng(self.seed, "track/again", view as u64);
-        let located = locate(&known, new, None, &mut rng).ok()?;
+        let located = locate_frame(&known, new, None, &mut rng).ok()?;
         let piece = self.keyframes.all[numbers[0]].piece;
         // Similar ones need not be the nearest.
         let near: Vec<usize> =
             self.keyframes.nearest(piece, &located.pose).into_iter().take(NEIGHBORS).collect();
         let guess = Guess { pose: located.pose, noise: PoseNoise::EXPECTED };
-        match locate(&self.known(&near), new, Some(guess), &mut rng) {
+        match locate_frame(&self.known_frames(&near), new, Some(guess), &mut rng) {
             Ok(better) if better.least_known_m < located.least_known_m => {
                 Some(Found { piece, known: near, located: better })
             }
@@ -164,12 +168,12 @@ impl Tracker {
         }
     }
 
-    fn known(&self, keyframes: &[usize]) -> Vec<Known<'_>> {
+    fn known_frames(&self, keyframes: &[usize]) -> Vec<Known<'_>> {
         keyframes.iter().map(|&k| self.keyframes.all[k].known()).collect()
     }
 
     /// Takes a view at its place. One with new surface becomes a keyframe, if it `may`.
-    pub(super) fn place(&mut self, view: usize, new: Observation, found: &Found, may: bool) -> Place {
+    pub(super) fn take_placed(&mut self, view: usize, new: Observation, found: &Found, may: bool) -> Place {
         let &Found { piece, ref located, .. } = found;
         let pose = located.pose;
         let stamp_nanos = new.stamp_nanos;
@@ -210,7 +214,7 @@ impl Tracker {
 
 impl Last {
     /// Where the camera should be at a stamp, if it goes on as it did.
-    fn ahead(&self, stamp_nanos: i64) -> Guess {
+    fn extrapolated_guess(&self, stamp_nanos: i64) -> Guess {
         let seconds = (stamp_nanos - self.stamp_nanos) as f64 * 1e-9;
         let Some(velocity) = self.velocity.filter(|_| seconds <= STEADY_S) else {
             return Guess { pose: self.pose, noise: JITTER };
@@ -219,7 +223,7 @@ impl Last {
         let [shift, turn] = [0, 3].map(|k| Vector3::new(step[k], step[k + 1], step[k + 2]));
         let noise =
             PoseNoise { translation_m: UNSTEADY * shift.norm(), rotation_rad: UNSTEADY * turn.norm() };
-        Guess { pose: self.pose * Pose::new(shift, turn), noise: noise.beside(&JITTER) }
+        Guess { pose: self.pose * Pose::new(shift, turn), noise: noise.of_difference(&JITTER) }
     }
 
     fn velocity_to(&self, stamp_nanos: i64, pose: &Pose) -> Option<nalgebra::Vector6<f64>> {

@@ -19,35 +19,35 @@ pub struct FileLimit {
     pub bytes: u64,
 }
 
-const fn limit(what: &'static str, bytes: u64) -> FileLimit {
+const fn file_limit(what: &'static str, bytes: u64) -> FileLimit {
     FileLimit { what, bytes }
 }
 
 /// Settings; those of all groups with comments have 20 kB.
-pub const CONFIG: FileLimit = limit("a configuration", 1 << 20);
+pub const CONFIG: FileLimit = file_limit("a configuration", 1 << 20);
 /// Parameters of ROS 2 nodes.
-pub const PARAMETERS: FileLimit = limit("a parameter file", 1 << 20);
+pub const PARAMETERS: FileLimit = file_limit("a parameter file", 1 << 20);
 /// Of a rosbag2 folder; a bag of 10,000 files has 800 kB.
-pub const METADATA: FileLimit = limit("a metadata.yaml", 4 << 20);
+pub const METADATA: FileLimit = file_limit("a metadata.yaml", 4 << 20);
 /// A URDF; 10,000 links have 5 MB.
-pub const URDF: FileLimit = limit("a URDF", 16 << 20);
+pub const URDF: FileLimit = file_limit("a URDF", 16 << 20);
 /// An SDF beside a twin.
-pub const SDF: FileLimit = limit("an SDF", 16 << 20);
+pub const SDF: FileLimit = file_limit("an SDF", 16 << 20);
 /// A USD layer in text, with its meshes.
-pub const USD: FileLimit = limit("a USD layer", 1 << 30);
+pub const USD: FileLimit = file_limit("a USD layer", 1 << 30);
 /// A mesh of 20 million elements.
-pub const MESH: FileLimit = limit("a mesh", 1 << 30);
+pub const MESH: FileLimit = file_limit("a mesh", 1 << 30);
 /// All files of a checked folder.
-pub const MODEL_FOLDER: FileLimit = limit("a model folder", 1 << 30);
+pub const MODEL_FOLDER: FileLimit = file_limit("a model folder", 1 << 30);
 /// An array of numbers.
-pub const NPY: FileLimit = limit("a NumPy array", 1 << 30);
+pub const NPY: FileLimit = file_limit("a NumPy array", 1 << 30);
 /// A text, image or archive of a dataset folder; 100,000 frames are listed in 40 MB, an image of 8192 x 8192
 /// has at most 200 MB.
-pub const DATASET: FileLimit = limit("a file of a dataset", 256 << 20);
+pub const DATASET: FileLimit = file_limit("a file of a dataset", 256 << 20);
 /// Truth of a recording.
-pub const TRUTH: FileLimit = limit("a truth.json", 16 << 20);
+pub const TRUTH: FileLimit = file_limit("a truth.json", 16 << 20);
 /// Report of a run, with its series.
-pub const REPORT: FileLimit = limit("a report", 256 << 20);
+pub const REPORT: FileLimit = file_limit("a report", 256 << 20);
 
 /// Elements within elements of an XML text. Readers go down by recursion: measured, they end the process at
 /// some thousands. URDF and SDF need about ten.

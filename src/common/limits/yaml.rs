@@ -35,11 +35,11 @@ pub enum YamlError {
 /// # Errors
 /// [`YamlError`].
 pub fn parse_yaml<T: DeserializeOwned>(text: &str) -> Result<T, YamlError> {
-    check(text)?;
+    check_yaml(text)?;
     Ok(serde_norway::from_str(text)?)
 }
 
-fn check(text: &str) -> Result<(), YamlError> {
+fn check_yaml(text: &str) -> Result<(), YamlError> {
     let mut scanner = Scanner::new(text);
     let mut depth = 0usize;
     for _ in 0..YAML_EVENTS {

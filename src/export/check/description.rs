@@ -206,131 +206,139 @@ impl Description {
         if robot.tag_name().name() != "robot" {
             return Err(UnsoundUrdf::Root(robot.tag_name().name().to_owned()));
         }
-        let count = children(robot, "link").count().max(children(robot, "joint").count());
+        let count = children_of_tag(robot, "link").count().max(children_of_tag(robot, "joint").count());
         // Before links are read: the rules of overlap compare them in pairs.
         if count > LINKS {
             return Err(UnsoundUrdf::Links(count));
         }
-        let mut compilers = children(robot, "mujoco").filter_map(|n| child(n, "compiler"));
+        let mut compilers = children_of_tag(robot, "mujoco").filter_map(|n| child_of_tag(n, "compiler"));
         Ok(Self {
-            name: self::text(robot, "name"),
-            links: children(robot, "link").map(link).collect(),
-            joints: children(robot, "joint").map(joint).collect(),
-            materials: children(robot, "material").map(material).collect(),
+            name: self::attribute_text(robot, "name"),
+            links: children_of_tag(robot, "link").map(link_of_node).collect(),
+            joints: children_of_tag(robot, "joint").map(joint_of_node).collect(),
+            materials: children_of_tag(robot, "material").map(material_of_node).collect(),
             keeps_visuals: compilers.any(|c| c.attribute("discardvisual") == Some("false")),
             bad_numbers: bad_numbers(robot),
         })
     }
 }
 
-fn children<'a>(node: Node<'a, 'a>, tag: &'static str) -> impl Iterator<Item = Node<'a, 'a>> {
+fn children_of_tag<'a>(node: Node<'a, 'a>, tag: &'static str) -> impl Iterator<Item = Node<'a, 'a>> {
     node.children().filter(move |n| n.has_tag_name(tag))
 }
 
-fn child<'a>(node: Node<'a, 'a>, tag: &str) -> Option<Node<'a, 'a>> {
+fn child_of_tag<'a>(node: Node<'a, 'a>, tag: &str) -> Option<Node<'a, 'a>> {
     node.children().find(|n| n.has_tag_name(tag))
 }
 
-fn text(node: Node, attribute: &str) -> String {
+fn attribute_text(node: Node, attribute: &str) -> String {
     node.attribute(attribute).unwrap_or_default().to_owned()
 }
 
 /// The number of a text; NaN for a malformed one.
-fn number(text: &str) -> f64 {
+fn number_of_text(text: &str) -> f64 {
     text.trim().parse().unwrap_or(f64::NAN)
 }
 
 /// Three numbers; NaN where one is missing.
-fn triple(text: &str) -> Vector3<f64> {
+fn vector_of_text(text: &str) -> Vector3<f64> {
     let mut words = text.split_whitespace();
-    Vector3::from_fn(|_, _| words.next().map_or(f64::NAN, number))
+    Vector3::from_fn(|_, _| words.next().map_or(f64::NAN, number_of_text))
 }
 
-fn pose(node: Node) -> Pose {
+fn pose_of_origin(node: Node) -> Pose {
     // As URDF has it, a missing origin is the identity.
-    let origin = child(node, "origin");
-    let [xyz, rpy] =
-        ["xyz", "rpy"].map(|name| origin.and_then(|o| o.attribute(name)).map_or_else(Vector3::zeros, triple));
+    let origin = child_of_tag(node, "origin");
+    let [xyz, rpy] = ["xyz", "rpy"]
+        .map(|name| origin.and_then(|o| o.attribute(name)).map_or_else(Vector3::zeros, vector_of_text));
     Pose::from_parts(Translation3::from(xyz), UnitQuaternion::from_euler_angles(rpy.x, rpy.y, rpy.z))
 }
 
-fn link(node: Node) -> LinkText {
-    let inertial = child(node, "inertial").map(|i| {
-        let mass = child(i, "mass").and_then(|m| m.attribute("value")).map(number);
-        let read = |name: &str| child(i, "inertia").and_then(|t| t.attribute(name)).map(number);
-        InertialText { link_from_inertial: pose(i), mass, inertia: INERTIA.map(read) }
+fn link_of_node(node: Node) -> LinkText {
+    let inertial = child_of_tag(node, "inertial").map(|i| {
+        let mass = child_of_tag(i, "mass").and_then(|m| m.attribute("value")).map(number_of_text);
+        let read =
+            |name: &str| child_of_tag(i, "inertia").and_then(|t| t.attribute(name)).map(number_of_text);
+        InertialText { link_from_inertial: pose_of_origin(i), mass, inertia: INERTIA.map(read) }
     });
     LinkText {
-        name: text(node, "name"),
+        name: attribute_text(node, "name"),
         inertial,
-        visuals: children(node, "visual").map(shape).collect(),
-        collisions: children(node, "collision").map(shape).collect(),
+        visuals: children_of_tag(node, "visual").map(shape_of_node).collect(),
+        collisions: children_of_tag(node, "collision").map(shape_of_node).collect(),
     }
 }
 
-fn shape(node: Node) -> ShapeText {
-    let geometry = child(node, "geometry").and_then(|g| g.children().find(Node::is_element)).map_or(
+fn shape_of_node(node: Node) -> ShapeText {
+    let geometry = child_of_tag(node, "geometry").and_then(|g| g.children().find(Node::is_element)).map_or(
         Geometry::Missing,
         |g| match g.tag_name().name() {
             "mesh" => {
-                let scale = g.attribute("scale").map_or(Vector3::repeat(1.0), triple);
-                Geometry::Mesh { path: text(g, "filename"), scale }
+                let scale = g.attribute("scale").map_or(Vector3::repeat(1.0), vector_of_text);
+                Geometry::Mesh { path: attribute_text(g, "filename"), scale }
             }
-            "box" => Geometry::Cuboid(triple(&text(g, "size"))),
-            "cylinder" => {
-                Geometry::Cylinder { radius: number(&text(g, "radius")), length: number(&text(g, "length")) }
-            }
-            "sphere" => Geometry::Sphere(number(&text(g, "radius"))),
+            "box" => Geometry::Cuboid(vector_of_text(&attribute_text(g, "size"))),
+            "cylinder" => Geometry::Cylinder {
+                radius: number_of_text(&attribute_text(g, "radius")),
+                length: number_of_text(&attribute_text(g, "length")),
+            },
+            "sphere" => Geometry::Sphere(number_of_text(&attribute_text(g, "radius"))),
             other => Geometry::Other(other.to_owned()),
         },
     );
     let name = node.attribute("name").map(str::to_owned);
-    ShapeText { name, link_from_shape: pose(node), geometry, material: child(node, "material").map(material) }
+    ShapeText {
+        name,
+        link_from_shape: pose_of_origin(node),
+        geometry,
+        material: child_of_tag(node, "material").map(material_of_node),
+    }
 }
 
-fn material(node: Node) -> MaterialText {
-    let texture = child(node, "texture").map(|t| text(t, "filename"));
+fn material_of_node(node: Node) -> MaterialText {
+    let texture = child_of_tag(node, "texture").map(|t| attribute_text(t, "filename"));
     MaterialText {
         name: node.attribute("name").filter(|n| !n.is_empty()).map(str::to_owned),
-        is_defined: texture.is_some() || child(node, "color").is_some(),
-        is_blank: child(node, "color").is_some_and(|c| c.attribute("rgba").is_none()),
+        is_defined: texture.is_some() || child_of_tag(node, "color").is_some(),
+        is_blank: child_of_tag(node, "color").is_some_and(|c| c.attribute("rgba").is_none()),
         texture,
     }
 }
 
-fn joint(node: Node) -> JointText {
-    let [parent, child_link] =
-        ["parent", "child"].map(|tag| child(node, tag).map(|n| text(n, "link")).unwrap_or_default());
-    let limit = child(node, "limit").map(|l| LimitText {
-        lower: l.attribute("lower").map(number),
-        upper: l.attribute("upper").map(number),
-        effort: l.attribute("effort").map(number),
-        velocity: l.attribute("velocity").map(number),
+fn joint_of_node(node: Node) -> JointText {
+    let [parent, child_link] = ["parent", "child"]
+        .map(|tag| child_of_tag(node, tag).map(|n| attribute_text(n, "link")).unwrap_or_default());
+    let limit = child_of_tag(node, "limit").map(|l| LimitText {
+        lower: l.attribute("lower").map(number_of_text),
+        upper: l.attribute("upper").map(number_of_text),
+        effort: l.attribute("effort").map(number_of_text),
+        velocity: l.attribute("velocity").map(number_of_text),
     });
-    let dynamics = |name| child(node, "dynamics").and_then(|d| d.attribute(name)).map_or(0.0, number);
+    let dynamics =
+        |name| child_of_tag(node, "dynamics").and_then(|d| d.attribute(name)).map_or(0.0, number_of_text);
     // By the local name, whatever prefix stands for the namespace.
     let thread = node.children().find(|n| n.tag_name().name() == "thread");
     JointText {
-        name: text(node, "name"),
-        kind: text(node, "type"),
+        name: attribute_text(node, "name"),
+        kind: attribute_text(node, "type"),
         parent,
         child: child_link,
-        parent_from_joint: pose(node),
-        axis: child(node, "axis").and_then(|a| a.attribute("xyz")).map(triple),
+        parent_from_joint: pose_of_origin(node),
+        axis: child_of_tag(node, "axis").and_then(|a| a.attribute("xyz")).map(vector_of_text),
         limit,
         damping: dynamics("damping"),
         friction: dynamics("friction"),
-        mimic: child(node, "mimic").map(|m| {
-            let read = |name, default| m.attribute(name).map_or(default, number);
+        mimic: child_of_tag(node, "mimic").map(|m| {
+            let read = |name, default| m.attribute(name).map_or(default, number_of_text);
             Mimic {
-                joint: text(m, "joint"),
+                joint: attribute_text(m, "joint"),
                 multiplier: read("multiplier", 1.0),
                 offset: read("offset", 0.0),
             }
         }),
-        lacks_safety_velocity: child(node, "safety_controller")
+        lacks_safety_velocity: child_of_tag(node, "safety_controller")
             .is_some_and(|s| s.attribute("k_velocity").is_none()),
         threaded: thread.is_some(),
-        pitch_m_per_rad: thread.and_then(|t| t.attribute("pitch_m_per_rad")).map(number),
+        pitch_m_per_rad: thread.and_then(|t| t.attribute("pitch_m_per_rad")).map(number_of_text),
     }
 }

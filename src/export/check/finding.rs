@@ -51,11 +51,17 @@ pub(super) struct Findings<'a> {
 
 impl<'a> Findings<'a> {
     /// No findings yet, of a file.
-    pub(super) fn of(file: &'a str) -> Self {
+    pub(super) fn of_file(file: &'a str) -> Self {
         Self { file, all: Vec::new() }
     }
 
-    pub(super) fn add(&mut self, level: Level, rule: Rule, subject: &str, message: impl Into<String>) {
+    pub(super) fn add_finding(
+        &mut self,
+        level: Level,
+        rule: Rule,
+        subject: &str,
+        message: impl Into<String>,
+    ) {
         if self.all.len() > FINDINGS {
             // An unlisted finding may still be an error.
             return self.all.iter_mut().skip(FINDINGS).for_each(|rest| rest.level = rest.level.min(level));
@@ -75,11 +81,11 @@ impl<'a> Findings<'a> {
         self.all.push(CheckFinding { level, file, rule, subject, message: message.into() });
     }
 
-    pub(super) fn error(&mut self, rule: Rule, subject: &str, message: impl Into<String>) {
-        self.add(Level::Error, rule, subject, message);
+    pub(super) fn add_error(&mut self, rule: Rule, subject: &str, message: impl Into<String>) {
+        self.add_finding(Level::Error, rule, subject, message);
     }
 
-    pub(super) fn warn(&mut self, rule: Rule, subject: &str, message: impl Into<String>) {
-        self.add(Level::Warning, rule, subject, message);
+    pub(super) fn add_warning(&mut self, rule: Rule, subject: &str, message: impl Into<String>) {
+        self.add_finding(Level::Warning, rule, subject, message);
     }
 }

@@ -16,26 +16,26 @@ use model::{impossible_inertia, is_plain_name, principal_moments};
 /// MuJoCo refuses less, kg. chosen: above its bound
 const MIN_MASS_KG: f64 = 1e-6;
 
-pub(super) fn check(description: &Description, welds: &Welds, found: &mut Findings) {
-    names(description, found);
+pub(super) fn check_links(description: &Description, welds: &Welds, found: &mut Findings) {
+    check_names(description, found);
     let links = &description.links;
     if links.is_empty() {
-        found.error(Rule::Tree, "robot", "has no link");
+        found.add_error(Rule::Tree, "robot", "has no link");
     }
-    let is_heavy = welds.any(|link| links[link].inertial.as_ref().is_some_and(is_of_a_body));
+    let is_heavy = welds.bodies_with(|link| links[link].inertial.as_ref().is_some_and(is_of_a_body));
     for (l, link) in links.iter().enumerate() {
         // A link without motion, or fixed to a body with a mass, loads all the same.
-        let level = if welds.moves(l) && !is_heavy[l] { Level::Error } else { Level::Warning };
+        let level = if welds.is_moving(l) && !is_heavy[l] { Level::Error } else { Level::Warning };
         // A link without shapes and without a motion of its own is a mere frame.
         let bare = link.visuals.is_empty() && link.collisions.is_empty();
         match &link.inertial {
             None if level == Level::Error || !bare => {
                 let message =
                     "has no <inertial>: Gazebo drops the link, Drake gives it no mass, PyBullet 1 kg";
-                found.add(level, Rule::Inertia, &link.name, message);
+                found.add_finding(level, Rule::Inertia, &link.name, message);
             }
             None => {}
-            Some(inertial) => inertia(&link.name, inertial, level, found),
+            Some(inertial) => check_inertia(&link.name, inertial, level, found),
         }
     }
 }
@@ -43,17 +43,17 @@ pub(super) fn check(description: &Description, welds: &Welds, found: &mut Findin
 /// Whether simulators accept it for a moving body.
 fn is_of_a_body(inertial: &InertialText) -> bool {
     inertial.mass.is_some_and(|m| m >= MIN_MASS_KG)
-        && tensor(inertial).is_some_and(|t| principal_moments(&t)[0] > 0.0)
+        && inertia_tensor(inertial).is_some_and(|t| principal_moments(&t)[0] > 0.0)
 }
 
-fn names(description: &Description, found: &mut Findings) {
+fn check_names(description: &Description, found: &mut Findings) {
     let links: BTreeSet<&str> = description.links.iter().map(|l| l.name.as_str()).collect();
     let joints: BTreeSet<&str> = description.joints.iter().map(|j| j.name.as_str()).collect();
     for name in links.union(&joints) {
         if name.is_empty() {
-            found.error(Rule::Name, "robot", "has a link or a joint without a name");
+            found.add_error(Rule::Name, "robot", "has a link or a joint without a name");
         } else if !is_plain_name(name) {
-            found.warn(
+            found.add_warning(
                 Rule::Name,
                 name,
                 "is no name for USD, whose importers change it; use letters, digits and _, a letter first",
@@ -61,13 +61,13 @@ fn names(description: &Description, found: &mut Findings) {
         }
     }
     for name in links.intersection(&joints) {
-        found.error(Rule::Name, name, "names both a link and a joint; USD and MJCF need one name each");
+        found.add_error(Rule::Name, name, "names both a link and a joint; USD and MJCF need one name each");
     }
 }
 
 /// Reports faults of a possible inertia in importers.
-fn inertia(link: &str, inertial: &InertialText, level: Level, found: &mut Findings) {
-    let mut add = |message: String| found.add(level, Rule::Inertia, link, message);
+fn check_inertia(link: &str, inertial: &InertialText, level: Level, found: &mut Findings) {
+    let mut add = |message: String| found.add_finding(level, Rule::Inertia, link, message);
     match inertial.mass {
         None => add("the <inertial> has no mass: MuJoCo refuses the model".to_owned()),
         Some(mass) if (0.0..MIN_MASS_KG).contains(&mass) => {
@@ -75,7 +75,7 @@ fn inertia(link: &str, inertial: &InertialText, level: Level, found: &mut Findin
         }
         Some(_) => {}
     }
-    match tensor(inertial) {
+    match inertia_tensor(inertial) {
         None if inertial.inertia.contains(&None) => {
             add("the inertia lacks an element: MuJoCo refuses the model".to_owned());
         }
@@ -91,16 +91,18 @@ fn inertia(link: &str, inertial: &InertialText, level: Level, found: &mut Findin
 }
 
 /// Reports inertias impossible for any body.
-pub(super) fn sound(description: &Description, found: &mut Findings) {
+pub(super) fn check_possible_inertias(description: &Description, found: &mut Findings) {
     for link in &description.links {
-        if let Some(why) = link.inertial.as_ref().and_then(tensor).and_then(|t| impossible_inertia(&t)) {
-            found.error(Rule::Inertia, &link.name, why);
+        if let Some(why) =
+            link.inertial.as_ref().and_then(inertia_tensor).and_then(|t| impossible_inertia(&t))
+        {
+            found.add_error(Rule::Inertia, &link.name, why);
         }
     }
 }
 
 /// The inertia tensor, kg m^2; `None` if a number is missing.
-fn tensor(inertial: &InertialText) -> Option<Matrix3<f64>> {
+fn inertia_tensor(inertial: &InertialText) -> Option<Matrix3<f64>> {
     let [xx, xy, xz, yy, yz, zz] = inertial.inertia;
     let xx = xx?;
     let xy = xy?;

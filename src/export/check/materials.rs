@@ -5,15 +5,15 @@ use std::collections::BTreeSet;
 use super::{
     description::{Description, LinkText, MaterialText},
     finding::{Findings, Folder},
-    paths::inside,
+    paths::path_in_folder,
     places::unique_places,
     rule::Rule,
 };
 
-pub(super) fn check(description: &Description, folder: &Folder, urdf: &str, found: &mut Findings) {
+pub(super) fn check_materials(description: &Description, folder: &Folder, urdf: &str, found: &mut Findings) {
     let shared = &description.materials;
     if shared.iter().any(|m| m.name.is_none()) {
-        found.error(Rule::Name, "robot", "has a <material> without a name: urdfdom refuses the model");
+        found.add_error(Rule::Name, "robot", "has a <material> without a name: urdfdom refuses the model");
     }
     unique_places("materials", shared.iter().filter_map(|m| m.name.as_deref()), found);
     let mut of_links: Vec<(&LinkText, &MaterialText)> = Vec::new();
@@ -26,23 +26,23 @@ pub(super) fn check(description: &Description, folder: &Folder, urdf: &str, foun
         all.iter().filter(|m| m.is_defined).filter_map(|m| m.name.as_ref()).collect();
     for material in all.iter().filter(|m| m.is_blank) {
         let name = material.name.as_deref().unwrap_or("robot");
-        found.warn(Rule::Color, name, "has a <color> without rgba: MuJoCo refuses the model");
+        found.add_warning(Rule::Color, name, "has a <color> without rgba: MuJoCo refuses the model");
     }
     for (link, material) in of_links.iter().filter(|(_, m)| !m.is_defined) {
         match &material.name {
             Some(name) if !defined.contains(name) => {
                 let message = format!("has the material '{name}', which is not there: it has no color");
-                found.warn(Rule::Texture, &link.name, message);
+                found.add_warning(Rule::Texture, &link.name, message);
             }
             _ => {}
         }
     }
     let textures: BTreeSet<&String> = all.iter().filter_map(|m| m.texture.as_ref()).collect();
     for texture in textures {
-        match inside(texture, urdf) {
-            Err(why) => found.warn(Rule::Texture, texture, format!("the texture {why}")),
+        match path_in_folder(texture, urdf) {
+            Err(why) => found.add_warning(Rule::Texture, texture, format!("the texture {why}")),
             Ok(file) if !folder.contains_key(&file) => {
-                found.warn(Rule::Texture, texture, "the texture is missing");
+                found.add_warning(Rule::Texture, texture, "the texture is missing");
             }
             Ok(_) => {}
         }

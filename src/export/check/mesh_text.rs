@@ -22,14 +22,14 @@ pub(super) struct MeshText {
 
 impl MeshText {
     /// Reads OBJ text; a malformed number becomes NaN.
-    pub(super) fn obj(text: &str) -> Self {
+    pub(super) fn of_obj(text: &str) -> Self {
         let mut mesh = Self::default();
         let mut highest = 0i64;
         for line in text.lines() {
             let mut words = line.split_whitespace();
             match words.next() {
                 Some("v") => {
-                    let values: Vec<f64> = words.map(number).collect();
+                    let values: Vec<f64> = words.map(number_of_word).collect();
                     let place = [0, 1, 2].map(|k| values.get(k).copied().unwrap_or(f64::NAN));
                     mesh.points.push(Point3::from(place));
                     mesh.bad_number |= values.iter().skip(3).any(|x| !x.is_finite());
@@ -38,10 +38,10 @@ impl MeshText {
                 }
                 Some("vn") => {
                     mesh.normals += 1;
-                    mesh.bad_number |= words.map(number).any(|x| !x.is_finite());
+                    mesh.bad_number |= words.map(number_of_word).any(|x| !x.is_finite());
                 }
                 Some("vt") => {
-                    for uv in words.take(2).map(number) {
+                    for uv in words.take(2).map(number_of_word) {
                         mesh.bad_number |= !uv.is_finite();
                         let [lo, hi] = mesh.uv_range.unwrap_or([uv; 2]);
                         mesh.uv_range = Some([lo.min(uv), hi.max(uv)]);
@@ -73,7 +73,7 @@ impl MeshText {
     }
 
     /// Reads STL, binary or text; `None` where it is cut short.
-    pub(super) fn stl(bytes: &[u8]) -> Option<Self> {
+    pub(super) fn of_stl(bytes: &[u8]) -> Option<Self> {
         let mut mesh = Self::default();
         let count = bytes.get(80..84).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
         // Distinguished by the length: a binary file's header may also begin with "solid".
@@ -92,7 +92,7 @@ impl MeshText {
         for line in text.lines() {
             let mut words = line.split_whitespace();
             if words.next() == Some("vertex") {
-                let at: Vec<f64> = words.map(number).collect();
+                let at: Vec<f64> = words.map(number_of_word).collect();
                 mesh.points.push(Point3::new(*at.first()?, *at.get(1)?, *at.get(2)?));
             }
         }
@@ -102,7 +102,7 @@ impl MeshText {
     }
 }
 
-fn number(word: &str) -> f64 {
+fn number_of_word(word: &str) -> f64 {
     word.parse().unwrap_or(f64::NAN)
 }
 

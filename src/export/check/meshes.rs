@@ -10,11 +10,11 @@ use super::{
     finding::{Findings, Folder, Level},
     mesh_text::{MaterialFile, MeshText},
     numbers::is_number,
-    paths::inside,
+    paths::path_in_folder,
     rule::Rule,
 };
 use common::limits::{NAMED_MESHES, SHAPES};
-use surface::{ConvexSolid, SolidFit, TriangleMesh, convex_hull, merge};
+use surface::{ConvexSolid, SolidFit, TriangleMesh, convex_hull, merged_mesh};
 
 /// Most faces of an STL for MuJoCo.
 const MAX_STL_FACES: usize = 200_000;
@@ -26,7 +26,7 @@ const MIN_VOLUME_M3: f64 = 1e-9;
 const DIRECTIONS: usize = 200;
 
 /// Solids of every link, in the link frame.
-pub(super) fn check(
+pub(super) fn checked_solids(
     description: &Description,
     folder: &Folder,
     urdf: &str,
@@ -44,11 +44,11 @@ pub(super) fn check(
         for shape in &link.visuals {
             let mesh = mesh_of(shape, folder, urdf, visuals, &mut basenames, found);
             if let Some((path, mesh)) = &mesh {
-                looks(path, mesh, shape, folder, found);
+                check_appearance(path, mesh, shape, folder, found);
             }
             // A surface known in part is no evidence on the solids.
             let placed = mesh.and_then(|(_, mesh)| placed(&mesh, shape));
-            visual = visual.zip(placed).map(|(all, mesh)| merge(&[&all, &mesh]));
+            visual = visual.zip(placed).map(|(all, mesh)| merged_mesh(&[&all, &mesh]));
         }
         let mut own = Vec::new();
         for shape in &link.collisions {
@@ -67,7 +67,7 @@ pub(super) fn check(
                     let solid = hull(&points)
                         .filter(|h| h.thickness_m() >= MIN_THICKNESS_M && h.volume_m3() >= MIN_VOLUME_M3);
                     if solid.is_none() {
-                        found.error(
+                        found.add_error(
                             Rule::Mesh,
                             &file,
                             "its corners lie in a plane or nearly so: MuJoCo \
@@ -88,11 +88,14 @@ pub(super) fn check(
         seen.push(visual);
         solids.push(own);
     }
-    let fits: Vec<Option<SolidFit>> =
-        seen.par_iter().zip(&solids).map(|(visual, own)| SolidFit::of(visual.as_ref()?, own)).collect();
+    let fits: Vec<Option<SolidFit>> = seen
+        .par_iter()
+        .zip(&solids)
+        .map(|(visual, own)| SolidFit::of_solids(visual.as_ref()?, own))
+        .collect();
     for (link, fit) in description.links.iter().zip(fits) {
         if let Some(fit) = fit.filter(|fit| !fit.is_sound()) {
-            found.warn(Rule::Fit, &link.name, format!("the collision shapes {fit}"));
+            found.add_warning(Rule::Fit, &link.name, format!("the collision shapes {fit}"));
         }
     }
     solids
@@ -120,7 +123,7 @@ fn affordable(description: &Description, folder: &Folder, urdf: &str, found: &mu
     let mut all = 0u64;
     for shape in shapes {
         if let Geometry::Mesh { path, .. } = &shape.geometry {
-            let bytes = inside(path, urdf).ok().and_then(|file| folder.get(&file));
+            let bytes = path_in_folder(path, urdf).ok().and_then(|file| folder.get(&file));
             all += bytes.map_or(0, |b| b.len() as u64);
         }
     }
@@ -134,7 +137,7 @@ fn affordable(description: &Description, folder: &Folder, urdf: &str, found: &mu
     } else {
         return true;
     };
-    found.error(Rule::Mesh, "robot", problem);
+    found.add_error(Rule::Mesh, "robot", problem);
     false
 }
 
@@ -213,7 +216,7 @@ fn mesh_of(
     let Geometry::Mesh { path, .. } = &shape.geometry else { return None };
     let file = resolve(path, urdf, of, found)?;
     let Some(bytes) = folder.get(&file) else {
-        found.add(
+        found.add_finding(
             of.lost,
             Rule::Path,
             path,
@@ -224,7 +227,7 @@ fn mesh_of(
     let name = file.rsplit('/').next().unwrap_or_default().to_ascii_lowercase();
     let first = basenames.entry(name.clone()).or_insert_with(|| file.clone());
     if *first != file {
-        found.error(
+        found.add_error(
             Rule::Name,
             &file,
             format!(
@@ -234,10 +237,10 @@ fn mesh_of(
     }
     let extension = name.rsplit('.').next().unwrap_or_default().to_owned();
     let mesh = match extension.as_str() {
-        "obj" => MeshText::obj(&String::from_utf8_lossy(bytes)),
+        "obj" => MeshText::of_obj(&String::from_utf8_lossy(bytes)),
         "stl" => stl(path, &file, bytes, of, found)?,
         "dae" => {
-            found.add(
+            found.add_finding(
                 of.lost,
                 Rule::Format,
                 path,
@@ -247,7 +250,7 @@ fn mesh_of(
         }
         // PyBullet refuses a whole model for one GLB or PLY.
         other => {
-            found.error(
+            found.add_error(
                 Rule::Format,
                 path,
                 format!("'.{other}' is refused or dropped by MuJoCo, PyBullet or Drake; use OBJ"),
@@ -255,19 +258,19 @@ fn mesh_of(
             return None;
         }
     };
-    health(&file, &mesh, extension == "stl", of, found).then_some((file, mesh))
+    is_healthy(&file, &mesh, extension == "stl", of, found).then_some((file, mesh))
 }
 
 /// The mesh of an STL file.
 fn stl(path: &str, file: &str, bytes: &[u8], of: Use, found: &mut Findings) -> Option<MeshText> {
     if of.visual {
-        found.warn(Rule::Format, path, "an STL has no colors, and Drake draws none; use OBJ");
+        found.add_warning(Rule::Format, path, "an STL has no colors, and Drake draws none; use OBJ");
     } else {
-        found.error(Rule::Format, path, "Drake refuses STL for collision; use OBJ");
+        found.add_error(Rule::Format, path, "Drake refuses STL for collision; use OBJ");
     }
-    let mesh = MeshText::stl(bytes);
+    let mesh = MeshText::of_stl(bytes);
     if mesh.is_none() {
-        found.error(Rule::Mesh, file, "is no whole STL, neither binary nor text");
+        found.add_error(Rule::Mesh, file, "is no whole STL, neither binary nor text");
     }
     mesh
 }
@@ -275,32 +278,36 @@ fn stl(path: &str, file: &str, bytes: &[u8], of: Use, found: &mut Findings) -> O
 /// The path of a mesh in the folder; `None`, with a finding, where it is none.
 fn resolve(path: &str, urdf: &str, of: Use, found: &mut Findings) -> Option<String> {
     if path.starts_with("package://") && !urdf.ends_with(".ros.urdf") {
-        found.add(
+        found.add_finding(
             of.lost,
             Rule::Path,
             path,
             "package:// fails in MuJoCo and loses all shapes in Newton; use a relative path",
         );
     }
-    inside(path, urdf).map_err(|why| found.add(of.lost, Rule::Path, path, why)).ok()
+    path_in_folder(path, urdf).map_err(|why| found.add_finding(of.lost, Rule::Path, path, why)).ok()
 }
 
-fn health(file: &str, mesh: &MeshText, stl: bool, of: Use, found: &mut Findings) -> bool {
+fn is_healthy(file: &str, mesh: &MeshText, stl: bool, of: Use, found: &mut Findings) -> bool {
     let before = found.all.len();
     if mesh.faces == 0 {
-        found.add(of.lost, Rule::Mesh, file, "has no face");
+        found.add_finding(of.lost, Rule::Mesh, file, "has no face");
     }
     if mesh.points.iter().any(|p| !p.iter().all(|x| is_number(*x))) {
-        found.error(Rule::Mesh, file, "has a vertex that is no finite point");
+        found.add_error(Rule::Mesh, file, "has a vertex that is no finite point");
     }
     if mesh.bad_number {
-        found.error(Rule::Mesh, file, "has a color, normal or texture coordinate that is no finite number");
+        found.add_error(
+            Rule::Mesh,
+            file,
+            "has a color, normal or texture coordinate that is no finite number",
+        );
     }
     if mesh.bad_index {
-        found.error(Rule::Mesh, file, "has a face that names a vertex which is not there");
+        found.add_error(Rule::Mesh, file, "has a face that names a vertex which is not there");
     }
     if stl && mesh.faces > MAX_STL_FACES {
-        found.error(
+        found.add_error(
             Rule::Mesh,
             file,
             format!("has {} faces; MuJoCo reads {MAX_STL_FACES} of an STL", mesh.faces),
@@ -311,53 +318,53 @@ fn health(file: &str, mesh: &MeshText, stl: bool, of: Use, found: &mut Findings)
     let extent = (hi - lo).amax();
     let healthy = found.all.len() == before;
     if healthy && extent > 20.0 {
-        found.warn(Rule::Mesh, file, format!("is {extent:.1} m long: are these millimeters?"));
+        found.add_warning(Rule::Mesh, file, format!("is {extent:.1} m long: are these millimeters?"));
     }
     healthy
 }
 
 /// Rules of a visual mesh: normals, material, texture.
-fn looks(file: &str, mesh: &MeshText, shape: &ShapeText, folder: &Folder, found: &mut Findings) {
+fn check_appearance(file: &str, mesh: &MeshText, shape: &ShapeText, folder: &Folder, found: &mut Findings) {
     // Of these formats an OBJ alone has materials.
     if !file.to_ascii_lowercase().ends_with(".obj") {
         return;
     }
     if mesh.normals == 0 {
-        found.error(Rule::Mesh, file, "has no normals: Drake's renderer fails");
+        found.add_error(Rule::Mesh, file, "has no normals: Drake's renderer fails");
     }
     if mesh.vertex_colors {
-        found.warn(
+        found.add_warning(
             Rule::Texture,
             file,
             "has vertex colors: most importers drop them, Newton splits the mesh; bake a texture",
         );
     }
     // Names in an OBJ and in its material file are relative to their folder.
-    let beside = |name: &str| inside(name, file).ok().and_then(|path| folder.get(&path));
+    let beside = |name: &str| path_in_folder(name, file).ok().and_then(|path| folder.get(&path));
     let Some(material_file) = &mesh.material_file else { return };
     let Some(bytes) = beside(material_file) else {
-        found.error(Rule::Texture, file, format!("its material file {material_file} is missing"));
+        found.add_error(Rule::Texture, file, format!("its material file {material_file} is missing"));
         return;
     };
     let material = MaterialFile::parse(&String::from_utf8_lossy(bytes));
     if material.materials != 1 {
-        found.warn(
+        found.add_warning(
             Rule::Texture,
             file,
             format!("has {} materials; one loads everywhere", material.materials),
         );
     }
     if material.black && !material.textures.is_empty() {
-        found.error(Rule::Texture, file, "Kd 0 0 0 turns the texture black; write Kd 1 1 1");
+        found.add_error(Rule::Texture, file, "Kd 0 0 0 turns the texture black; write Kd 1 1 1");
     }
     for texture in &material.textures {
         match beside(texture) {
-            None => found.error(Rule::Texture, file, format!("the texture {texture} is missing")),
+            None => found.add_error(Rule::Texture, file, format!("the texture {texture} is missing")),
             Some(bytes)
                 if !bytes.starts_with(b"\x89PNG\r\n\x1a\n")
                     || !texture.to_ascii_lowercase().ends_with(".png") =>
             {
-                found.error(Rule::Texture, file, format!("{texture} is no PNG; MuJoCo refuses others"));
+                found.add_error(Rule::Texture, file, format!("{texture} is no PNG; MuJoCo refuses others"));
             }
             Some(_) => {}
         }
@@ -365,14 +372,14 @@ fn looks(file: &str, mesh: &MeshText, shape: &ShapeText, folder: &Folder, found:
     if !material.textures.is_empty() {
         // Some slack for coordinates with few digits.
         if mesh.uv_range.is_none_or(|[lo, hi]| !(lo >= -1e-4 && hi <= 1.0001)) {
-            found.warn(
+            found.add_warning(
                 Rule::Texture,
                 file,
                 "texture coordinates are missing or leave [0, 1]: Drake smears the texture",
             );
         }
         if shape.material.is_some() {
-            found.warn(
+            found.add_warning(
                 Rule::Texture,
                 file,
                 "a <material> in the URDF replaces the texture in Newton; leave it out",

@@ -40,8 +40,8 @@ pub fn check_folder(folder: &Folder) -> Vec<CheckFinding> {
     let mut all = Vec::new();
     let urdfs: Vec<&String> = folder.keys().filter(|p| p.ends_with(".urdf")).collect();
     if urdfs.is_empty() {
-        let mut found = Findings::of(".");
-        found.error(Rule::File, ".", "the folder holds no .urdf file");
+        let mut found = Findings::of_file(".");
+        found.add_error(Rule::File, ".", "the folder holds no .urdf file");
         return found.all;
     }
     for path in urdfs {
@@ -53,49 +53,49 @@ pub fn check_folder(folder: &Folder) -> Vec<CheckFinding> {
 }
 
 fn check_urdf(folder: &Folder, path: &str) -> Vec<CheckFinding> {
-    let mut found = Findings::of(path);
+    let mut found = Findings::of_file(path);
     // Bytes outside UTF-8 are replaced: the rules then report the text.
     let text = folder.get(path).map(|b| String::from_utf8_lossy(b).into_owned()).unwrap_or_default();
     let declared = with_declaration(&text);
     if matches!(declared, Cow::Owned(_)) {
-        found.warn(Rule::Xml, path, "its <?xml ...?> has no version: readers of XML refuse the file");
+        found.add_warning(Rule::Xml, path, "its <?xml ...?> has no version: readers of XML refuse the file");
     }
     let description = match Description::parse(&declared) {
         Ok(description) => description,
         Err(problem) => {
-            found.error(Rule::Xml, path, problem.to_string());
+            found.add_error(Rule::Xml, path, problem.to_string());
             return found.all;
         }
     };
-    sound(&description, &mut found);
+    check_soundness(&description, &mut found);
     let is_sound = found.all.is_empty();
-    let welds = Welds::of(&description);
-    links::check(&description, &welds, &mut found);
-    shapes::check(&description, &mut found);
-    joints::check(&description, &mut found);
-    materials::check(&description, folder, path, &mut found);
-    let solids = meshes::check(&description, folder, path, &mut found);
+    let welds = Welds::of_description(&description);
+    links::check_links(&description, &welds, &mut found);
+    shapes::check_shapes(&description, &mut found);
+    joints::check_joints(&description, &mut found);
+    materials::check_materials(&description, folder, path, &mut found);
+    let solids = meshes::checked_solids(&description, folder, path, &mut found);
     // Positions mean nothing where the tree or a number is broken.
     if is_sound
         && !found.all.iter().any(|f| f.level == Level::Error && [Rule::Limit, Rule::Joint].contains(&f.rule))
     {
-        overlap::check(&description, &solids, &welds, &mut found);
+        overlap::check_overlap(&description, &solids, &welds, &mut found);
     }
     found.all
 }
 
 /// Reports faults for every reader, importer or not: ambiguous names, links without a tree, malformed or
 /// impossible numbers.
-fn sound(description: &Description, found: &mut Findings) {
-    numbers(description, found);
-    tree::check(description, found);
-    links::sound(description, found);
-    joints::sound(description, found);
+fn check_soundness(description: &Description, found: &mut Findings) {
+    check_numbers(description, found);
+    tree::check_tree(description, found);
+    links::check_possible_inertias(description, found);
+    joints::check_joint_limits(description, found);
 }
 
-fn numbers(description: &Description, found: &mut Findings) {
+fn check_numbers(description: &Description, found: &mut Findings) {
     for bad in &description.bad_numbers {
-        found.error(bad.rule, &bad.subject, bad.message.as_str());
+        found.add_error(bad.rule, &bad.subject, bad.message.as_str());
     }
 }
 
@@ -106,8 +106,8 @@ impl Description {
     /// # Errors
     /// [`UnsoundUrdf::Broken`].
     pub fn require_sound(self) -> Result<Self, UnsoundUrdf> {
-        let mut found = Findings::of("");
-        sound(&self, &mut found);
+        let mut found = Findings::of_file("");
+        check_soundness(&self, &mut found);
         self.without(found)
     }
 
@@ -116,8 +116,8 @@ impl Description {
     /// # Errors
     /// [`UnsoundUrdf::Broken`].
     pub fn require_numbers(self) -> Result<Self, UnsoundUrdf> {
-        let mut found = Findings::of("");
-        numbers(&self, &mut found);
+        let mut found = Findings::of_file("");
+        check_numbers(&self, &mut found);
         self.without(found)
     }
 

@@ -1,6 +1,6 @@
 //! Files named by a file of a model folder.
 
-use super::{mesh_text::MaterialFile, paths::inside};
+use super::{mesh_text::MaterialFile, paths::path_in_folder};
 use common::limits::{URDF, parse_xml, with_declaration};
 
 /// Paths in the folder of the files named by a file: meshes and textures of a URDF, the material file of an
@@ -21,7 +21,7 @@ pub fn named_files(path: &str, bytes: &[u8]) -> Vec<String> {
         "mtl" => MaterialFile::parse(&text()).textures,
         _ => Vec::new(),
     };
-    named.iter().filter_map(|name| inside(name, path).ok()).collect()
+    named.iter().filter_map(|name| path_in_folder(name, path).ok()).collect()
 }
 
 #[cfg(test)]

@@ -91,7 +91,7 @@ fn of_element(owner: Node, node: Node) -> Vec<BadNumber> {
             // Nothing reads the axis of a joint without motion, and writers put zeros there.
             let still = ["fixed", "floating"].contains(&owner.attribute("type").unwrap_or_default());
             let range = if *range == Direction && still { Place } else { *range };
-            if let Some(why) = wrong(text, *count, range) {
+            if let Some(why) = number_fault(text, *count, range) {
                 // A finding stays one short line, whatever the file holds.
                 let shown: String = text.chars().take(60).collect();
                 let message = format!("the {attribute} of <{tag}> is '{}'; {why}", shown.escape_debug());
@@ -107,7 +107,7 @@ fn of_element(owner: Node, node: Node) -> Vec<BadNumber> {
 }
 
 /// The fault of a text of `count` numbers, if any.
-fn wrong(text: &str, count: usize, range: Range) -> Option<String> {
+fn number_fault(text: &str, count: usize, range: Range) -> Option<String> {
     // `nan` and `inf` are read as numbers here; the test of finite ones refuses them.
     let numbers: Vec<f64> = text.split_whitespace().map_while(|w| w.parse().ok()).collect();
     let all = |test: fn(f64) -> bool| numbers.iter().all(|x| test(*x));

@@ -34,7 +34,7 @@ struct Work {
 
 impl Work {
     /// Takes a part; `None`, and nothing from then on, where too little is left.
-    fn take(&mut self, pairs: u64, products: u64) -> Option<()> {
+    fn take_share(&mut self, pairs: u64, products: u64) -> Option<()> {
         match (self.pairs.checked_sub(pairs), self.products.checked_sub(products)) {
             (Some(pairs), Some(products)) => *self = Self { pairs, products },
             _ => *self = Self { pairs: 0, products: 0 },
@@ -63,7 +63,7 @@ impl<'a> Body<'a> {
     }
 }
 
-pub(super) fn check(
+pub(super) fn check_overlap(
     description: &Description,
     solids: &[Vec<ConvexSolid>],
     welds: &Welds,
@@ -71,7 +71,7 @@ pub(super) fn check(
 ) {
     let mut work = WORK;
     if check_within(description, solids, welds, &mut work, found).is_none() {
-        found.warn(
+        found.add_warning(
             Rule::Overlap,
             "robot",
             "has so many links and solids that lie near each other that only a part of them was looked at; \
@@ -91,12 +91,12 @@ fn check_within(
     let placement = Placement::new(description);
     let bodies: Vec<Body> = solids.iter().map(|s| Body::new(s)).collect();
     let rest: Vec<f64> = description.joints.iter().map(rest_position).collect();
-    let poses = placement.poses(&rest);
+    let poses = placement.poses_of_links(&rest);
     let centers = centers(&bodies, &poses);
     let solid: Vec<usize> = (0..bodies.len()).filter(|&l| !bodies[l].solids.is_empty()).collect();
     // Parent and child as well: MuJoCo does not filter them where the parent is welded to the world.
     for (i, &a) in solid.iter().enumerate() {
-        work.take((solid.len() - i) as u64, 0)?;
+        work.take_share((solid.len() - i) as u64, 0)?;
         for &b in &solid[i + 1..] {
             // No simulator collides a body with itself.
             if apart(&bodies, &centers, a, b) || welds.is_one(a, b) {
@@ -111,7 +111,7 @@ fn check_within(
                      solids",
                     1e3 * depth
                 );
-                found.error(Rule::Overlap, &pair, message);
+                found.add_error(Rule::Overlap, &pair, message);
             }
         }
     }
@@ -157,14 +157,14 @@ fn deepest(a: &Body, pose_a: &Pose, b: &Body, pose_b: &Pose, work: &mut Work) ->
     let a_from_b = pose_a.inverse() * pose_b;
     let mut worst: Option<f64> = None;
     for solid in b.solids {
-        work.take(0, (solid.vertices.len() + a.solids.len()) as u64)?;
+        work.take_share(0, (solid.vertices.len() + a.solids.len()) as u64)?;
         let moved = solid.transformed(&a_from_b);
         let (lo, hi) = moved.bounds();
         for (other, (l, h)) in a.solids.iter().zip(&a.bounds) {
             if (0..3).all(|k| lo[k] <= h[k] && l[k] <= hi[k]) {
                 let products =
                     moved.faces.len() * other.vertices.len() + other.faces.len() * moved.vertices.len();
-                work.take(0, products as u64)?;
+                work.take_share(0, products as u64)?;
                 worst = worst.into_iter().chain(moved.penetration_m(other)).max_by(f64::total_cmp);
             }
         }
@@ -186,21 +186,21 @@ struct Swept<'a> {
 /// joint before others. `None` if the work is too much.
 fn sweep(swept: &Swept, j: usize, joint: &JointText, work: &mut Work, found: &mut Findings) -> Option<()> {
     let Swept { description, placement, bodies, carrying, rest } = swept;
-    let (Some([lower, upper]), Some(_)) = (interval(joint), placement.child(j)) else { return Some(()) };
+    let (Some([lower, upper]), Some(_)) = (interval(joint), placement.child_link(j)) else { return Some(()) };
     // A mimic moves with its leader, and so do all links below both.
     let followers = (0..description.joints.len()).filter(|&f| placement.leader[f] == Some(j));
     let carried: Vec<usize> =
-        followers.filter_map(|f| placement.child(f)).chain(placement.child(j)).collect();
+        followers.filter_map(|f| placement.child_link(f)).chain(placement.child_link(j)).collect();
     let moved = placement.hanging_on(&carried);
     let (moving, resting): (Vec<usize>, Vec<usize>) =
         (0..bodies.len()).filter(|&l| !bodies[l].solids.is_empty()).partition(|&l| moved[l]);
-    work.take(((STEPS + 1) * (POSE * bodies.len() + moving.len() * resting.len())) as u64, 0)?;
+    work.take_share(((STEPS + 1) * (POSE * bodies.len() + moving.len() * resting.len())) as u64, 0)?;
     let mut worst: Option<(bool, f64, f64, usize)> = None;
     for k in 0..=STEPS {
         let q = lower + (upper - lower) * k as f64 / STEPS as f64;
         let mut positions = rest.to_vec();
         positions[j] = q;
-        let poses = placement.poses(&positions);
+        let poses = placement.poses_of_links(&positions);
         let centers = centers(bodies, &poses);
         for &a in &moving {
             for &b in resting.iter().filter(|&&b| !apart(bodies, &centers, a, b)) {
@@ -221,7 +221,7 @@ fn sweep(swept: &Swept, j: usize, joint: &JointText, work: &mut Work, found: &mu
                 "a screw without its advance: at position {q:.4} it drives {:.2} mm into {other}",
                 1e3 * depth
             );
-            found.warn(
+            found.add_warning(
                 Rule::Sweep,
                 &joint.name,
                 format!("{advance}; a slide and a turn that mimics it would hold both"),
@@ -229,9 +229,9 @@ fn sweep(swept: &Swept, j: usize, joint: &JointText, work: &mut Work, found: &mu
         // Another link may truly stand in the way, as a closed door before a drawer, or the frame of a
         // folding door.
         } else if carries {
-            found.error(Rule::Sweep, &joint.name, message);
+            found.add_error(Rule::Sweep, &joint.name, message);
         } else {
-            found.warn(Rule::Sweep, &joint.name, message);
+            found.add_warning(Rule::Sweep, &joint.name, message);
         }
     }
     Some(())
@@ -266,8 +266,8 @@ mod tests {
         let begun = std::time::Instant::now();
         for (links, apart, errors) in [(40, 0.2, 0), (4_000, 0.2, 0), (3_000, 0.0, 1_000)] {
             let (description, solids) = chain(links, apart);
-            let mut found = Findings::of("");
-            check(&description, &solids, &Welds::of(&description), &mut found);
+            let mut found = Findings::of_file("");
+            check_overlap(&description, &solids, &Welds::of_description(&description), &mut found);
             let words = ["only a part of them", "further ones are not listed"];
             let partly = found.all.iter().any(|f| words.iter().any(|w| f.message.contains(w)));
             assert_eq!(partly, links > 40, "{links}");

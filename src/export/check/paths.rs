@@ -2,7 +2,7 @@
 
 /// The path in the folder of the file `named` by the file `by`, or the reason for having none there. A
 /// package is the folder of the naming file.
-pub(super) fn inside(named: &str, by: &str) -> Result<String, &'static str> {
+pub(super) fn path_in_folder(named: &str, by: &str) -> Result<String, &'static str> {
     let relative = if let Some(rest) = named.strip_prefix("package://") {
         rest.split_once('/').map_or("", |(_, path)| path)
     } else if named.contains("://")
@@ -42,7 +42,7 @@ mod tests {
             ("../meshes//a.obj", "urdf/x.urdf", "meshes/a.obj"),
             ("package://robot/meshes/a.obj", "x.urdf", "meshes/a.obj"),
         ] {
-            assert_eq!(inside(named, by).as_deref(), Ok(path));
+            assert_eq!(path_in_folder(named, by).as_deref(), Ok(path));
         }
         for (named, words) in [
             ("", "no file"),
@@ -54,7 +54,7 @@ mod tests {
             ("C:/a.obj", "not relative"),
             ("meshes\\a.obj", "not relative"),
         ] {
-            assert!(inside(named, "x.urdf").unwrap_err().contains(words), "{named}");
+            assert!(path_in_folder(named, "x.urdf").unwrap_err().contains(words), "{named}");
         }
     }
 }

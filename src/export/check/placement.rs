@@ -5,7 +5,7 @@ use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
 use super::{
     description::{Description, JointText},
-    places::places,
+    places::first_places,
 };
 use geometry::Pose;
 
@@ -25,9 +25,9 @@ pub(super) struct Placement<'a> {
 
 impl<'a> Placement<'a> {
     pub(super) fn new(description: &'a Description) -> Self {
-        let links = places(description.links.iter().map(|l| l.name.as_str()));
-        let joints = places(description.joints.iter().map(|j| j.name.as_str()));
-        let carriers = places(description.joints.iter().map(|j| j.child.as_str()));
+        let links = first_places(description.links.iter().map(|l| l.name.as_str()));
+        let joints = first_places(description.joints.iter().map(|j| j.name.as_str()));
+        let carriers = first_places(description.joints.iter().map(|j| j.child.as_str()));
         let mut leader = Vec::with_capacity(description.joints.len());
         for joint in &description.joints {
             // A joint mimicking itself has no leader here; the rules of the tree report it.
@@ -60,12 +60,12 @@ impl<'a> Placement<'a> {
     }
 
     /// The child link of a joint.
-    pub(super) fn child(&self, joint: usize) -> Option<usize> {
+    pub(super) fn child_link(&self, joint: usize) -> Option<usize> {
         self.children[joint]
     }
 
     /// Poses of all links in the root's frame; followers go with their leader's position.
-    pub(super) fn poses(&self, positions: &[f64]) -> Vec<Pose> {
+    pub(super) fn poses_of_links(&self, positions: &[f64]) -> Vec<Pose> {
         let mut poses = vec![Pose::identity(); self.parent.len()];
         for &link in &self.order {
             let Some(j) = self.carrier[link] else { continue };
@@ -75,7 +75,7 @@ impl<'a> Placement<'a> {
                 _ => positions[j],
             };
             let parent = self.parent[link].map_or_else(Pose::identity, |p| poses[p]);
-            poses[link] = parent * joint.parent_from_joint * step(joint, position);
+            poses[link] = parent * joint.parent_from_joint * joint_motion(joint, position);
         }
         poses
     }
@@ -101,7 +101,7 @@ impl<'a> Placement<'a> {
 }
 
 /// Motion of a joint to a position.
-fn step(joint: &JointText, position: f64) -> Pose {
+fn joint_motion(joint: &JointText, position: f64) -> Pose {
     let axis = joint.axis.unwrap_or_else(Vector3::x).try_normalize(1e-9).unwrap_or_else(Vector3::x);
     match joint.kind.as_str() {
         "prismatic" => Pose::from_parts(Translation3::from(axis * position), UnitQuaternion::identity()),

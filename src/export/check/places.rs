@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::{finding::Findings, rule::Rule};
 
 /// Where each name stands first.
-pub(super) fn places<'a>(names: impl Iterator<Item = &'a str>) -> BTreeMap<&'a str, usize> {
+pub(super) fn first_places<'a>(names: impl Iterator<Item = &'a str>) -> BTreeMap<&'a str, usize> {
     let mut places = BTreeMap::new();
     for (place, name) in names.enumerate() {
         places.entry(name).or_insert(place);
@@ -19,11 +19,11 @@ pub(super) fn unique_places<'a>(
     names: impl Iterator<Item = &'a str> + Clone,
     found: &mut Findings,
 ) -> BTreeMap<&'a str, usize> {
-    let places = places(names.clone());
+    let places = first_places(names.clone());
     let again = names.enumerate().filter(|(place, name)| places.get(name) != Some(place));
     let mut reported = BTreeSet::new();
     for (_, name) in again.filter(|(_, name)| reported.insert(*name)) {
-        found.error(Rule::Name, name, format!("is the name of more than one of the {what}"));
+        found.add_error(Rule::Name, name, format!("is the name of more than one of the {what}"));
     }
     places
 }

@@ -6,18 +6,18 @@ use super::{
     rule::Rule,
 };
 
-pub(super) fn check(description: &Description, found: &mut Findings) {
+pub(super) fn check_shapes(description: &Description, found: &mut Findings) {
     for link in &description.links {
         for (kind, shapes) in [("visual", &link.visuals), ("collision", &link.collisions)] {
             if shapes.iter().any(|s| s.name.is_none()) {
-                found.warn(Rule::Name, &link.name, format!("has a <{kind}> without a name"));
+                found.add_warning(Rule::Name, &link.name, format!("has a <{kind}> without a name"));
             }
-            shapes.iter().for_each(|shape| geometry(&link.name, kind, shape, found));
+            shapes.iter().for_each(|shape| check_geometry(&link.name, kind, shape, found));
         }
     }
 }
 
-fn geometry(link: &str, kind: &str, shape: &ShapeText, found: &mut Findings) {
+fn check_geometry(link: &str, kind: &str, shape: &ShapeText, found: &mut Findings) {
     let why = match &shape.geometry {
         Geometry::Missing => {
             format!("has a <{kind}> without geometry: importers drop it, PyBullet refuses the model")
@@ -27,5 +27,5 @@ fn geometry(link: &str, kind: &str, shape: &ShapeText, found: &mut Findings) {
         }
         _ => return,
     };
-    found.warn(Rule::Geometry, link, why);
+    found.add_warning(Rule::Geometry, link, why);
 }

@@ -363,8 +363,9 @@ fn package_paths_are_for_ros_files_and_large_hulls_are_thinned_out() {
     for k in 0..300 {
         let (s, c) = (f64::from(k) * 0.37).sin_cos();
         let normal = Vector3::new(c, s, (f64::from(k) * 0.11).sin()).normalize();
-        round =
-            round.clipped(&Plane { normal, offset_m: normal.dot(&Vector3::repeat(0.05)) + 0.055 }).unwrap();
+        round = round
+            .clipped_at(&Plane { normal, offset_m: normal.dot(&Vector3::repeat(0.05)) + 0.055 })
+            .unwrap();
     }
     assert!(round.vertices.len() > 250);
     folder.insert("meshes/collision/tray_0.obj".to_owned(), solid_obj(&round, "tray_0").into_bytes());

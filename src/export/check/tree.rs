@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use super::{description::Description, finding::Findings, places::unique_places, rule::Rule};
 
-pub(super) fn check(description: &Description, found: &mut Findings) {
+pub(super) fn check_tree(description: &Description, found: &mut Findings) {
     let links = &description.links;
     let joints = &description.joints;
     let index = unique_places("links", links.iter().map(|l| l.name.as_str()), found);
@@ -14,14 +14,18 @@ pub(super) fn check(description: &Description, found: &mut Findings) {
         let [parent, child] = [&joint.parent, &joint.child].map(|link| {
             let place = index.get(link.as_str()).copied();
             if place.is_none() {
-                found.error(Rule::Tree, &joint.name, format!("names the link '{link}', which is not there"));
+                found.add_error(
+                    Rule::Tree,
+                    &joint.name,
+                    format!("names the link '{link}', which is not there"),
+                );
             }
             place
         });
         if let (Some(parent), Some(child)) = (parent, child)
             && carrier[child].replace(parent).is_some()
         {
-            found.error(Rule::Tree, &joint.child, "is the child of two joints");
+            found.add_error(Rule::Tree, &joint.child, "is the child of two joints");
         }
     }
     let children: BTreeSet<&str> = joints.iter().map(|j| j.child.as_str()).collect();
@@ -29,24 +33,24 @@ pub(super) fn check(description: &Description, found: &mut Findings) {
     let roots: Vec<&str> =
         first.map(|(_, link)| link.name.as_str()).filter(|name| !children.contains(name)).collect();
     if roots.len() != 1 && !links.is_empty() {
-        let named = if roots.is_empty() { String::new() } else { format!(" ({})", shortened(&roots)) };
-        found.error(Rule::Tree, "robot", format!("has {} root links{named}; one is needed", roots.len()));
+        let named = if roots.is_empty() { String::new() } else { format!(" ({})", shortened_list(&roots)) };
+        found.add_error(Rule::Tree, "robot", format!("has {} root links{named}; one is needed", roots.len()));
     }
-    for ring in rings(&carrier) {
+    for ring in graph_rings(&carrier) {
         // From parent to child, beginning as the ring does.
         let from_parent = ring.iter().take(1).chain(ring.iter().skip(1).rev());
         let names: Vec<&str> = from_parent.map(|&l| links[l].name.as_str()).collect();
-        found.error(
+        found.add_error(
             Rule::Tree,
             names[0],
-            format!("is in a loop of joints ({}); no link may carry itself", shortened(&names)),
+            format!("is in a loop of joints ({}); no link may carry itself", shortened_list(&names)),
         );
     }
-    mimics(description, found);
+    check_mimics(description, found);
 }
 
 /// Rules of followers.
-fn mimics(description: &Description, found: &mut Findings) {
+fn check_mimics(description: &Description, found: &mut Findings) {
     let joints = &description.joints;
     let index = unique_places("joints", joints.iter().map(|j| j.name.as_str()), found);
     let mut leader = vec![None; joints.len()];
@@ -54,25 +58,25 @@ fn mimics(description: &Description, found: &mut Findings) {
         let Some(mimic) = &joint.mimic else { continue };
         leader[j] = index.get(mimic.joint.as_str()).copied();
         if leader[j].is_none() {
-            found.error(
+            found.add_error(
                 Rule::Joint,
                 &joint.name,
                 format!("mimics the joint '{}', which is not there", mimic.joint),
             );
         }
     }
-    for ring in rings(&leader) {
+    for ring in graph_rings(&leader) {
         let names: Vec<&str> = ring.iter().map(|&j| joints[j].name.as_str()).collect();
-        found.error(
+        found.add_error(
             Rule::Joint,
             names[0],
-            format!("mimics itself ({}); one joint must lead", shortened(&names)),
+            format!("mimics itself ({}); one joint must lead", shortened_list(&names)),
         );
     }
 }
 
 /// The rings of a graph with one successor a node at most, itself perhaps; each begins at its lowest node.
-fn rings(next: &[Option<usize>]) -> Vec<Vec<usize>> {
+fn graph_rings(next: &[Option<usize>]) -> Vec<Vec<usize>> {
     let mut walk_of: Vec<Option<usize>> = vec![None; next.len()];
     let mut rings = Vec::new();
     for start in 0..next.len() {
@@ -96,7 +100,7 @@ fn rings(next: &[Option<usize>]) -> Vec<Vec<usize>> {
 }
 
 /// Names in a row; of many the first ones.
-fn shortened(names: &[&str]) -> String {
+fn shortened_list(names: &[&str]) -> String {
     /// So many names still read well: a choice.
     const SHOWN: usize = 8;
     let more = if names.len() > SHOWN { ", ..." } else { "" };
@@ -111,11 +115,11 @@ mod tests {
     fn rings_are_found_once_and_what_leads_into_one_is_none() {
         // 0 -> 1 -> 2 -> 1; 3 -> 3; 4 -> 0; 5 -> nothing; 6 -> 5.
         let next = [Some(1), Some(2), Some(1), Some(3), Some(0), None, Some(5)];
-        assert_eq!(rings(&next), [vec![1, 2], vec![3]]);
-        assert!(rings(&[]).is_empty());
+        assert_eq!(graph_rings(&next), [vec![1, 2], vec![3]]);
+        assert!(graph_rings(&[]).is_empty());
         // Long rings and chains need no stack and no more time than their length.
         let count = 300_000;
         let long: Vec<Option<usize>> = (0..count).map(|i| Some((i + 1) % count)).collect();
-        assert_eq!(rings(&long)[0].len(), count);
+        assert_eq!(graph_rings(&long)[0].len(), count);
     }
 }

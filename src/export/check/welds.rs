@@ -1,6 +1,6 @@
 //! Links held together by fixed joints: simulators move them as one body.
 
-use super::{description::Description, places::places};
+use super::{description::Description, places::first_places};
 
 /// The bodies of welded links, and whether they move.
 pub(super) struct Welds {
@@ -11,18 +11,18 @@ pub(super) struct Welds {
 }
 
 impl Welds {
-    pub(super) fn of(description: &Description) -> Self {
-        let links = places(description.links.iter().map(|l| l.name.as_str()));
+    pub(super) fn of_description(description: &Description) -> Self {
+        let links = first_places(description.links.iter().map(|l| l.name.as_str()));
         let mut toward: Vec<usize> = (0..description.links.len()).collect();
         let place = |name: &String| links.get(name.as_str()).copied();
         for joint in description.joints.iter().filter(|j| j.kind == "fixed") {
             if let (Some(parent), Some(child)) = (place(&joint.parent), place(&joint.child)) {
-                let parent = end(&mut toward, parent);
-                let child = end(&mut toward, child);
+                let parent = representative_link(&mut toward, parent);
+                let child = representative_link(&mut toward, child);
                 toward[child] = parent;
             }
         }
-        let body: Vec<usize> = (0..toward.len()).map(|link| end(&mut toward, link)).collect();
+        let body: Vec<usize> = (0..toward.len()).map(|link| representative_link(&mut toward, link)).collect();
         let mut moves = vec![false; body.len()];
         for joint in description.joints.iter().filter(|j| j.kind != "fixed") {
             place(&joint.child).into_iter().for_each(|child| moves[body[child]] = true);
@@ -31,7 +31,7 @@ impl Welds {
     }
 
     /// Whether a joint moves the body of a link. Other bodies stand in the world.
-    pub(super) fn moves(&self, link: usize) -> bool {
+    pub(super) fn is_moving(&self, link: usize) -> bool {
         self.moves[link]
     }
 
@@ -41,7 +41,7 @@ impl Welds {
     }
 
     /// For every link, whether `test` is true for a link of its body.
-    pub(super) fn any(&self, test: impl Fn(usize) -> bool) -> Vec<bool> {
+    pub(super) fn bodies_with(&self, test: impl Fn(usize) -> bool) -> Vec<bool> {
         let mut some = vec![false; self.body.len()];
         (0..self.body.len()).filter(|l| test(*l)).for_each(|link| some[self.body[link]] = true);
         self.body.iter().map(|b| some[*b]).collect()
@@ -49,7 +49,7 @@ impl Welds {
 }
 
 /// The representative of a link; halves the way to it for later calls.
-fn end(toward: &mut [usize], mut link: usize) -> usize {
+fn representative_link(toward: &mut [usize], mut link: usize) -> usize {
     while toward[link] != link {
         toward[link] = toward[toward[link]];
         link = toward[link];
@@ -77,13 +77,15 @@ mod tests {
             joint("4", "fixed", "e", "nowhere"),
         ]
         .concat();
-        let welds = Welds::of(&Description::parse(&format!("<robot>{links}{joints}</robot>")).unwrap());
-        assert_eq!([0, 1, 2, 3, 4].map(|l| welds.moves(l)), [false, false, true, true, false]);
+        let welds =
+            Welds::of_description(&Description::parse(&format!("<robot>{links}{joints}</robot>")).unwrap());
+        assert_eq!([0, 1, 2, 3, 4].map(|l| welds.is_moving(l)), [false, false, true, true, false]);
         assert!(welds.is_one(0, 1) && welds.is_one(2, 3) && !welds.is_one(1, 2) && !welds.is_one(0, 4));
-        assert_eq!(welds.any(|l| l == 3), [false, false, true, true, false]);
+        assert_eq!(welds.bodies_with(|l| l == 3), [false, false, true, true, false]);
         // A ring ends, too.
         let ring = [joint("1", "fixed", "a", "b"), joint("2", "fixed", "b", "a")].concat();
-        let welds = Welds::of(&Description::parse(&format!("<robot>{links}{ring}</robot>")).unwrap());
+        let welds =
+            Welds::of_description(&Description::parse(&format!("<robot>{links}{ring}</robot>")).unwrap());
         assert!(welds.is_one(0, 1));
     }
 }

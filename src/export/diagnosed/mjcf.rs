@@ -140,7 +140,7 @@ impl Writer<'_> {
     /// The joint with its effects.
     fn attributes(&mut self, joint: &TwinJoint) -> Attributes {
         let mut a = Attributes {
-            numbers: JointNumbers::of(joint.damping, joint.friction),
+            numbers: JointNumbers::without_effects(joint.damping, joint.friction),
             more: String::new(),
             parent_from_joint: joint.parent_from_joint,
             actuator: Actuator::default(),

@@ -31,8 +31,8 @@ pub fn joint_numbers(
     catalogue: &Catalogue,
 ) -> Option<JointNumbers> {
     let terms = &held(format, joint).filter(|h| !h.model.terms.is_empty())?.model.terms;
-    let mut numbers = JointNumbers::of(spec.damping, spec.friction);
-    terms.iter().for_each(|t| catalogue[t.effect].write(&t.p, &mut numbers));
+    let mut numbers = JointNumbers::without_effects(spec.damping, spec.friction);
+    terms.iter().for_each(|t| catalogue[t.effect].add_to_numbers(&t.p, &mut numbers));
     Some(numbers)
 }
 
@@ -63,9 +63,9 @@ fn note(
         let parameter = |r: gap::model::effect::Reported| HeldParameter {
             name: r.name.into(),
             value: r.value,
-            unit: r.dimension.unit(joint.turns).into(),
+            unit: r.dimension.unit_name(joint.turns).into(),
         };
-        let parameters = effect.reported(&term.p).into_iter().map(parameter).collect();
+        let parameters = effect.reported_parameters(&term.p).into_iter().map(parameter).collect();
         Held { effect: effect.name().into(), parameters }
     };
     ExportNote {

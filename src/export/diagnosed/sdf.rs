@@ -183,7 +183,7 @@ mod tests {
 
     #[test]
     fn what_changed_is_replaced_and_the_rest_stays() {
-        let mut held = JointNumbers::of(0.5, 0.25);
+        let mut held = JointNumbers::without_effects(0.5, 0.25);
         let text = with_joint(TEXT, "door", &held).unwrap().unwrap();
         let of = |tag| value_of(&text, "door", tag).unwrap();
         assert_eq!(
@@ -206,7 +206,7 @@ mod tests {
 
     #[test]
     fn an_axis_without_them_gets_them_and_a_joint_that_is_not_there_is_told() {
-        let held = JointNumbers::of(0.0, 0.25);
+        let held = JointNumbers::without_effects(0.0, 0.25);
         let text = with_joint(TEXT, "other", &held).unwrap().unwrap();
         assert_eq!(value_of(&text, "other", "friction"), Some(0.25));
         assert_eq!(with_joint(TEXT, "lid", &held), Ok(None));

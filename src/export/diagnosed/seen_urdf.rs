@@ -86,7 +86,7 @@ fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &MotionLaw, edit
     else {
         return;
     };
-    let shift = if law.kind.turns() { law.point.coords } else { Vector3::zeros() };
+    let shift = if law.kind.is_turning() { law.point.coords } else { Vector3::zeros() };
     // A URDF joint's axis passes through the origin of its frame.
     let moved = law.frame * Translation3::from(shift);
     replace_origin(&node, text, &|old| old * moved, edits);
@@ -95,12 +95,15 @@ fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &MotionLaw, edit
     if law.kind.name() != joint.kind.name()
         && let Some(kind) = node.attribute_node("type")
     {
-        let name = if law.kind.turns() { "revolute" } else { "prismatic" };
-        if law.kind.turns() != joint.kind.turns() {
+        let name = if law.kind.is_turning() { "revolute" } else { "prismatic" };
+        if law.kind.is_turning() != joint.kind.is_turning() {
             edits.push((kind.range(), format!("type=\"{name}\"")));
             // The old limits are of the other unit: radians are not meters.
-            let [low, high] =
-                if law.kind.turns() { [-std::f64::consts::PI, std::f64::consts::PI] } else { [-1.0, 1.0] };
+            let [low, high] = if law.kind.is_turning() {
+                [-std::f64::consts::PI, std::f64::consts::PI]
+            } else {
+                [-1.0, 1.0]
+            };
             set_child(
                 &node,
                 text,

@@ -48,7 +48,7 @@ impl Tilt {
 /// less than the twin; `None` where no turn does that.
 #[must_use]
 pub(super) fn tilted(tree: &TwinTree, joint: usize, sine: f64, cosine: f64) -> Option<Pose> {
-    let plant = Plant::of(tree, joint).ok()?;
+    let plant = Plant::of_joint(tree, joint).ok()?;
     let wanted = (plant.load.sine - sine, plant.load.cosine - cosine);
     // The miss is judged against the load, so that light and heavy parts are asked the same.
     let scale = wanted.0.hypot(wanted.1).max(plant.load.amplitude());
@@ -60,7 +60,7 @@ pub(super) fn tilted(tree: &TwinTree, joint: usize, sine: f64, cosine: f64) -> O
             given.translation,
             nalgebra::UnitQuaternion::from_scaled_axis(*turn) * given.rotation,
         );
-        let load = Plant::of(&tree, joint).map(|p| p.load).unwrap_or_default();
+        let load = Plant::of_joint(&tree, joint).map(|p| p.load).unwrap_or_default();
         nalgebra::Vector2::new(wanted.0 - load.sine, wanted.1 - load.cosine)
     };
     for _ in 0..30 {

@@ -191,7 +191,7 @@ mod tests {
             spring: Some(Spring { stiffness: 2.0, cubic: 0.0, rest: 0.3 }),
             armature: 0.01,
             stops: vec![Stop { is_upper: true, position: 0.9, stiffness: 1.0, damping: 1.0, impedance: 0.0 }],
-            ..JointNumbers::of(0.5, 0.25)
+            ..JointNumbers::without_effects(0.5, 0.25)
         };
         let changed = with_joint(&text, &joint.name, true, &held).unwrap();
         let per_rad = 1f64.to_radians();

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::ticks::{labels, ticks};
+use super::ticks::{round_ticks, tick_labels};
 
 /// Most points of a curve: more than a printed page resolves.
 const MAX_POINTS: usize = 1000;
@@ -26,15 +26,15 @@ pub(super) struct Axis {
 
 impl Axis {
     /// An axis over all finite values, and a twentieth more on either side.
-    pub(super) fn over<'a>(label: impl Into<String>, values: impl Iterator<Item = &'a f64>) -> Self {
-        let (low, high) = extent(values);
+    pub(super) fn over_values<'a>(label: impl Into<String>, values: impl Iterator<Item = &'a f64>) -> Self {
+        let (low, high) = finite_extent(values);
         let pad = 0.05 * (high - low);
         Self { label: label.into(), range: (low - pad, high + pad) }
     }
 }
 
 /// Least and largest finite value; a range about zero without any.
-pub(super) fn extent<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
+pub(super) fn finite_extent<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
     let (low, high) = values
         .filter(|v| v.is_finite())
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
@@ -74,12 +74,12 @@ impl Chart {
         Self { title: title.into(), size, x, y, body: String::new(), over: String::new() }
     }
 
-    fn px(&self, x: f64) -> f64 {
+    fn pixel_x(&self, x: f64) -> f64 {
         let (low, high) = self.x.range;
         LEFT + (self.size.0 - LEFT - RIGHT) * (x - low) / (high - low)
     }
 
-    fn py(&self, y: f64) -> f64 {
+    fn pixel_y(&self, y: f64) -> f64 {
         let (low, high) = self.y.range;
         let height = self.size.1 - TOP - BOTTOM;
         // Far outside is outside: a diverging motion stays a short number.
@@ -87,9 +87,9 @@ impl Chart {
     }
 
     /// A shaded part of the horizontal axis.
-    pub(super) fn band(&mut self, from: f64, to: f64, class: &str) {
-        let left = self.px(from);
-        let right = self.px(to);
+    pub(super) fn push_band(&mut self, from: f64, to: f64, class: &str) {
+        let left = self.pixel_x(from);
+        let right = self.pixel_x(to);
         let height = self.size.1 - TOP - BOTTOM;
         writeln!(
             self.body,
@@ -100,9 +100,9 @@ impl Chart {
     }
 
     /// A shaded part of the vertical axis.
-    pub(super) fn level(&mut self, from: f64, to: f64, class: &str) {
-        let top = self.py(to);
-        let bottom = self.py(from);
+    pub(super) fn push_level(&mut self, from: f64, to: f64, class: &str) {
+        let top = self.pixel_y(to);
+        let bottom = self.pixel_y(from);
         writeln!(
             self.body,
             "<rect class=\"{class}\" x=\"{LEFT}\" y=\"{top:.1}\" width=\"{:.1}\" height=\"{:.1}\"/>",
@@ -113,20 +113,20 @@ impl Chart {
     }
 
     /// A text at the top of the plot; it is escaped.
-    pub(super) fn note(&mut self, x: f64, text: &str, class: &str) {
-        let x = self.px(x);
+    pub(super) fn push_note(&mut self, x: f64, text: &str, class: &str) {
+        let x = self.pixel_x(x);
         let y = TOP - 5.0;
         writeln!(self.over, "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y}\">{text}</text>").ok();
     }
 
     /// A curve in stretches from the indices `starts`.
-    pub(super) fn curve(&mut self, x: &[f64], y: &[f64], starts: &[usize], class: &str) {
+    pub(super) fn push_curve(&mut self, x: &[f64], y: &[f64], starts: &[usize], class: &str) {
         let mut path = String::new();
         let ends = starts.iter().skip(1).copied().chain([x.len()]);
         let share = (MAX_POINTS as f64 / x.len().max(1) as f64).min(1.0);
         for (start, end) in starts.iter().copied().zip(ends) {
-            let thin = thinned(&y[start..end], ((end - start) as f64 * share) as usize);
-            let points = thin.into_iter().map(|i| (self.px(x[start + i]), self.py(y[start + i])));
+            let thin = thinned_indices(&y[start..end], ((end - start) as f64 * share) as usize);
+            let points = thin.into_iter().map(|i| (self.pixel_x(x[start + i]), self.pixel_y(y[start + i])));
             push_path(&mut path, points);
         }
         if !path.is_empty() {
@@ -135,20 +135,20 @@ impl Chart {
     }
 
     /// The space between two curves.
-    pub(super) fn between(&mut self, x: &[f64], low: &[f64], high: &[f64], class: &str) {
-        let up = x.iter().zip(low).map(|(x, y)| (self.px(*x), self.py(*y)));
-        let back = x.iter().zip(high).rev().map(|(x, y)| (self.px(*x), self.py(*y)));
+    pub(super) fn push_area(&mut self, x: &[f64], low: &[f64], high: &[f64], class: &str) {
+        let up = x.iter().zip(low).map(|(x, y)| (self.pixel_x(*x), self.pixel_y(*y)));
+        let back = x.iter().zip(high).rev().map(|(x, y)| (self.pixel_x(*x), self.pixel_y(*y)));
         let mut path = String::new();
         push_path(&mut path, up.chain(back));
         writeln!(self.body, "<path class=\"{class}\" d=\"{path}Z\"/>").ok();
     }
 
     /// A point with its interval; a square where `is_square`.
-    pub(super) fn point(&mut self, x: f64, y: f64, half: f64, class: &str, is_square: bool) {
-        let px = self.px(x);
-        let py = self.py(y);
-        let top = self.py(y + half);
-        let bottom = self.py(y - half);
+    pub(super) fn push_point(&mut self, x: f64, y: f64, half: f64, class: &str, is_square: bool) {
+        let px = self.pixel_x(x);
+        let py = self.pixel_y(y);
+        let top = self.pixel_y(y + half);
+        let bottom = self.pixel_y(y - half);
         if half > 0.0 {
             writeln!(self.body, "<path class=\"{class} bar-of\" d=\"M{px:.1} {top:.1}V{bottom:.1}\"/>").ok();
         }
@@ -166,7 +166,7 @@ impl Chart {
     }
 
     /// The picture.
-    pub(super) fn svg(self) -> String {
+    pub(super) fn svg_text(self) -> String {
         let (width, height) = self.size;
         let right = width - RIGHT;
         let bottom = height - BOTTOM;
@@ -183,16 +183,16 @@ impl Chart {
         ] {
             writeln!(svg, "<rect class=\"card\" x=\"{x}\" y=\"{y}\" width=\"{w}\" height=\"{h}\"/>").ok();
         }
-        let across = ticks(self.x.range.0, self.x.range.1, ((right - LEFT) / 80.0) as usize);
-        for (tick, label) in across.iter().zip(labels(&across)) {
-            let x = self.px(*tick);
+        let across = round_ticks(self.x.range.0, self.x.range.1, ((right - LEFT) / 80.0) as usize);
+        for (tick, label) in across.iter().zip(tick_labels(&across)) {
+            let x = self.pixel_x(*tick);
             let end = bottom + 4.0;
             writeln!(svg, "<path class=\"tick\" d=\"M{x:.1} {bottom}V{end}\"/>").ok();
             writeln!(svg, "<text class=\"mid\" x=\"{x:.1}\" y=\"{}\">{label}</text>", bottom + 16.0).ok();
         }
-        let up = ticks(self.y.range.0, self.y.range.1, (((bottom - TOP) / 34.0) as usize).max(2));
-        for (tick, label) in up.iter().zip(labels(&up)) {
-            let y = self.py(*tick);
+        let up = round_ticks(self.y.range.0, self.y.range.1, (((bottom - TOP) / 34.0) as usize).max(2));
+        for (tick, label) in up.iter().zip(tick_labels(&up)) {
+            let y = self.pixel_y(*tick);
             let class = if *tick == 0.0 { "zero" } else { "grid" };
             writeln!(svg, "<path class=\"{class}\" d=\"M{LEFT} {y:.1}H{right}\"/>").ok();
             writeln!(svg, "<text class=\"end\" x=\"{}\" y=\"{:.1}\">{label}</text>", LEFT - 6.0, y + 4.0)
@@ -227,7 +227,7 @@ fn push_path(path: &mut String, points: impl Iterator<Item = (f64, f64)>) {
 }
 
 /// Indices of about `most` samples: the least and the largest of each of equal parts; peaks stay.
-fn thinned(y: &[f64], most: usize) -> Vec<usize> {
+fn thinned_indices(y: &[f64], most: usize) -> Vec<usize> {
     let parts = (most / 2).max(2);
     if y.len() <= 2 * parts {
         return (0..y.len()).collect();
@@ -256,9 +256,9 @@ mod tests {
     #[test]
     fn a_curve_runs_where_its_axes_say() {
         let mut chart = Chart::new("t", (172.0, 156.0), axis(0.0, 10.0), axis(0.0, 10.0));
-        chart.curve(&[0.0, 5.0, 10.0], &[0.0, 10.0, f64::INFINITY], &[0], "twin");
-        chart.band(2.0, 4.0, "window");
-        let svg = chart.svg();
+        chart.push_curve(&[0.0, 5.0, 10.0], &[0.0, 10.0, f64::INFINITY], &[0], "twin");
+        chart.push_band(2.0, 4.0, "window");
+        let svg = chart.svg_text();
         assert!(svg.contains("d=\"M62.0 118.0L112.0 18.0L162.0 -82.0\""), "{svg}");
         assert!(svg.contains("class=\"window\" x=\"82.0\" y=\"18\" width=\"20.0\" height=\"100\""), "{svg}");
     }
@@ -267,15 +267,15 @@ mod tests {
     fn a_long_curve_keeps_its_peaks_and_few_points() {
         let mut y: Vec<f64> = (0..100_000).map(|i| (f64::from(i) * 1e-3).sin()).collect();
         (y[40_321], y[70_123]) = (5.0, -7.0);
-        let kept = thinned(&y, MAX_POINTS);
+        let kept = thinned_indices(&y, MAX_POINTS);
         assert!(kept.len() <= MAX_POINTS + 2, "{}", kept.len());
         assert!(kept.contains(&40_321) && kept.contains(&70_123) && kept.contains(&99_999));
     }
 
     #[test]
     fn axes_without_values_are_still_axes() {
-        assert_eq!(extent([f64::NAN].iter()), (-1.0, 1.0));
-        let (low, high) = extent([2.0, 2.0].iter());
+        assert_eq!(finite_extent([f64::NAN].iter()), (-1.0, 1.0));
+        let (low, high) = finite_extent([2.0, 2.0].iter());
         assert!(low < 2.0 && high > 2.0);
     }
 }

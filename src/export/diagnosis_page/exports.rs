@@ -2,8 +2,8 @@
 
 use std::fmt::Write as _;
 
-use super::words::{fixed, places, residual, with_unit, words};
-use crate::page::{push_table, row};
+use super::words::{decimal_places, escaped_words, fixed_text, residual_text, with_unit};
+use crate::page::{push_table, table_row};
 use gap::judge::report::{ExportNote, Held, JointReport};
 use model::escape_xml;
 
@@ -12,7 +12,7 @@ const NOT_WRITTEN: &str = "not written";
 
 /// The table of all formats.
 #[must_use]
-pub(super) fn exports(joints: &[JointReport], notes: &[ExportNote]) -> String {
+pub(super) fn exports_table(joints: &[JointReport], notes: &[ExportNote]) -> String {
     let head =
         ["Format", "Joint", "Effect", "The file", "In its place", "Held-out residual, twin \u{2192} file"];
     let mut rows = String::new();
@@ -40,28 +40,29 @@ pub(super) fn exports(joints: &[JointReport], notes: &[ExportNote]) -> String {
             let file = if note.file.is_empty() { String::new() } else { escape_xml(&note.file) };
             let gap = match (note.before, note.rmse) {
                 (Some(before), Some(after)) if !note.file.is_empty() => {
-                    format!("{} \u{2192} {}", residual(before, turns), residual(after, turns))
+                    format!("{} \u{2192} {}", residual_text(before, turns), residual_text(after, turns))
                 }
                 _ => "\u{2013}".into(),
             };
             (format!("{} <span class=\"soft\">{file}</span>", note.format.to_uppercase()), gap)
         };
         last = own;
-        let by = note.by.iter().map(held).collect::<Vec<_>>().join("; ");
+        let by = note.by.iter().map(held_text).collect::<Vec<_>>().join("; ");
         let by = if by.is_empty() { "\u{2013}".into() } else { by };
-        let cells = [file, escape_xml(&note.joint), words(&note.effect), escape_xml(&note.status), by, gap];
-        rows.push_str(&row(&head, &cells));
+        let cells =
+            [file, escape_xml(&note.joint), escaped_words(&note.effect), escape_xml(&note.status), by, gap];
+        rows.push_str(&table_row(&head, &cells));
     }
     let mut out = String::new();
     push_table(&mut out, "What each file holds", &head, &rows);
     out
 }
 
-fn held(held: &Held) -> String {
+fn held_text(held: &Held) -> String {
     let mut parameters = Vec::with_capacity(held.parameters.len());
     for p in &held.parameters {
-        let value = with_unit(&fixed(p.value, places(p.value, 0.0)), &p.unit);
-        parameters.push(format!("{} {value}", words(&p.name)));
+        let value = with_unit(&fixed_text(p.value, decimal_places(p.value, 0.0)), &p.unit);
+        parameters.push(format!("{} {value}", escaped_words(&p.name)));
     }
-    format!("{}: {}", words(&held.effect), parameters.join(", "))
+    format!("{}: {}", escaped_words(&held.effect), parameters.join(", "))
 }

@@ -6,9 +6,9 @@ use std::fmt::Write as _;
 use nalgebra::{Point2, Point3, Unit, Vector3};
 
 use super::{
-    solids::{Solid, box_of_inertia, cuboid, normal},
+    solids::{Solid, box_of_inertia, cuboid, face_normal},
     view::View,
-    words::position,
+    words::position_text,
 };
 use gap::twin_tree::{Motion, TwinTree};
 use geometry::Pose;
@@ -59,18 +59,18 @@ struct Face {
 
 impl DrawnJoint<'_> {
     /// Poses of all links with the joint at a position.
-    fn poses(&self, q: f64) -> Vec<Pose> {
+    fn poses_at(&self, q: f64) -> Vec<Pose> {
         let mut all = self.others.to_vec();
         all[self.joint] = q;
         self.tree.link_poses(&all)
     }
 
-    fn moves(&self, link: usize) -> bool {
+    fn is_moved(&self, link: usize) -> bool {
         self.tree.carries(self.joint, link)
     }
 
     /// Shapes of a link: those of the twin, else the box of its mass and inertia.
-    fn shapes(&self, link: usize) -> Vec<Solid> {
+    fn link_shapes(&self, link: usize) -> Vec<Solid> {
         let link = &self.tree.links[link];
         match self.visuals.get(&link.name) {
             Some(shapes) if !shapes.is_empty() => shapes.clone(),
@@ -80,11 +80,11 @@ impl DrawnJoint<'_> {
 
     /// Corners of all moved links with the joint at a position.
     fn moved_corners(&self, q: f64) -> Vec<Point3<f64>> {
-        let poses = self.poses(q);
-        let links = (0..poses.len()).filter(|l| self.moves(*l));
+        let poses = self.poses_at(q);
+        let links = (0..poses.len()).filter(|l| self.is_moved(*l));
         links
             .flat_map(|l| {
-                let corners = self.shapes(l).into_iter().flat_map(|s| s.faces).flatten();
+                let corners = self.link_shapes(l).into_iter().flat_map(|s| s.faces).flatten();
                 let center = self.tree.links[l].center_of_mass;
                 corners.chain([center]).map(|p| poses[l] * p).collect::<Vec<_>>()
             })
@@ -92,17 +92,17 @@ impl DrawnJoint<'_> {
     }
 
     /// Origin and axis in the root's frame.
-    fn axis(&self) -> (Point3<f64>, Unit<Vector3<f64>>) {
+    fn axis_in_root(&self) -> (Point3<f64>, Unit<Vector3<f64>>) {
         let joint = &self.tree.joints[self.joint];
-        let frame = self.poses(0.0)[joint.child];
+        let frame = self.poses_at(0.0)[joint.child];
         (Point3::from(frame.translation.vector), frame.rotation * joint.axis)
     }
 
     /// The point of the moved part, at position 0, for the drawn way: at the part's farthest reach from the
     /// axis, at the height of its mass.
-    fn tracer(&self, origin: &Point3<f64>, axis: &Unit<Vector3<f64>>) -> Point3<f64> {
-        let poses = self.poses(0.0);
-        let links: Vec<usize> = (0..poses.len()).filter(|l| self.moves(*l)).collect();
+    fn tracer_point(&self, origin: &Point3<f64>, axis: &Unit<Vector3<f64>>) -> Point3<f64> {
+        let poses = self.poses_at(0.0);
+        let links: Vec<usize> = (0..poses.len()).filter(|l| self.is_moved(*l)).collect();
         let mass: f64 = links.iter().map(|l| self.tree.links[*l].mass_kg).sum();
         let weighted = links
             .iter()
@@ -123,8 +123,8 @@ impl DrawnJoint<'_> {
     }
 
     /// A point of a slide, moved on the sheet to below the part: nothing hides its way there.
-    fn below(&self, point: Point3<f64>, axis: &Unit<Vector3<f64>>, view: &View) -> Point3<f64> {
-        let down = view.down() - axis.into_inner() * axis.dot(&view.down());
+    fn point_below(&self, point: Point3<f64>, axis: &Unit<Vector3<f64>>, view: &View) -> Point3<f64> {
+        let down = view.sheet_down() - axis.into_inner() * axis.dot(&view.sheet_down());
         let Some(down) = down.try_normalize(1e-6) else { return point };
         let corners = self.moved_corners(0.0);
         let depth = corners.iter().map(|p| down.dot(&(p - point))).fold(0.0, f64::max);
@@ -133,32 +133,33 @@ impl DrawnJoint<'_> {
 
     /// The drawing, as SVG.
     #[must_use]
-    pub(super) fn svg(&self) -> String {
+    pub(super) fn svg_drawing(&self) -> String {
         let joint = &self.tree.joints[self.joint];
-        let (origin, axis) = self.axis();
+        let (origin, axis) = self.axis_in_root();
         let (low, high) = self.range;
         let shown = 0.5 * (low + high);
-        let tracer = self.tracer(&origin, &axis);
+        let tracer = self.tracer_point(&origin, &axis);
         let reach = (tracer - origin).norm().max(1e-6);
         let size = self.moved_corners(shown).iter().map(|p| (p - origin).norm()).fold(reach, f64::max);
-        let arm = self.along(&origin, &axis, shown) * tracer - origin;
-        let view = View::of(joint.motion, &axis, &arm, &self.tree.gravity);
-        let tracer = if joint.motion == Motion::Slide { self.below(tracer, &axis, &view) } else { tracer };
+        let arm = self.motion_along(&origin, &axis, shown) * tracer - origin;
+        let view = View::best_view(joint.motion, &axis, &arm, &self.tree.gravity);
+        let tracer =
+            if joint.motion == Motion::Slide { self.point_below(tracer, &axis, &view) } else { tracer };
         let along = self.moved_corners(shown).into_iter().map(|p| axis.dot(&(p - origin)));
         let (least, most) = along.fold((0.0f64, 0.0f64), |(l, h), x| (l.min(x), h.max(x)));
         let least = least.min((AXIS.1 - AXIS.0) * size);
         let most = most.max((AXIS.0 - AXIS.1) * size);
         let ends = [least - AXIS.1 * size, most + AXIS.1 * size].map(|x| origin + axis.into_inner() * x);
         let sweep: Vec<Point3<f64>> = (0..=ARC)
-            .map(|i| self.along(&origin, &axis, low + (high - low) * i as f64 / ARC as f64) * tracer)
+            .map(|i| self.motion_along(&origin, &axis, low + (high - low) * i as f64 / ARC as f64) * tracer)
             .collect();
         let mut seen: Vec<Point3<f64>> = sweep.iter().copied().chain(ends).chain([origin]).collect();
         for q in [low, shown, high] {
             seen.extend(self.moved_corners(q));
         }
-        let still = self.still(size);
+        let still = self.static_shapes(size);
         seen.extend(still.iter().flat_map(|(_, s)| s.faces.iter().flatten()));
-        let view = view.fitted(&seen, SIZE, BORDER);
+        let view = view.fitted_to(&seen, SIZE, BORDER);
         let mut svg = format!(
             "<svg class=\"joint\" viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"the joint {}\">\n",
             SIZE.0,
@@ -177,7 +178,7 @@ impl DrawnJoint<'_> {
     }
 
     /// Motion of the moved part from position 0 to another position, in the root's frame.
-    fn along(&self, origin: &Point3<f64>, axis: &Unit<Vector3<f64>>, q: f64) -> Pose {
+    fn motion_along(&self, origin: &Point3<f64>, axis: &Unit<Vector3<f64>>, q: f64) -> Pose {
         match self.tree.joints[self.joint].motion {
             Motion::Turn => {
                 Pose::rotation_wrt_point(nalgebra::UnitQuaternion::from_axis_angle(axis, q), *origin)
@@ -187,38 +188,38 @@ impl DrawnJoint<'_> {
     }
 
     /// Shapes of the static links, in the root's frame; a block for a parent without any.
-    fn still(&self, size: f64) -> Vec<(usize, Solid)> {
-        let poses = self.poses(0.0);
+    fn static_shapes(&self, size: f64) -> Vec<(usize, Solid)> {
+        let poses = self.poses_at(0.0);
         let parent = self.tree.joints[self.joint].parent;
-        let frame = self.poses(0.0)[self.tree.joints[self.joint].child];
+        let frame = self.poses_at(0.0)[self.tree.joints[self.joint].child];
         let mut all = Vec::new();
-        for link in (0..poses.len()).filter(|l| !self.moves(*l)) {
-            let shapes = self.shapes(link);
+        for link in (0..poses.len()).filter(|l| !self.is_moved(*l)) {
+            let shapes = self.link_shapes(link);
             if shapes.is_empty() && link == parent {
-                all.push((link, placed(cuboid(Vector3::repeat(BLOCK * size)), &frame)));
+                all.push((link, placed_solid(cuboid(Vector3::repeat(BLOCK * size)), &frame)));
             }
-            all.extend(shapes.into_iter().map(|s| (link, placed(s, &poses[link]))));
+            all.extend(shapes.into_iter().map(|s| (link, placed_solid(s, &poses[link]))));
         }
         all
     }
 
     fn push_bodies(&self, svg: &mut String, view: &View, still: &[(usize, Solid)], shown: f64) {
-        let poses = self.poses(shown);
+        let poses = self.poses_at(shown);
         let mut faces = Vec::new();
         for (_, solid) in still {
-            faces.extend(drawn(solid, view, [196.0, 202.0, 209.0]));
+            faces.extend(visible_faces(solid, view, [196.0, 202.0, 209.0]));
         }
-        for link in (0..poses.len()).filter(|l| self.moves(*l)) {
-            let shapes = self.shapes(link);
+        for link in (0..poses.len()).filter(|l| self.is_moved(*l)) {
+            let shapes = self.link_shapes(link);
             self.push_rod(svg, view, link, &poses, &shapes);
             for solid in shapes {
-                faces.extend(drawn(&placed(solid, &poses[link]), view, [150.0, 186.0, 228.0]));
+                faces.extend(visible_faces(&placed_solid(solid, &poses[link]), view, [150.0, 186.0, 228.0]));
             }
         }
         // The farthest first: nearer faces cover them.
         faces.sort_by(|a, b| a.depth.total_cmp(&b.depth));
         for face in faces {
-            writeln!(svg, "<path {} d=\"{}Z\"/>", face.style, line(&face.corners)).ok();
+            writeln!(svg, "<path {} d=\"{}Z\"/>", face.style, line_path(&face.corners)).ok();
         }
     }
 
@@ -231,8 +232,9 @@ impl DrawnJoint<'_> {
             .map(|p| (p - center).norm())
             .fold(0.0, f64::max);
         if extent < SMALL * center.coords.norm() || shapes.is_empty() {
-            let ends = [poses[link] * Point3::origin(), poses[link] * center].map(|p| view.paper(&p));
-            writeln!(svg, "<path class=\"rod\" d=\"{}\"/>", line(&ends)).ok();
+            let ends =
+                [poses[link] * Point3::origin(), poses[link] * center].map(|p| view.point_on_sheet(&p));
+            writeln!(svg, "<path class=\"rod\" d=\"{}\"/>", line_path(&ends)).ok();
             if self.tree.links[link].mass_kg > 0.0 {
                 let (x, y) = ends[1];
                 let look = "r=\"7\" fill=\"#96bae4\" stroke=\"#5b6776\"";
@@ -243,9 +245,9 @@ impl DrawnJoint<'_> {
 
     /// The outline of the moved part at a position.
     fn push_ghost(&self, svg: &mut String, view: &View, q: f64) {
-        let poses = self.poses(q);
-        for link in (0..poses.len()).filter(|l| self.moves(*l)) {
-            let shapes = self.shapes(link);
+        let poses = self.poses_at(q);
+        for link in (0..poses.len()).filter(|l| self.is_moved(*l)) {
+            let shapes = self.link_shapes(link);
             let center = self.tree.links[link].center_of_mass;
             let mut corners: Vec<Point3<f64>> =
                 shapes.iter().flat_map(|s| s.faces.iter().flatten().copied()).collect();
@@ -255,10 +257,10 @@ impl DrawnJoint<'_> {
             }
             let paper: Vec<Point2<f64>> = corners
                 .iter()
-                .map(|p| Point2::from(<[f64; 2]>::from(view.paper(&(poses[link] * p)))))
+                .map(|p| Point2::from(<[f64; 2]>::from(view.point_on_sheet(&(poses[link] * p)))))
                 .collect();
             let outline: Vec<(f64, f64)> = hull_2d(&paper).iter().map(|p| (p.x, p.y)).collect();
-            writeln!(svg, "<path class=\"ghost\" d=\"{}Z\"/>", line(&outline)).ok();
+            writeln!(svg, "<path class=\"ghost\" d=\"{}Z\"/>", line_path(&outline)).ok();
         }
     }
 
@@ -266,21 +268,26 @@ impl DrawnJoint<'_> {
     fn push_sweep(&self, svg: &mut String, view: &View, sweep: &[Point3<f64>], tracer: &Point3<f64>) {
         let turns = self.tree.joints[self.joint].motion == Motion::Turn;
         let (low, high) = self.range;
-        let (origin, axis) = self.axis();
-        let paper: Vec<(f64, f64)> = sweep.iter().map(|p| view.paper(p)).collect();
-        writeln!(svg, "<path class=\"sweep\" d=\"{}\"/>", line(&paper)).ok();
+        let (origin, axis) = self.axis_in_root();
+        let paper: Vec<(f64, f64)> = sweep.iter().map(|p| view.point_on_sheet(p)).collect();
+        writeln!(svg, "<path class=\"sweep\" d=\"{}\"/>", line_path(&paper)).ok();
         push_head(svg, paper[ARC - 2], paper[ARC], "sweep-head");
         let foot = origin + axis.into_inner() * axis.dot(&(sweep[0] - origin));
-        let middle = view.paper(if turns { &foot } else { &sweep[ARC / 2] });
-        let mut named = vec![(low, position(low, turns)), (high, position(high, turns))];
+        let middle = view.point_on_sheet(if turns { &foot } else { &sweep[ARC / 2] });
+        let mut named = vec![(low, position_text(low, turns)), (high, position_text(high, turns))];
         // Close to an end its label would cover the other.
         if low + 0.12 * (high - low) < 0.0 && high - 0.12 * (high - low) > 0.0 {
             named.push((0.0, "0".into()));
         }
         for (q, text) in named {
-            let end = view.paper(&(self.along(&origin, &axis, q) * tracer));
+            let end = view.point_on_sheet(&(self.motion_along(&origin, &axis, q) * tracer));
             if turns {
-                writeln!(svg, "<path class=\"ray\" d=\"{}\"/>", line(&[view.paper(&foot), end])).ok();
+                writeln!(
+                    svg,
+                    "<path class=\"ray\" d=\"{}\"/>",
+                    line_path(&[view.point_on_sheet(&foot), end])
+                )
+                .ok();
             }
             push_range_name(svg, end, middle, &text);
         }
@@ -298,7 +305,7 @@ fn push_range_name(svg: &mut String, end: (f64, f64), middle: (f64, f64), text: 
         x if x < -0.4 => "end",
         _ => "mid",
     };
-    let x = within(x, class, text.chars().count());
+    let x = text_position(x, class, text.chars().count());
     let class = format!("range-name {class}");
     writeln!(svg, "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\">{text}</text>").ok();
 }
@@ -308,22 +315,23 @@ fn across_axis(axis: &Unit<Vector3<f64>>, v: &Vector3<f64>) -> Vector3<f64> {
     v - axis.into_inner() * axis.dot(v)
 }
 
-fn placed(solid: Solid, pose: &Pose) -> Solid {
+fn placed_solid(solid: Solid, pose: &Pose) -> Solid {
     let faces = solid.faces.into_iter().map(|f| f.into_iter().map(|p| pose * p).collect()).collect();
     Solid { faces, ..solid }
 }
 
 /// Visible faces of a solid, lit from the viewer's upper left.
-fn drawn(solid: &Solid, view: &View, color: [f64; 3]) -> Vec<Face> {
+fn visible_faces(solid: &Solid, view: &View, color: [f64; 3]) -> Vec<Face> {
     let mut faces = Vec::new();
-    for face in solid.faces.iter().filter(|face| normal(face).dot(&view.toward) > 0.0) {
-        let light = view.light().dot(&normal(face).try_normalize(0.0).unwrap_or_else(Vector3::zeros));
+    for face in solid.faces.iter().filter(|face| face_normal(face).dot(&view.toward) > 0.0) {
+        let light =
+            view.light_direction().dot(&face_normal(face).try_normalize(0.0).unwrap_or_else(Vector3::zeros));
         let shade = 0.74 + 0.26 * light.max(0.0);
         let [r, g, b] = color.map(|c| (c * shade + 30.0 * light.max(0.0)).min(255.0) as u8);
         // A round solid shows no edges, and no gaps between its faces either.
         let edge = if solid.has_edges { "#5b6776".to_owned() } else { format!("rgb({r} {g} {b})") };
         faces.push(Face {
-            corners: face.iter().map(|p| view.paper(p)).collect(),
+            corners: face.iter().map(|p| view.point_on_sheet(p)).collect(),
             depth: face.iter().map(|p| view.toward.dot(&p.coords)).sum::<f64>() / face.len() as f64,
             style: format!("style=\"fill: rgb({r} {g} {b}); stroke: {edge}; stroke-width: 0.8\""),
         });
@@ -331,7 +339,7 @@ fn drawn(solid: &Solid, view: &View, color: [f64; 3]) -> Vec<Face> {
     faces
 }
 
-fn line(points: &[(f64, f64)]) -> String {
+fn line_path(points: &[(f64, f64)]) -> String {
     let mut path = String::new();
     for (i, (x, y)) in points.iter().enumerate() {
         write!(path, "{}{x:.1} {y:.1}", if i == 0 { 'M' } else { 'L' }).ok();
@@ -350,11 +358,11 @@ fn push_head(svg: &mut String, from: (f64, f64), to: (f64, f64), class: &str) {
     let x = dx / norm;
     let y = dy / norm;
     let corner = |side: f64| (to.0 - 10.0 * x - side * 4.5 * y, to.1 - 10.0 * y + side * 4.5 * x);
-    writeln!(svg, "<path class=\"{class}\" d=\"{}Z\"/>", line(&[to, corner(1.0), corner(-1.0)])).ok();
+    writeln!(svg, "<path class=\"{class}\" d=\"{}Z\"/>", line_path(&[to, corner(1.0), corner(-1.0)])).ok();
 }
 
 /// Where a text of so many letters begins, is centered or ends, to stay on the sheet.
-fn within(x: f64, anchor: &str, letters: usize) -> f64 {
+fn text_position(x: f64, anchor: &str, letters: usize) -> f64 {
     let width = LETTER * letters as f64;
     match anchor {
         "end" => x.max(width),
@@ -365,8 +373,8 @@ fn within(x: f64, anchor: &str, letters: usize) -> f64 {
 
 /// The axis with its name.
 fn push_axis(svg: &mut String, view: &View, ends: [Point3<f64>; 2], name: &str) {
-    let [from, to] = ends.map(|p| view.paper(&p));
-    writeln!(svg, "<path class=\"axis-of\" d=\"{}\"/>", line(&[from, to])).ok();
+    let [from, to] = ends.map(|p| view.point_on_sheet(&p));
+    writeln!(svg, "<path class=\"axis-of\" d=\"{}\"/>", line_path(&[from, to])).ok();
     push_head(svg, from, to, "head");
     let short: String = name.chars().take(28).collect();
     // Beyond the tip, in the direction of the arrow.
@@ -380,7 +388,7 @@ fn push_axis(svg: &mut String, view: &View, ends: [Point3<f64>; 2], name: &str) 
     } else {
         "mid"
     };
-    let x = within(to.0 + 8.0 * dx / norm, class, short.chars().count());
+    let x = text_position(to.0 + 8.0 * dx / norm, class, short.chars().count());
     writeln!(
         svg,
         "<text class=\"axis-name {class}\" x=\"{x:.1}\" y=\"{:.1}\">{}</text>",
@@ -394,11 +402,11 @@ fn push_axis(svg: &mut String, view: &View, ends: [Point3<f64>; 2], name: &str) 
 fn push_directions(svg: &mut String, view: &View, gravity: &Vector3<f64>) {
     let foot = (46.0, SIZE.1 - 40.0);
     for (way, text) in [(Vector3::x(), "x"), (Vector3::y(), "y"), (Vector3::z(), "z")] {
-        push_direction(svg, foot, view.direction(&way), text);
+        push_direction(svg, foot, view.direction_on_sheet(&way), text);
     }
     if let Some(down) = gravity.try_normalize(1e-9) {
         let foot = (SIZE.0 - 24.0, SIZE.1 - 62.0);
-        let tip = push_direction(svg, foot, view.direction(&down), "g");
+        let tip = push_direction(svg, foot, view.direction_on_sheet(&down), "g");
         push_head(svg, foot, tip, "head");
     }
 }
@@ -407,7 +415,7 @@ fn push_directions(svg: &mut String, view: &View, gravity: &Vector3<f64>) {
 fn push_direction(svg: &mut String, foot: (f64, f64), direction: (f64, f64), name: &str) -> (f64, f64) {
     let (x, y) = direction;
     let tip = (foot.0 + 26.0 * x, foot.1 + 26.0 * y);
-    writeln!(svg, "<path class=\"thin\" d=\"{}\"/>", line(&[foot, tip])).ok();
+    writeln!(svg, "<path class=\"thin\" d=\"{}\"/>", line_path(&[foot, tip])).ok();
     let x = foot.0 + 36.0 * x;
     let y = foot.1 + 36.0 * y + 4.0;
     writeln!(svg, "<text class=\"mid\" x=\"{x:.1}\" y=\"{y:.1}\">{name}</text>").ok();

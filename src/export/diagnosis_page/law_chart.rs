@@ -2,7 +2,7 @@
 
 use super::{
     chart::{Axis, Chart, keys_of},
-    words::{effort_unit, unit_text, variable, words},
+    words::{effort_unit, escaped_words, unit_text, variable_name},
 };
 use gap::judge::{
     law::{Law, Way},
@@ -21,37 +21,37 @@ pub(super) fn law_chart(joint: &JointReport, law: &Law, is_named: bool) -> Strin
     let name = if law.effects.is_empty() {
         "What the twin lacks".to_owned()
     } else {
-        law.effects.iter().map(|e| words(e)).collect::<Vec<_>>().join(" + ")
+        law.effects.iter().map(|e| escaped_words(e)).collect::<Vec<_>>().join(" + ")
     };
     let x = Axis {
-        label: format!("{}, {}", variable(law.variable), unit_text(unit)),
-        ..Axis::over("", law.points.iter().map(|p| &p.x).chain(law.curves.iter().flat_map(|c| &c.x)))
+        label: format!("{}, {}", variable_name(law.variable), unit_text(unit)),
+        ..Axis::over_values("", law.points.iter().map(|p| &p.x).chain(law.curves.iter().flat_map(|c| &c.x)))
     };
-    let title = format!("{name}: effort against {}", variable(law.variable));
+    let title = format!("{name}: effort against {}", variable_name(law.variable));
     let mut chart = Chart::new(title.clone(), (620.0, 400.0), x, effort_axis(joint, law));
     let dashed = if is_named { "" } else { " dashed" };
     for curve in &law.curves {
         let [low, high] = [-1.0, 1.0].map(|sign| {
             curve.effort.iter().zip(&curve.half).map(|(y, h)| y + sign * h).collect::<Vec<f64>>()
         });
-        chart.between(&curve.x, &low, &high, &format!("interval {}", class(curve.way)));
+        chart.push_area(&curve.x, &low, &high, &format!("interval {}", way_class(curve.way)));
     }
     // Friction at rest is anything between its two sides.
     if let [a, b] = &law.curves[..]
         && a.way == Way::Both
     {
-        chart.curve(&[0.0, 0.0], &[a.effort[0], b.effort[0]], &[0], &format!("law{dashed}"));
+        chart.push_curve(&[0.0, 0.0], &[a.effort[0], b.effort[0]], &[0], &format!("law{dashed}"));
     }
     for curve in &law.curves {
-        chart.curve(&curve.x, &curve.effort, &[0], &format!("law {}{dashed}", class(curve.way)));
+        chart.push_curve(&curve.x, &curve.effort, &[0], &format!("law {}{dashed}", way_class(curve.way)));
     }
     for p in &law.points {
-        chart.point(p.x, p.effort, p.half, &format!("seen {}", class(p.way)), p.is_held_out);
+        chart.push_point(p.x, p.effort, p.half, &format!("seen {}", way_class(p.way)), p.is_held_out);
     }
-    format!("<section>\n<h3>{title}</h3>\n{}\n{}\n</section>\n", chart.svg(), legend(law, is_named))
+    format!("<section>\n<h3>{title}</h3>\n{}\n{}\n</section>\n", chart.svg_text(), law_legend(law, is_named))
 }
 
-fn class(way: Way) -> &'static str {
+fn way_class(way: Way) -> &'static str {
     match way {
         Way::Both => "both",
         Way::Rising => "rising",
@@ -68,7 +68,7 @@ fn effort_axis(joint: &JointReport, law: &Law) -> Axis {
         .chain(law.curves.iter().flat_map(|c| c.effort.iter().copied()))
         .chain([0.0])
         .collect();
-    let (low, high) = super::chart::extent(middle.iter());
+    let (low, high) = super::chart::finite_extent(middle.iter());
     let room = ROOM * (high - low);
     let bound = |x: f64| x.clamp(low - room, high + room);
     let ends = law
@@ -80,10 +80,10 @@ fn effort_axis(joint: &JointReport, law: &Law) -> Axis {
     let least = LEAST * joint.coverage.effort_rms;
     let all: Vec<f64> =
         ends.flat_map(|(y, h)| [bound(y - h), bound(y + h)]).chain([low, high, -least, least]).collect();
-    Axis::over(format!("effort that the twin lacks, {}", effort_unit(joint.turns)), all.iter())
+    Axis::over_values(format!("effort that the twin lacks, {}", effort_unit(joint.turns)), all.iter())
 }
 
-fn legend(law: &Law, is_named: bool) -> String {
+fn law_legend(law: &Law, is_named: bool) -> String {
     let mut keys: Vec<(&str, &str)> = Vec::new();
     if !law.curves.is_empty() {
         keys.push(if is_named {

@@ -20,14 +20,14 @@ use std::fmt::Write as _;
 
 use joint_picture::DrawnJoint;
 use motion::Names;
-use solids::{Solid, visuals};
-use words::{effort_unit, fixed, places, position, residual, words};
+use solids::{Solid, visual_solids};
+use words::{decimal_places, effort_unit, escaped_words, fixed_text, position_text, residual_text};
 
-use super::page::{TAIL, count, head, push_list};
+use super::page::{TAIL, counted_noun, page_head, push_list};
 use common::note::Note;
 use gap::{
     judge::{
-        report::{ExportNote, JointReport, overall},
+        report::{ExportNote, JointReport, overall_verdict},
         verdict::Verdict,
     },
     model::joint_model::Catalogue,
@@ -62,12 +62,12 @@ pub struct DiagnosisFacts<'a> {
 #[must_use]
 pub fn diagnosis_page(facts: &DiagnosisFacts) -> String {
     let name = escape_xml(&facts.tree.name);
-    let mut out = head(&format!("{name}: diagnosis"), STYLE);
+    let mut out = page_head(&format!("{name}: diagnosis"), STYLE);
     push_header(&mut out, facts);
     let warnings: Vec<String> = facts.warnings.iter().map(ToString::to_string).collect();
     push_list(&mut out, "warnings", "Warnings", &warnings);
-    let shapes = visuals(facts.urdf);
-    let middles = middles(facts);
+    let shapes = visual_solids(facts.urdf);
+    let middles = range_middles(facts);
     // Joints with findings come first, else the order of the twin.
     let mut order: Vec<&JointReport> = facts.joints.iter().collect();
     order.sort_by_key(|j| matches!(j.diagnosis.verdict, Verdict::None | Verdict::Insufficient));
@@ -78,7 +78,7 @@ pub fn diagnosis_page(facts: &DiagnosisFacts) -> String {
         let more = order.len() - MAX_JOINTS;
         writeln!(out, "<p>{more} more joints are in report.json.</p>").ok();
     }
-    out.push_str(&exports::exports(facts.joints, facts.exports));
+    out.push_str(&exports::exports_table(facts.joints, facts.exports));
     out.push_str(TAIL);
     out
 }
@@ -86,14 +86,14 @@ pub fn diagnosis_page(facts: &DiagnosisFacts) -> String {
 // Writing to a string cannot fail: the results below are dropped.
 
 fn push_header(out: &mut String, facts: &DiagnosisFacts) {
-    let verdict = overall(facts.joints);
+    let verdict = overall_verdict(facts.joints);
     let class = match verdict {
         Verdict::None | Verdict::Named => "pill",
         Verdict::Ambiguous | Verdict::Insufficient => "pill check",
         Verdict::Unknown => "pill unknown",
     };
     writeln!(out, "<header>\n<h1>Diagnosis of {}</h1>", escape_xml(&facts.tree.name)).ok();
-    let sentences: Vec<String> = facts.joints.iter().map(|j| sentence(j, facts.effects)).collect();
+    let sentences: Vec<String> = facts.joints.iter().map(|j| verdict_sentence(j, facts.effects)).collect();
     writeln!(
         out,
         "<p class=\"verdict\"><span class=\"{class}\">{}</span>{}.</p>",
@@ -109,20 +109,20 @@ fn push_header(out: &mut String, facts: &DiagnosisFacts) {
     writeln!(
         out,
         "<p class=\"facts\">{} \u{b7} fitted to {} \u{b7} proven on {} held out</p>\n</header>",
-        count(facts.joints.len(), "joint"),
-        count(fitted, "run"),
-        count(held_out, "run")
+        counted_noun(facts.joints.len(), "joint"),
+        counted_noun(fitted, "run"),
+        counted_noun(held_out, "run")
     )
     .ok();
 }
 
 /// The verdict on a joint in a sentence.
-fn sentence(joint: &JointReport, effects: &Catalogue) -> String {
+fn verdict_sentence(joint: &JointReport, effects: &Catalogue) -> String {
     let d = &joint.diagnosis;
-    let found: Vec<String> = d.named().map(|f| values::sentence(joint, f, effects)).collect();
+    let found: Vec<String> = d.sure_findings().map(|f| values::values_sentence(joint, f, effects)).collect();
     let name = escape_xml(&joint.joint);
     if let Some(doubt) = &joint.doubt {
-        return format!("{name}: {}", escape_xml(&doubt.looks()));
+        return format!("{name}: {}", escape_xml(&doubt.looks_text()));
     }
     match d.verdict {
         Verdict::None => format!("{name}: the twin agrees with the runs"),
@@ -134,19 +134,19 @@ fn sentence(joint: &JointReport, effects: &Catalogue) -> String {
 }
 
 /// Middles of the joints' recorded ranges, in the order of the tree; zero where nothing was recorded.
-fn middles(facts: &DiagnosisFacts) -> Vec<f64> {
+fn range_middles(facts: &DiagnosisFacts) -> Vec<f64> {
     let mut middles = Vec::with_capacity(facts.tree.joints.len());
     for joint in &facts.tree.joints {
         let report = facts.joints.iter().find(|j| j.joint == joint.name);
-        let (low, high) = report.map_or((0.0, 0.0), range);
+        let (low, high) = report.map_or((0.0, 0.0), recorded_range);
         middles.push(0.5 * (low + high));
     }
     middles
 }
 
 /// The range of all runs.
-fn range(joint: &JointReport) -> (f64, f64) {
-    chart::extent(joint.tracks.iter().flat_map(|t| &t.position))
+fn recorded_range(joint: &JointReport) -> (f64, f64) {
+    chart::finite_extent(joint.tracks.iter().flat_map(|t| &t.position))
 }
 
 fn push_joint(
@@ -166,7 +166,7 @@ fn push_joint(
     )
     .ok();
     let spec = facts.tree.joints.iter().position(|j| j.name == joint.joint);
-    let text = next::next(joint, spec.map(|j| &facts.tree.joints[j]), range(joint));
+    let text = next::next_experiment(joint, spec.map(|j| &facts.tree.joints[j]), recorded_range(joint));
     writeln!(out, "<p class=\"next\"><b>Next experiment:</b> {text}</p>").ok();
     let (names, title) = if joint.nearest.is_some() {
         (
@@ -181,13 +181,13 @@ fn push_joint(
     };
     let nearest = d.nearest.as_ref().map(|n| n.findings.as_slice());
     let is_named = nearest.is_none();
-    out.push_str(&values::values(joint, nearest.unwrap_or(&d.findings), title, facts.effects));
+    out.push_str(&values::values_table(joint, nearest.unwrap_or(&d.findings), title, facts.effects));
     let mut cards: Vec<String> = Vec::new();
     if let Some(index) = spec {
         let visuals = shapes;
-        let range = range(joint);
+        let range = recorded_range(joint);
         let drawn = DrawnJoint { tree: facts.tree, joint: index, visuals, range, others: middles };
-        cards.push(picture(&drawn, facts.tree, index, shapes));
+        cards.push(joint_figure(&drawn, facts.tree, index, shapes));
     }
     cards.extend(joint.laws.iter().take(MAX_LAWS).map(|law| law_chart::law_chart(joint, law, is_named)));
     let gap = joint.nearest.as_ref().or(joint.gap.as_ref());
@@ -195,10 +195,10 @@ fn push_joint(
     // Two cards a row: the gap takes a free place.
     let (beside, below) = if cards.len() % 2 == 1 { (gap, String::new()) } else { (String::new(), gap) };
     writeln!(out, "<div class=\"pair\">\n{}{beside}</div>\n{below}", cards.concat()).ok();
-    out.push_str(&motion::motion(joint, &names));
+    out.push_str(&motion::motion_sections(joint, &names));
 }
 
-fn picture(
+fn joint_figure(
     drawn: &DrawnJoint,
     tree: &TwinTree,
     index: usize,
@@ -208,7 +208,7 @@ fn picture(
     let kind = if joint.motion == Motion::Turn { "turns" } else { "slides" };
     let turns = joint.motion == Motion::Turn;
     let limit = joint.limit.map_or(String::new(), |(low, high)| {
-        format!(" The twin's limits: {} to {}.", position(low, turns), position(high, turns))
+        format!(" The twin's limits: {} to {}.", position_text(low, turns), position_text(high, turns))
     });
     let source = if shapes.get(&tree.links[joint.child].name).is_some_and(|s| !s.is_empty()) {
         "Shapes are those of the URDF."
@@ -220,7 +220,7 @@ fn picture(
          sense. Blue: the recorded range; dashed: its ends. {source}{limit}</p>\n</section>\n",
         escape_xml(&tree.links[joint.child].name),
         escape_xml(&tree.links[joint.parent].name),
-        drawn.svg()
+        drawn.svg_drawing()
     )
 }
 
@@ -229,53 +229,61 @@ fn picture(
 fn remarks(joint: &JointReport) -> String {
     let d = &joint.diagnosis;
     let mut said = Vec::new();
-    for f in d.named().filter(|f| !f.alternatives.is_empty()) {
-        let others: Vec<String> =
-            f.alternatives.iter().map(|(n, w)| format!("{} ({})", words(n), fixed(*w, 2))).collect();
-        said.push(format!("{} (weight {}), or {}.", words(&f.effect), fixed(f.weight, 2), others.join(", ")));
+    for f in d.sure_findings().filter(|f| !f.alternatives.is_empty()) {
+        let others: Vec<String> = f
+            .alternatives
+            .iter()
+            .map(|(n, w)| format!("{} ({})", escaped_words(n), fixed_text(*w, 2)))
+            .collect();
+        said.push(format!(
+            "{} (weight {}), or {}.",
+            escaped_words(&f.effect),
+            fixed_text(f.weight, 2),
+            others.join(", ")
+        ));
     }
-    for f in d.unsure() {
+    for f in d.unsure_findings() {
         said.push(format!(
             "{} may be absent: its interval holds that. Runs that were not fitted are better with it.",
-            words(&f.effect)
+            escaped_words(&f.effect)
         ));
     }
     if let Some(doubt) = &joint.doubt {
-        said.push(format!("Not diagnosed: {}.", escape_xml(&doubt.words())));
+        said.push(format!("Not diagnosed: {}.", escape_xml(&doubt.in_words())));
     } else if d.verdict == Verdict::Unknown && joint.nearest.is_none() {
         said.push("No effect of the catalog comes near.".into());
     }
     if let (Some(near), Some(gap)) = (&d.nearest, &joint.nearest) {
-        let names: Vec<String> = near.findings.iter().map(|f| words(&f.effect)).collect();
+        let names: Vec<String> = near.findings.iter().map(|f| escaped_words(&f.effect)).collect();
         said.push(format!(
             "Nearest, not enough for a name: {}; held-out residual {} \u{2192} {}.",
             names.join(" + "),
-            residual(gap.before, joint.turns),
-            residual(gap.after, joint.turns)
+            residual_text(gap.before, joint.turns),
+            residual_text(gap.after, joint.turns)
         ));
     }
     if d.verdict != Verdict::Insufficient && joint.doubt.is_none() {
         said.push(next::disagreement(joint));
     }
-    if let Some((share, noises)) = joint.remainder() {
+    if let Some((share, noises)) = joint.remainder_of_gap() {
         said.push(format!(
             "Beside it something unknown is left: {}\u{a0}% of the gap, {} times the noise.",
-            fixed(100.0 * share, 0),
-            fixed(noises, 0)
+            fixed_text(100.0 * share, 0),
+            fixed_text(noises, 0)
         ));
     }
     if let Some(e) = &joint.off_axis {
-        said.push(escape_xml(&e.words()) + ".");
+        said.push(escape_xml(&e.in_words()) + ".");
     }
-    let (low, high) = range(joint);
+    let (low, high) = recorded_range(joint);
     let velocity = if joint.turns { "rad/s" } else { "m/s" };
     let c = &joint.coverage;
     said.push(format!(
         "The runs cover {} to {}, speeds up to {}\u{a0}{velocity}, efforts of {}\u{a0}{} (root mean square).",
-        position(low, joint.turns),
-        position(high, joint.turns),
-        fixed(c.speed.1, 2),
-        fixed(c.effort_rms, places(c.effort_rms, 0.0)),
+        position_text(low, joint.turns),
+        position_text(high, joint.turns),
+        fixed_text(c.speed.1, 2),
+        fixed_text(c.effort_rms, decimal_places(c.effort_rms, 0.0)),
         effort_unit(joint.turns)
     ));
     said.retain(|s| !s.is_empty());

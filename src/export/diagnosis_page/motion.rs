@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::{
-    chart::{Axis, Chart, extent, keys_of},
+    chart::{Axis, Chart, finite_extent, keys_of},
     words::effort_unit,
 };
 use gap::judge::{
@@ -32,7 +32,7 @@ pub(super) struct Names {
 
 /// The sections of a joint.
 #[must_use]
-pub(super) fn motion(joint: &JointReport, names: &Names) -> String {
+pub(super) fn motion_sections(joint: &JointReport, names: &Names) -> String {
     let mut out = all_runs(joint);
     let Some(gap) = &joint.gap else { return out };
     let drawn = joint.series.iter().zip(&gap.runs).take(MAX_HELD_OUT);
@@ -46,7 +46,7 @@ pub(super) fn motion(joint: &JointReport, names: &Names) -> String {
     out
 }
 
-fn unit(joint: &JointReport) -> &'static str {
+fn position_unit(joint: &JointReport) -> &'static str {
     if joint.turns { "rad" } else { "m" }
 }
 
@@ -65,27 +65,30 @@ fn all_runs(joint: &JointReport) -> String {
     }
     let space = SPACE * total;
     let end = total + space * (tracks.len() - 1) as f64;
-    let y = Axis::over(format!("position, {}", unit(joint)), tracks.iter().flat_map(|t| t.position.iter()));
+    let y = Axis::over_values(
+        format!("position, {}", position_unit(joint)),
+        tracks.iter().flat_map(|t| t.position.iter()),
+    );
     let x = Axis { label: "time of all runs, s".into(), range: (0.0, end) };
     let mut chart = Chart::new("measured position of all runs", (WIDTH, 150.0), x, y);
     let mut from = 0.0;
     for track in &tracks {
         let to = from + duration_s(track);
         if track.is_held_out {
-            chart.band(from, to, "held");
+            chart.push_band(from, to, "held");
         }
         let time: Vec<f64> = track.time_s.iter().map(|t| from + t - track.time_s[0]).collect();
-        chart.curve(&time, &track.position, &[0], "measured");
+        chart.push_curve(&time, &track.position, &[0], "measured");
         let word = if track.is_held_out { "held out: " } else { "" };
         // As many letters as the run is long.
         let room = (WIDTH * 0.9 * (to - from) / end / 6.5) as usize;
         let text: String = format!("{word}{}", track.run).chars().take(room.max(1)).collect();
-        chart.note(from, &escape_xml(&text), "over");
+        chart.push_note(from, &escape_xml(&text), "over");
         from = to + space;
     }
     format!(
         "<section>\n<h3>Measured position, all runs</h3>\n{}\n{}</section>\n",
-        chart.svg(),
+        chart.svg_text(),
         keys_of(&[("key held", "held out: no fit has read it")])
     )
 }
@@ -103,34 +106,35 @@ fn held_out(joint: &JointReport, series: &RunSeries, run: &RunGap, noise: f64, n
     let measured = ("key measured", "measured");
     let window = ("key window", "held-out windows: each begins in the state that fits it best");
     let title = "measured, twin and updated position over time";
-    let mut chart = position_chart(title, unit(joint), windows);
+    let mut chart = position_chart(title, position_unit(joint), windows);
     shade(&mut chart, windows);
     curves(&mut chart, windows, is_updated);
-    out.push_str(&chart.svg());
+    out.push_str(&chart.svg_text());
     out.push_str(&motion_legend(&[measured], updated, &[window]));
     let [before, after] =
         [&windows.before, &windows.after].map(|values| values.iter().map(|r| 1e3 * r).collect::<Vec<f64>>());
     let small = if joint.turns { "mrad" } else { "mm" };
-    let y = Axis::over(format!("residual, {small}"), before.iter().chain(&after));
+    let y = Axis::over_values(format!("residual, {small}"), before.iter().chain(&after));
     let mut chart = Chart::new("residual over time", (WIDTH, 180.0), time_axis(windows), y);
     shade(&mut chart, windows);
-    chart.level(-1e3 * noise, 1e3 * noise, "noise");
-    chart.curve(&windows.time_s, &before, &windows.starts, "twin");
+    chart.push_level(-1e3 * noise, 1e3 * noise, "noise");
+    chart.push_curve(&windows.time_s, &before, &windows.starts, "twin");
     if is_updated {
-        chart.curve(&windows.time_s, &after, &windows.starts, "updated");
+        chart.push_curve(&windows.time_s, &after, &windows.starts, "updated");
     }
     out.push_str("<h3>Residual: measured less predicted</h3>\n");
-    out.push_str(&chart.svg());
+    out.push_str(&chart.svg_text());
     out.push_str(&motion_legend(&[], updated, &[("key noise", "\u{b1} noise floor")]));
     if !series.whole.time_s.is_empty() {
-        let mut chart = position_chart("the whole run from its first state", unit(joint), &series.whole);
+        let mut chart =
+            position_chart("the whole run from its first state", position_unit(joint), &series.whole);
         curves(&mut chart, &series.whole, is_updated);
         writeln!(
             out,
             "<h3>The same run predicted as a whole, from its first state by the recorded efforts ({}) alone\
              </h3>\n{}\n{}",
             effort_unit(joint.turns),
-            chart.svg(),
+            chart.svg_text(),
             motion_legend(&[measured], updated, &[])
         )
         .ok();
@@ -149,7 +153,7 @@ fn motion_legend(first: &[(&str, &str)], updated: Option<(&str, &str)>, last: &[
 }
 
 fn time_axis(s: &ResidualSeries) -> Axis {
-    Axis { label: "time, s".into(), range: extent(s.time_s.iter()) }
+    Axis { label: "time, s".into(), range: finite_extent(s.time_s.iter()) }
 }
 
 /// An empty chart for positions over time.
@@ -162,18 +166,18 @@ fn predicted(s: &ResidualSeries, residual: &[f64]) -> Vec<f64> {
 }
 
 fn curves(chart: &mut Chart, s: &ResidualSeries, is_updated: bool) {
-    chart.curve(&s.time_s, &s.position, &s.starts, "measured");
-    chart.curve(&s.time_s, &predicted(s, &s.before), &s.starts, "twin");
+    chart.push_curve(&s.time_s, &s.position, &s.starts, "measured");
+    chart.push_curve(&s.time_s, &predicted(s, &s.before), &s.starts, "twin");
     if is_updated {
-        chart.curve(&s.time_s, &predicted(s, &s.after), &s.starts, "updated");
+        chart.push_curve(&s.time_s, &predicted(s, &s.after), &s.starts, "updated");
     }
 }
 
 /// The range of the measured positions, with room for a diverging twin.
 fn position_axis(unit: &str, s: &ResidualSeries) -> Axis {
-    let (low, high) = extent(s.position.iter());
+    let (low, high) = finite_extent(s.position.iter());
     let all = [predicted(s, &s.before), predicted(s, &s.after)].concat();
-    let (least, most) = extent(all.iter());
+    let (least, most) = finite_extent(all.iter());
     let room = 0.6 * (high - low);
     let pad = 0.05 * (high - low);
     let range = (least.clamp(low - room, low) - pad, most.clamp(high, high + room) + pad);
@@ -187,8 +191,8 @@ fn shade(chart: &mut Chart, s: &ResidualSeries) {
     let spans: Vec<(f64, f64)> = spans.map(|(a, b)| (s.time_s[a], s.time_s[b - 1])).collect();
     if spans.len() > MAX_WINDOWS {
         // Too many to be seen one by one: from the first to the last.
-        chart.band(spans[0].0, spans[spans.len() - 1].1, "window");
+        chart.push_band(spans[0].0, spans[spans.len() - 1].1, "window");
     } else {
-        spans.iter().for_each(|(a, b)| chart.band(*a, *b, "window"));
+        spans.iter().for_each(|(a, b)| chart.push_band(*a, *b, "window"));
     }
 }

@@ -1,6 +1,6 @@
 //! The next recording, in one line, and the failures of the twin.
 
-use super::words::{fixed, places, position, variable, with_unit, words};
+use super::words::{decimal_places, escaped_words, fixed_text, position_text, variable_name, with_unit};
 use gap::{
     judge::{
         finding::Finding,
@@ -26,37 +26,39 @@ const COVERED: f64 = 0.8;
 
 /// A sentence on the next experiment; `range` has the ends of all recorded positions.
 #[must_use]
-pub(super) fn next(joint: &JointReport, spec: Option<&TwinJoint>, range: (f64, f64)) -> String {
+pub(super) fn next_experiment(joint: &JointReport, spec: Option<&TwinJoint>, range: (f64, f64)) -> String {
     let d = &joint.diagnosis;
     match d.verdict {
         Verdict::Ambiguous => {
             let Some(f) = d.findings.iter().find(|f| !f.alternatives.is_empty()) else {
                 return String::new();
             };
-            let others: Vec<String> = f.alternatives.iter().map(|(name, _)| words(name)).collect();
+            let others: Vec<String> = f.alternatives.iter().map(|(name, _)| escaped_words(name)).collect();
             format!(
                 "To decide between {} and {}: {}.",
-                words(&f.effect),
+                escaped_words(&f.effect),
                 others.join(", "),
                 escape_xml(&f.experiment)
             )
         }
         Verdict::Named => {
-            let loosest = d.findings.iter().max_by(|a, b| looseness(a).total_cmp(&looseness(b)));
+            let loosest =
+                d.findings.iter().max_by(|a, b| relative_half_width(a).total_cmp(&relative_half_width(b)));
             loosest.map_or(String::new(), |f| {
-                let known = 100.0 * looseness(f);
+                let known = 100.0 * relative_half_width(f);
                 let share = if known.is_finite() && known < 1000.0 {
-                    format!(" (known to \u{b1}\u{a0}{}\u{a0}%)", fixed(known, i32::from(known < 3.0)))
+                    format!(" (known to \u{b1}\u{a0}{}\u{a0}%)", fixed_text(known, i32::from(known < 3.0)))
                 } else {
                     String::new()
                 };
-                format!("To know {}{share} better: {}.", words(&f.effect), escape_xml(&f.experiment))
+                format!("To know {}{share} better: {}.", escaped_words(&f.effect), escape_xml(&f.experiment))
             })
         }
-        Verdict::Unknown if joint.doubt.is_some() => {
-            joint.doubt.as_ref().map_or(String::new(), |d| escape_xml(&d.remedy()) + ", and diagnose again.")
-        }
-        Verdict::Unknown => match (place(joint), d.before.first()) {
+        Verdict::Unknown if joint.doubt.is_some() => joint
+            .doubt
+            .as_ref()
+            .map_or(String::new(), |d| escape_xml(&d.remedy_text()) + ", and diagnose again."),
+        Verdict::Unknown => match (place_advice(joint), d.before.first()) {
             (Some(text), _) => text,
             (None, Some(w)) => wanted(w, joint.turns),
             (None, None) => String::new(),
@@ -67,12 +69,12 @@ pub(super) fn next(joint: &JointReport, spec: Option<&TwinJoint>, range: (f64, f
 }
 
 /// Half width of the widest interval of an effect's amplitudes, relative to its value.
-fn looseness(f: &Finding) -> f64 {
+fn relative_half_width(f: &Finding) -> f64 {
     f.parameters.first().map_or(0.0, |p| 0.5 * (p.interval.1 - p.interval.0) / p.value.abs().max(1e-300))
 }
 
 /// A sentence on the next recording if something unknown acts at a place: the place of the largest lack.
-fn place(joint: &JointReport) -> Option<String> {
+fn place_advice(joint: &JointReport) -> Option<String> {
     let law = joint.laws.iter().find(|l| l.variable == Variable::Position && l.effects.is_empty())?;
     let [rising, falling]: [Vec<&Point>; 2] = [Way::Rising, Way::Falling]
         .map(|way| law.points.iter().filter(|p| p.way == way && !p.is_held_out).collect());
@@ -96,8 +98,8 @@ fn place(joint: &JointReport) -> Option<String> {
     Some(format!(
         "The twin lacks most with the position {way}, about {} to {}: cross this range slowly, both ways, \
          three times at each of two speeds.",
-        position(first.x, turns),
-        position(last.x, turns)
+        position_text(first.x, turns),
+        position_text(last.x, turns)
     ))
 }
 
@@ -132,23 +134,24 @@ fn region(w: &Dependence, turns: bool) -> String {
             _ => "position rising".into(),
         };
     }
-    let places = places((high - low).abs(), 0.0);
-    with_unit(&format!("{} to {}", fixed(low, places), fixed(high, places)), w.variable.unit(turns))
+    let places = decimal_places((high - low).abs(), 0.0);
+    with_unit(&format!("{} to {}", fixed_text(low, places), fixed_text(high, places)), w.variable.unit(turns))
 }
 
 /// A sentence on ranges and efforts beyond these runs, if nothing is missing.
 fn further(joint: &JointReport, spec: Option<&TwinJoint>, range: (f64, f64)) -> String {
     let (low, high) = range;
-    let speed = format!("{}\u{a0}{}", fixed(joint.coverage.speed.1, 2), Variable::Velocity.unit(joint.turns));
+    let speed =
+        format!("{}\u{a0}{}", fixed_text(joint.coverage.speed.1, 2), Variable::Velocity.unit(joint.turns));
     let limit = spec.and_then(|s| s.limit).filter(|(l, h)| h - l < 1e3);
     match limit {
         Some((l, h)) if high - low < COVERED * (h - l) => format!(
             "These runs say nothing beyond {} to {}, nor above {speed}: go through the rest of the range, {} \
              to {}.",
-            position(low, joint.turns),
-            position(high, joint.turns),
-            position(l, joint.turns),
-            position(h, joint.turns)
+            position_text(low, joint.turns),
+            position_text(high, joint.turns),
+            position_text(l, joint.turns),
+            position_text(h, joint.turns)
         ),
         _ => format!(
             "These runs say nothing above {speed}, nor of efforts and loads that did not occur: go faster, \
@@ -166,7 +169,14 @@ pub(super) fn disagreement(joint: &JointReport) -> String {
         .iter()
         .filter(|w| w.q <= LEVEL && w.gain > 2.0 * w.bins.len() as f64 + 10.0)
         .take(MAX_PLACES)
-        .map(|w| format!("{}, {} (p\u{a0}{})", variable(w.variable), region(w, joint.turns), fixed(w.p, 3)))
+        .map(|w| {
+            format!(
+                "{}, {} (p\u{a0}{})",
+                variable_name(w.variable),
+                region(w, joint.turns),
+                fixed_text(w.p, 3)
+            )
+        })
         .collect::<Vec<_>>();
     if listed.is_empty() { String::new() } else { format!("The residual depends on {}.", listed.join("; ")) }
 }

@@ -28,7 +28,7 @@ pub(super) struct Solid {
 
 /// Visual shapes of all links, by name; meshes are not read. Nothing of a text that is no URDF.
 #[must_use]
-pub(super) fn visuals(urdf: &str) -> BTreeMap<String, Vec<Solid>> {
+pub(super) fn visual_solids(urdf: &str) -> BTreeMap<String, Vec<Solid>> {
     let Ok(description) = Description::parse(urdf) else { return BTreeMap::new() };
     let mut all = BTreeMap::new();
     for link in description.links {
@@ -105,7 +105,7 @@ pub(super) fn cuboid(sides: Vector3<f64>) -> Solid {
 
 /// Along z.
 fn cylinder(radius: f64, length: f64) -> Solid {
-    let [low, high] = [-0.5 * length, 0.5 * length].map(|z| rim(radius, z));
+    let [low, high] = [-0.5 * length, 0.5 * length].map(|z| circle_points(radius, z));
     let mut faces = Vec::with_capacity(SIDES + 2);
     for i in 0..SIDES {
         let next = (i + 1) % SIDES;
@@ -117,7 +117,7 @@ fn cylinder(radius: f64, length: f64) -> Solid {
 }
 
 /// Points of a circle about z.
-fn rim(radius: f64, z: f64) -> Vec<Point3<f64>> {
+fn circle_points(radius: f64, z: f64) -> Vec<Point3<f64>> {
     let angles = (0..SIDES).map(|i| std::f64::consts::TAU * i as f64 / SIDES as f64);
     angles.map(|angle| Point3::new(radius * angle.cos(), radius * angle.sin(), z)).collect()
 }
@@ -126,7 +126,7 @@ fn ball(radius: f64) -> Solid {
     let rings: Vec<Vec<Point3<f64>>> = (0..=RINGS)
         .map(|ring| {
             let tilt = std::f64::consts::PI * ring as f64 / RINGS as f64;
-            rim(radius * tilt.sin(), -radius * tilt.cos())
+            circle_points(radius * tilt.sin(), -radius * tilt.cos())
         })
         .collect();
     let mut faces = Vec::with_capacity(RINGS * SIDES);
@@ -141,7 +141,7 @@ fn ball(radius: f64) -> Solid {
 
 /// Normal of a face, longer for a larger face.
 #[must_use]
-pub(super) fn normal(face: &[Point3<f64>]) -> Vector3<f64> {
+pub(super) fn face_normal(face: &[Point3<f64>]) -> Vector3<f64> {
     // Newell's sum: a doubled corner does not spoil it.
     (0..face.len()).map(|i| face[i].coords.cross(&face[(i + 1) % face.len()].coords)).sum()
 }
@@ -154,7 +154,7 @@ mod tests {
     fn faces_look_outwards() {
         for solid in [cuboid(Vector3::new(1.0, 2.0, 3.0)), cylinder(0.5, 2.0), ball(0.7)] {
             for face in &solid.faces {
-                let normal = normal(face);
+                let normal = face_normal(face);
                 let middle = face.iter().map(|p| p.coords).sum::<Vector3<f64>>() / face.len() as f64;
                 assert!(normal.dot(&middle) > 0.0, "{face:?}");
             }
@@ -190,10 +190,10 @@ mod tests {
                     <geometry><box size=\"2 4 6\"/></geometry></visual><visual><geometry><mesh \
                     filename=\"m.obj\"/></geometry></visual><visual><geometry><box size=\"1 nan 1\"/>\
                     </geometry></visual></link></robot>";
-        let all = visuals(text);
+        let all = visual_solids(text);
         assert_eq!(all["a"].len(), 1);
         let highest = all["a"][0].faces.iter().flatten().map(|p| p.x).fold(0.0, f64::max);
         assert!((highest - 3.0).abs() < 1e-9, "{highest}");
-        assert!(visuals("<robot").is_empty());
+        assert!(visual_solids("<robot").is_empty());
     }
 }

@@ -11,7 +11,7 @@ use gap::{
         law::{Curve, Law, Point, Way},
         locate::Variable,
         proof::{Gap, ResidualSeries, RunGap, RunSeries, WindowGap},
-        report::{Track, report, summary},
+        report::{Track, report, summary_of_joints},
         verdict::Diagnosis,
     },
     model::{
@@ -106,7 +106,7 @@ fn joint(length: usize) -> JointReport {
             finding(index("viscous_friction"), "viscous_friction", "damping", -0.1, 0.02, "N m s/rad"),
         ],
         before: Vec::new(),
-        model: JointModel::of(&plant()).with(index("coulomb_friction"), &[0.23]),
+        model: JointModel::of_plant(&plant()).with_effect(index("coulomb_friction"), &[0.23]),
         left: 0.0,
         lacks: Vec::new(),
         noise: EffortNoise::default(),
@@ -225,7 +225,7 @@ fn what_may_be_absent_is_no_name() {
     assert!(html.contains("viscous friction may be absent") && texts(&html).contains(row));
     let mut joint = joint(200);
     unsure(&mut joint);
-    let said = summary(std::slice::from_ref(&joint));
+    let said = summary_of_joints(std::slice::from_ref(&joint));
     assert!(said.contains("  perhaps viscous_friction: damping -0.1000 [-0.1200, -0.0800]"), "{said}");
     let json = serde_json::to_value(report(&[joint], Vec::new())).unwrap();
     let names = |of: &str| -> Vec<String> {
@@ -281,7 +281,7 @@ fn every_element_is_closed_under_every_verdict() {
             joint.diagnosis.verdict = verdict;
             if matches!(verdict, Verdict::None | Verdict::Unknown | Verdict::Insufficient) {
                 joint.diagnosis.findings.clear();
-                joint.diagnosis.model = JointModel::of(&plant());
+                joint.diagnosis.model = JointModel::of_plant(&plant());
                 joint.diagnosis.lacks = vec!["record 10 s or more".into()];
             }
         });

@@ -1,16 +1,16 @@
 //! Round numbers along an axis.
 
-use crate::page::minus;
+use crate::page::with_true_minus;
 
 /// Round numbers within a range, `about` of them: steps of 1, 2 or 5 times a power of ten.
 #[must_use]
-pub(super) fn ticks(low: f64, high: f64, about: usize) -> Vec<f64> {
+pub(super) fn round_ticks(low: f64, high: f64, about: usize) -> Vec<f64> {
     let width = high - low;
     // Negated: a range of NaN has none.
     if !(width > 0.0 && width.is_finite()) {
         return Vec::new();
     }
-    let step = step(width / about.max(1) as f64);
+    let step = round_step(width / about.max(1) as f64);
     let first = (low / step - 1e-9).ceil();
     let last = (high / step + 1e-9).floor();
     // Adding 0 takes the sign off a minus zero.
@@ -18,7 +18,7 @@ pub(super) fn ticks(low: f64, high: f64, about: usize) -> Vec<f64> {
 }
 
 /// The least round step of at least four fifths of a wanted one.
-fn step(wanted: f64) -> f64 {
+fn round_step(wanted: f64) -> f64 {
     let power = 10f64.powf(wanted.log10().floor());
     let steps = [1.0, 2.0, 5.0, 10.0].map(|factor| factor * power);
     steps.into_iter().find(|s| *s >= 0.8 * wanted).unwrap_or(steps[3])
@@ -26,10 +26,10 @@ fn step(wanted: f64) -> f64 {
 
 /// Labels of ticks, with the digits of their step.
 #[must_use]
-pub(super) fn labels(ticks: &[f64]) -> Vec<String> {
+pub(super) fn tick_labels(ticks: &[f64]) -> Vec<String> {
     let step = ticks.windows(2).map(|w| w[1] - w[0]).next().unwrap_or(1.0);
     let places = (-(step * (1.0 + 1e-9)).log10().floor()).clamp(0.0, 12.0) as usize;
-    ticks.iter().map(|t| minus(&format!("{:.places$}", t + 0.0))).collect()
+    ticks.iter().map(|t| with_true_minus(&format!("{:.places$}", t + 0.0))).collect()
 }
 
 #[cfg(test)]
@@ -38,12 +38,12 @@ mod tests {
 
     #[test]
     fn ticks_are_round_and_within() {
-        let texts = |low, high, about| labels(&ticks(low, high, about));
+        let texts = |low, high, about| tick_labels(&round_ticks(low, high, about));
         assert_eq!(texts(0.0, 10.0, 5), ["0", "2", "4", "6", "8", "10"]);
         assert_eq!(texts(-0.31, 0.27, 5), ["\u{2212}0.3", "\u{2212}0.2", "\u{2212}0.1", "0.0", "0.1", "0.2"]);
         assert_eq!(texts(1e-4, 3.4e-4, 3), ["0.0001", "0.0002", "0.0003"]);
         assert_eq!(texts(994.0, 1012.0, 4), ["995", "1000", "1005", "1010"]);
-        assert!(ticks(1.0, 1.0, 5).is_empty() && ticks(f64::NAN, 1.0, 5).is_empty());
-        assert!(ticks(0.0, f64::INFINITY, 5).is_empty());
+        assert!(round_ticks(1.0, 1.0, 5).is_empty() && round_ticks(f64::NAN, 1.0, 5).is_empty());
+        assert!(round_ticks(0.0, f64::INFINITY, 5).is_empty());
     }
 }

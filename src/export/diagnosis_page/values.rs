@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::words::{fixed, places, residual, unit_text, with_unit, words};
+use super::words::{decimal_places, escaped_words, fixed_text, residual_text, unit_text, with_unit};
 use gap::{
     judge::{
         finding::{Finding, ParameterEstimate},
@@ -26,7 +26,12 @@ struct Value {
     unit: String,
 }
 
-fn value(joint: &JointReport, finding: &Finding, p: &ParameterEstimate, catalogue: &Catalogue) -> Value {
+fn parameter_value(
+    joint: &JointReport,
+    finding: &Finding,
+    p: &ParameterEstimate,
+    catalogue: &Catalogue,
+) -> Value {
     let effect = &catalogue[finding.index];
     let index = effect.parameters().iter().position(|own| own.name == p.name);
     let neutral = index.and_then(|i| effect.parameters()[i].neutral);
@@ -36,8 +41,8 @@ fn value(joint: &JointReport, finding: &Finding, p: &ParameterEstimate, catalogu
     let is_factor = own.is_some() && neutral == Some(1.0);
     let with = |x: f64| if is_factor { twin * x } else { twin + x };
     let half = 0.5 * (p.interval.1 - p.interval.0);
-    let digits = places(p.value, half);
-    let text = |x: f64| fixed(x, digits);
+    let digits = decimal_places(p.value, half);
+    let text = |x: f64| fixed_text(x, digits);
     let (sign, found) = match (is_factor, p.value < 0.0) {
         (true, _) => ("\u{d7}", p.value),
         (false, true) => ("\u{2212}", -p.value),
@@ -53,22 +58,22 @@ fn value(joint: &JointReport, finding: &Finding, p: &ParameterEstimate, catalogu
 
 /// An effect's values in a sentence: `twin + found = updated unit`; the shape is in the table.
 #[must_use]
-pub(super) fn sentence(joint: &JointReport, finding: &Finding, catalogue: &Catalogue) -> String {
+pub(super) fn values_sentence(joint: &JointReport, finding: &Finding, catalogue: &Catalogue) -> String {
     let mut all: Vec<String> = Vec::new();
     for p in &finding.parameters {
-        if let Some([twin, sign, found, sum]) = value(joint, finding, p, catalogue).parts {
+        if let Some([twin, sign, found, sum]) = parameter_value(joint, finding, p, catalogue).parts {
             all.push(with_unit(&format!("{twin} {sign} {found} = {sum}"), &p.unit));
         }
     }
     if let (true, Some(p)) = (all.is_empty(), finding.parameters.first()) {
-        all.push(with_unit(&value(joint, finding, p, catalogue).alone, &p.unit));
+        all.push(with_unit(&parameter_value(joint, finding, p, catalogue).alone, &p.unit));
     }
-    format!("{} {}", words(&finding.effect), all.join(" and "))
+    format!("{} {}", escaped_words(&finding.effect), all.join(" and "))
 }
 
 /// The table of values.
 #[must_use]
-pub(super) fn values(
+pub(super) fn values_table(
     joint: &JointReport,
     findings: &[Finding],
     title: &str,
@@ -77,8 +82,8 @@ pub(super) fn values(
     let mut rows = String::new();
     for finding in findings {
         for (i, p) in finding.parameters.iter().enumerate() {
-            let v = value(joint, finding, p, catalogue);
-            let name = if i == 0 { words(&finding.effect) } else { String::new() };
+            let v = parameter_value(joint, finding, p, catalogue);
+            let name = if i == 0 { escaped_words(&finding.effect) } else { String::new() };
             let equation = match v.parts {
                 Some([twin, sign, found, sum]) => format!(
                     "<td class=\"sum\">{twin}</td><td>{sign}</td><td class=\"sum\">{found}</td><td>=</td><td \
@@ -90,7 +95,7 @@ pub(super) fn values(
                     v.alone
                 ),
             };
-            let parameter = words(&p.name);
+            let parameter = escaped_words(&p.name);
             let unit = v.unit;
             let interval = v.interval;
             writeln!(
@@ -119,13 +124,13 @@ pub(super) fn values(
 pub(super) fn gap_table(joint: &JointReport, gap: &Gap, updated: Option<&str>) -> String {
     let mut rows = String::new();
     for run in &gap.runs {
-        let residuals = [run.before, run.after].map(|x| residual(x, joint.turns));
-        let whole = [run.full_before, run.full_after].map(|x| residual(x, joint.turns));
+        let residuals = [run.before, run.after].map(|x| residual_text(x, joint.turns));
+        let whole = [run.full_before, run.full_after].map(|x| residual_text(x, joint.turns));
         let closed = updated.map(|_| closed_share(run.before, run.after, gap.noise_floor));
         push_gap_row(&mut rows, &escape_xml(&run.run), residuals, closed, whole);
     }
     if gap.runs.len() > 1 {
-        let residuals = [gap.before, gap.after].map(|x| residual(x, joint.turns));
+        let residuals = [gap.before, gap.after].map(|x| residual_text(x, joint.turns));
         let closed = updated.map(|_| closed_share(gap.before, gap.after, gap.noise_floor));
         push_gap_row(&mut rows, "all", residuals, closed, <[String; 2]>::default());
     }
@@ -141,13 +146,13 @@ pub(super) fn gap_table(joint: &JointReport, gap: &Gap, updated: Option<&str>) -
             bars,
             "<span>{name}</span><div class=\"bar {class}\" style=\"width: {}%\"></div><span \
              class=\"number\">{}</span>",
-            fixed(100.0 * x / most, 1),
-            residual(x, joint.turns)
+            fixed_text(100.0 * x / most, 1),
+            residual_text(x, joint.turns)
         )
         .ok();
     }
     let mut head = vec!["Held-out run".to_owned(), "Twin".to_owned()];
-    head.extend(updated.into_iter().flat_map(|name| [capital(name), "Closed".to_owned()]));
+    head.extend(updated.into_iter().flat_map(|name| [with_capital(name), "Closed".to_owned()]));
     head.push("Whole run: twin".to_owned());
     head.extend(updated.map(|name| format!("Whole run: {name}")));
     let head: String = head.iter().map(|h| format!("<th>{h}</th>")).collect();
@@ -165,7 +170,7 @@ fn closed_share(before: f64, after: f64, noise_floor: f64) -> String {
         return "\u{2013}".to_owned();
     }
     let share = 1.0 - left_of(before, after, noise_floor);
-    format!("{}\u{a0}%", fixed(100.0 * share, 0))
+    format!("{}\u{a0}%", fixed_text(100.0 * share, 0))
 }
 
 /// A row of the table of gaps: residuals of the twin and of the updated twin by windows and of the whole run;
@@ -186,7 +191,7 @@ fn push_gap_row(
 }
 
 /// With a capital.
-fn capital(text: &str) -> String {
+fn with_capital(text: &str) -> String {
     let mut letters = text.chars();
     letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
 }

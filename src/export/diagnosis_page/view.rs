@@ -30,7 +30,7 @@ pub(super) struct View {
 impl View {
     /// The best of some views for an axis and a part reaching from it by `arm`.
     #[must_use]
-    pub(super) fn of(
+    pub(super) fn best_view(
         motion: Motion,
         axis: &Unit<Vector3<f64>>,
         arm: &Vector3<f64>,
@@ -67,12 +67,12 @@ impl View {
 
     /// The same with all points on a sheet of this size, within its border.
     #[must_use]
-    pub(super) fn fitted(self, points: &[Point3<f64>], size: (f64, f64), border: f64) -> Self {
+    pub(super) fn fitted_to(self, points: &[Point3<f64>], size: (f64, f64), border: f64) -> Self {
         let flat = Self { scale: 1.0, shift: (0.0, 0.0), ..self };
         let mut low = (f64::INFINITY, f64::INFINITY);
         let mut high = (f64::NEG_INFINITY, f64::NEG_INFINITY);
         for p in points {
-            let (x, y) = flat.paper(p);
+            let (x, y) = flat.point_on_sheet(p);
             low = (low.0.min(x), low.1.min(y));
             high = (high.0.max(x), high.1.max(y));
         }
@@ -85,26 +85,26 @@ impl View {
 
     /// A point on the sheet, y down.
     #[must_use]
-    pub(super) fn paper(&self, p: &Point3<f64>) -> (f64, f64) {
-        let (x, y) = self.direction(&p.coords);
+    pub(super) fn point_on_sheet(&self, p: &Point3<f64>) -> (f64, f64) {
+        let (x, y) = self.direction_on_sheet(&p.coords);
         (self.shift.0 + self.scale * x, self.shift.1 + self.scale * y)
     }
 
     /// A direction on the sheet, y down; a unit vector in the sheet has length 1.
     #[must_use]
-    pub(super) fn direction(&self, v: &Vector3<f64>) -> (f64, f64) {
+    pub(super) fn direction_on_sheet(&self, v: &Vector3<f64>) -> (f64, f64) {
         (self.right.dot(v), -self.up.dot(v))
     }
 
     /// Down on the sheet.
     #[must_use]
-    pub(super) fn down(&self) -> Vector3<f64> {
+    pub(super) fn sheet_down(&self) -> Vector3<f64> {
         -self.up
     }
 
     /// To the light: the viewer's upper left.
     #[must_use]
-    pub(super) fn light(&self) -> Vector3<f64> {
+    pub(super) fn light_direction(&self) -> Vector3<f64> {
         (self.toward + 0.9 * self.up - 0.6 * self.right).normalize()
     }
 }
@@ -120,15 +120,15 @@ mod tests {
             (Vector3::y_axis(), Vector3::new(0.0, -9.81, 0.0)),
             (Vector3::x_axis(), Vector3::zeros()),
         ] {
-            let view = View::of(Motion::Turn, &axis, &Vector3::new(0.3, 0.1, 0.0), &gravity);
+            let view = View::best_view(Motion::Turn, &axis, &Vector3::new(0.3, 0.1, 0.0), &gravity);
             if gravity.norm() > 0.0 {
-                let (x, y) = view.direction(&gravity);
+                let (x, y) = view.direction_on_sheet(&gravity);
                 assert!(x.abs() < 1e-9 && y > 0.0, "{x} {y}");
             }
             assert!((view.right.cross(&view.up) - view.toward).norm() < 1e-9);
             // A turn about the line of sight is counterclockwise on the sheet, whose y is down.
-            let from = view.direction(&view.right);
-            let to = view.direction(&view.toward.cross(&view.right));
+            let from = view.direction_on_sheet(&view.right);
+            let to = view.direction_on_sheet(&view.toward.cross(&view.right));
             assert!(from.0 > 0.0 && to.1 < 0.0);
             let angle = axis.dot(&view.toward).abs().acos().to_degrees();
             assert!((angle - TURN_DEG).abs() < 15.0, "{angle}");

@@ -1,12 +1,12 @@
 //! Numbers and names of a diagnosis as a page shows them.
 
-use crate::page::minus;
+use crate::page::with_true_minus;
 use gap::judge::locate::Variable;
 use model::escape_xml;
 
 /// A name of the catalogue in words.
 #[must_use]
-pub(super) fn words(name: &str) -> String {
+pub(super) fn escaped_words(name: &str) -> String {
     escape_xml(&name.replace('_', " "))
 }
 
@@ -23,7 +23,7 @@ pub(super) fn unit_text(unit: &str) -> String {
 /// with 1 to 3, else one; three of the number without an interval. Negative if digits before the point mean
 /// nothing.
 #[must_use]
-pub(super) fn places(value: f64, half: f64) -> i32 {
+pub(super) fn decimal_places(value: f64, half: f64) -> i32 {
     let digits = if half / 10f64.powf(half.log10().floor()) < 3.55 { 2 } else { 1 };
     match (half > 0.0 && half.is_finite(), value != 0.0 && value.is_finite()) {
         // At least one digit of the value: an interval may be wider than the value.
@@ -41,7 +41,7 @@ fn digits_after_point(x: f64, significant: i32) -> i32 {
 
 /// A number rounded to so many digits after the point; with an exponent where these are too many to read.
 #[must_use]
-pub(super) fn fixed(value: f64, places: i32) -> String {
+pub(super) fn fixed_text(value: f64, places: i32) -> String {
     if !value.is_finite() {
         return "\u{2013}".into();
     }
@@ -53,7 +53,7 @@ pub(super) fn fixed(value: f64, places: i32) -> String {
         let digits = (places + exponent).max(0) as usize;
         let text = format!("{value:.digits$e}");
         let (mantissa, power) = text.split_once('e').unwrap_or((&text, "0"));
-        return minus(&format!("{mantissa}\u{b7}10<sup>{power}</sup>"));
+        return with_true_minus(&format!("{mantissa}\u{b7}10<sup>{power}</sup>"));
     }
     let last = 10f64.powi(-places.min(0));
     // Of a point, text rounds exactly.
@@ -61,26 +61,29 @@ pub(super) fn fixed(value: f64, places: i32) -> String {
     let text = format!("{value:.0$}", places.max(0) as usize);
     // The sign of a rounded zero is noise.
     let is_zero = text.chars().all(|c| matches!(c, '-' | '0' | '.'));
-    minus(if is_zero { text.trim_start_matches('-') } else { &text })
+    with_true_minus(if is_zero { text.trim_start_matches('-') } else { &text })
 }
 
 /// A residual of a position with three digits, in thousandths of the unit.
 #[must_use]
-pub(super) fn residual(value: f64, turns: bool) -> String {
+pub(super) fn residual_text(value: f64, turns: bool) -> String {
     let unit = if turns { "mrad" } else { "mm" };
     if !value.is_finite() {
         return "beyond bounds".into();
     }
-    format!("{}\u{a0}<span class=\"unit\">{unit}</span>", fixed(1e3 * value, places(1e3 * value, 0.0)))
+    format!(
+        "{}\u{a0}<span class=\"unit\">{unit}</span>",
+        fixed_text(1e3 * value, decimal_places(1e3 * value, 0.0))
+    )
 }
 
 /// A position; angles in degrees too.
 #[must_use]
-pub(super) fn position(value: f64, turns: bool) -> String {
+pub(super) fn position_text(value: f64, turns: bool) -> String {
     if turns {
-        format!("{}\u{a0}rad ({}\u{b0})", fixed(value, 2), fixed(value.to_degrees(), 0))
+        format!("{}\u{a0}rad ({}\u{b0})", fixed_text(value, 2), fixed_text(value.to_degrees(), 0))
     } else {
-        format!("{}\u{a0}mm", fixed(1e3 * value, 1))
+        format!("{}\u{a0}mm", fixed_text(1e3 * value, 1))
     }
 }
 
@@ -93,7 +96,7 @@ pub(super) fn with_unit(number: &str, unit: &str) -> String {
 
 /// A variable in words.
 #[must_use]
-pub(super) fn variable(variable: Variable) -> &'static str {
+pub(super) fn variable_name(variable: Variable) -> &'static str {
     if variable == Variable::Effort { "measured effort" } else { variable.name() }
 }
 
@@ -120,15 +123,15 @@ mod tests {
             (-1e-9, 0.0, "\u{2212}1.00\u{b7}10<sup>\u{2212}9</sup>"),
             (0.0, 0.0, "0.00"),
         ] {
-            assert_eq!(fixed(value, places(value, half)), text, "{value} {half}");
+            assert_eq!(fixed_text(value, decimal_places(value, half)), text, "{value} {half}");
         }
-        assert_eq!(fixed(2.31e-7, 9), "2.31\u{b7}10<sup>\u{2212}7</sup>");
+        assert_eq!(fixed_text(2.31e-7, 9), "2.31\u{b7}10<sup>\u{2212}7</sup>");
     }
 
     #[test]
     fn units_and_names_are_read_not_run() {
         assert_eq!(unit_text("N m s^2/rad^2"), "N\u{a0}m\u{a0}s\u{b2}/rad\u{b2}");
         assert_eq!(unit_text("1"), "");
-        assert_eq!(words("end_stop<b>"), "end stop&lt;b&gt;");
+        assert_eq!(escaped_words("end_stop<b>"), "end stop&lt;b&gt;");
     }
 }

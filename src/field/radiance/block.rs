@@ -5,7 +5,7 @@ use std::ops::Range;
 use nalgebra::Vector3;
 
 use super::RadianceConfig;
-use super::composite::{by_thickness, weigh};
+use super::composite::{by_thickness, set_weights};
 use super::loss::{RadianceLosses, RayShare, Rendered, RenderedGradient, ray_loss};
 use super::ray_batch::RayBatch;
 use crate::harmonics::view_gradient;
@@ -20,7 +20,7 @@ const SLOPE_EXPONENT: f64 = 15.0;
 const DENSITY_EXPONENT: f64 = 80.0;
 
 /// Density per normalised unit of a network's first output: `exp(out - 1)`.
-pub(super) fn density(output: f32) -> f64 {
+pub(super) fn density_of_output(output: f32) -> f64 {
     (f64::from(output) - 1.0).min(DENSITY_EXPONENT).exp()
 }
 
@@ -110,12 +110,12 @@ pub(super) fn train_block(
 ) -> RadianceLosses {
     let samples = context.batch.samples;
     for k in 0..context.parts.len() {
-        thicken(context, &rays, k, scratch);
+        set_thickness(context, &rays, k, scratch);
     }
     for ray in 0..rays.len() {
-        weigh(&scratch.thickness, ray * samples..(ray + 1) * samples, &mut scratch.weights);
+        set_weights(&scratch.thickness, ray * samples..(ray + 1) * samples, &mut scratch.weights);
     }
-    render(context, &rays, scratch);
+    render_rays(context, &rays, scratch);
     let losses = by_weight(context, &rays, scratch);
     for ray in 0..rays.len() {
         let columns = ray * samples..(ray + 1) * samples;
@@ -128,28 +128,28 @@ pub(super) fn train_block(
 }
 
 /// The features of a block's columns of a part.
-fn features<'a>(context: &RenderContext<'a>, rays: &Range<usize>, part: usize) -> Columns<'a> {
+fn block_features<'a>(context: &RenderContext<'a>, rays: &Range<usize>, part: usize) -> Columns<'a> {
     let columns = context.batch.distances.len();
     let data = context.parts[part].features;
     Columns { data: &data[rays.start * context.batch.samples..], stride: columns, rows: data.len() / columns }
 }
 
 /// Optical thickness of a part's samples.
-fn thicken(context: &RenderContext<'_>, rays: &Range<usize>, part: usize, scratch: &mut RenderScratch) {
+fn set_thickness(context: &RenderContext<'_>, rays: &Range<usize>, part: usize, scratch: &mut RenderScratch) {
     let samples = context.batch.samples;
     let view = &context.parts[part];
     let cols = rays.len() * samples;
     let geometry = &mut scratch.parts[part].geometry;
-    geometry.forward(context.isa, view.network, features(context, rays, part), cols);
+    geometry.forward(context.isa, view.network, block_features(context, rays, part), cols);
     let inside = &view.inside[rays.start * samples..][..cols];
     for (i, a) in scratch.thickness[part][..cols].iter_mut().enumerate() {
         let step = context.batch.rays[rays.start + i / samples].step;
-        *a = if inside[i] { density(geometry.outputs[i]) * step } else { 0.0 };
+        *a = if inside[i] { density_of_output(geometry.outputs[i]) * step } else { 0.0 };
     }
 }
 
 /// Colors, opacities and distances of the rays.
-fn render(context: &RenderContext<'_>, rays: &Range<usize>, scratch: &mut RenderScratch) {
+fn render_rays(context: &RenderContext<'_>, rays: &Range<usize>, scratch: &mut RenderScratch) {
     let samples = context.batch.samples;
     let parts = context.parts.len();
     let cols = rays.len() * samples;
@@ -171,7 +171,7 @@ fn render(context: &RenderContext<'_>, rays: &Range<usize>, scratch: &mut Render
         if part.columns.is_empty() {
             continue;
         }
-        part.cols = part.color.gather(
+        part.cols = part.color.gather_inputs(
             &part.geometry.outputs,
             cols,
             &part.columns,
@@ -200,7 +200,7 @@ fn by_weight(
     let mut by: Vec<RenderedGradient> = Vec::with_capacity(rays.len());
     for (ray, shown) in batch.rays[rays.clone()].iter().zip(&scratch.shown) {
         let (loss, gradient) = ray_loss(ray, shown, context.shares[ray.state], context.config);
-        losses.add(&loss);
+        losses.add_terms(&loss);
         by.push(gradient);
     }
     let distances = &batch.distances[rays.start * samples..rays.end * samples];
@@ -269,7 +269,7 @@ fn part_backward(
             }
         }
     }
-    let features = features(context, rays, k);
+    let features = block_features(context, rays, k);
     debug_assert!(features.rows.is_multiple_of(FEATURES));
     geometry.backward(isa, view.backward, features, cols, slot.layers, slot.d_features);
 }

@@ -9,7 +9,7 @@ use std::ops::Range;
 
 /// Rendering weights of the samples `ray` of every part, given `[part][sample]` thicknesses (at least 0).
 /// See docs/method.md (12.21).
-pub(super) fn weigh(thickness: &[Vec<f64>], ray: Range<usize>, weights: &mut [Vec<f64>]) {
+pub(super) fn set_weights(thickness: &[Vec<f64>], ray: Range<usize>, weights: &mut [Vec<f64>]) {
     let mut before = 0.0f64;
     for i in ray {
         let transmittance = (-before).exp();
@@ -57,7 +57,7 @@ mod tests {
 
     fn weights_of(thickness: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let mut weights = vec![vec![0.0; 12]; thickness.len()];
-        weigh(thickness, 0..12, &mut weights);
+        set_weights(thickness, 0..12, &mut weights);
         weights
     }
 

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::super::config::{check_shape, within};
+use super::super::config::{check_shape, ensure_within};
 use super::super::simd::COLUMN_ALIGN;
 use super::super::{FieldConfig, FieldError};
 
@@ -116,44 +116,46 @@ impl RadianceConfig {
     /// [`FieldError::Config`] with the key and its range.
     pub fn validate(&self) -> Result<(), FieldError> {
         check_shape(&self.field)?;
-        within("parts", self.parts as f64, 2.0, 64.0)?;
-        within("steps", self.steps as f64, 1.0, 1e7)?;
-        within("rays", self.rays as f64, 1.0, 1e5)?;
-        within("samples", self.samples as f64, 16.0, 4096.0)?;
+        ensure_within("parts", self.parts as f64, 2.0, 64.0)?;
+        ensure_within("steps", self.steps as f64, 1.0, 1e7)?;
+        ensure_within("rays", self.rays as f64, 1.0, 1e5)?;
+        ensure_within("samples", self.samples as f64, 16.0, 4096.0)?;
         // Rays begin at whole vectors of the kernels.
-        within("samples modulo 16", (self.samples % COLUMN_ALIGN) as f64, 0.0, 0.0)?;
-        within("half_side", self.half_side, 0.1, 100.0)?;
-        within("ray_half_side", self.ray_half_side, 0.1, self.half_side)?;
-        within("learning_rate", self.learning_rate, 1e-8, 1.0)?;
-        within("motion_rate_scale", self.motion_rate_scale, 0.0, 1e3)?;
-        within("mask_weight", self.mask_weight, 0.0, 1e6)?;
-        within("depth_weight", self.depth_weight, 0.0, 1e6)?;
-        within("mesh_nodes", self.mesh_nodes as f64, 16.0, 1024.0)?;
-        within("part_entropy_weight", self.part_entropy_weight, 0.0, 1e6)?;
-        within("color_threshold", self.color_threshold, 0.0, 0.1)
+        ensure_within("samples modulo 16", (self.samples % COLUMN_ALIGN) as f64, 0.0, 0.0)?;
+        ensure_within("half_side", self.half_side, 0.1, 100.0)?;
+        ensure_within("ray_half_side", self.ray_half_side, 0.1, self.half_side)?;
+        ensure_within("learning_rate", self.learning_rate, 1e-8, 1.0)?;
+        ensure_within("motion_rate_scale", self.motion_rate_scale, 0.0, 1e3)?;
+        ensure_within("mask_weight", self.mask_weight, 0.0, 1e6)?;
+        ensure_within("depth_weight", self.depth_weight, 0.0, 1e6)?;
+        ensure_within("mesh_nodes", self.mesh_nodes as f64, 16.0, 1024.0)?;
+        ensure_within("part_entropy_weight", self.part_entropy_weight, 0.0, 1e6)?;
+        ensure_within("color_threshold", self.color_threshold, 0.0, 0.1)
     }
 
     /// Learning rate of the fields at a step, from 0: halved at a third, a half, 0.6, two thirds and five
     /// sixths of the steps.
     pub(super) fn field_rate(&self, step: usize) -> f64 {
-        self.haste() * self.learning_rate * 0.5f64.powi(self.passed(&FIELD_STEPS, step))
+        self.rate_factor() * self.learning_rate * 0.5f64.powi(self.passed_milestones(&FIELD_STEPS, step))
     }
 
     /// Factor on the motions' learning rates at a step, from 0.
     pub(super) fn motion_rate(&self, step: usize) -> f64 {
-        self.haste() * self.motion_rate_scale * 0.33f64.powi(self.passed(&MOTION_STEPS, step))
+        self.rate_factor()
+            * self.motion_rate_scale
+            * 0.33f64.powi(self.passed_milestones(&MOTION_STEPS, step))
     }
 
     /// Factor on all published rates for another number of steps than the published one.
     ///
     /// derived: where gradients are noise, Adam's steps are plus or minus the rate, and n of them reach rate
     /// sqrt(n) far; measured: without it the hinge of a laptop is found at half of its angle
-    fn haste(&self) -> f64 {
+    fn rate_factor(&self) -> f64 {
         (PUBLISHED_STEPS / self.steps as f64).sqrt()
     }
 
     /// How many of the published milestones a step has passed, scaled to the configured number of steps.
-    fn passed(&self, milestones: &[f64], step: usize) -> i32 {
+    fn passed_milestones(&self, milestones: &[f64], step: usize) -> i32 {
         let published = step as f64 / self.steps as f64 * PUBLISHED_STEPS;
         milestones.iter().filter(|&&m| published >= m).count() as i32
     }

@@ -10,16 +10,16 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::block::{PartSlot, PartView, RenderContext, RenderScratch, train_block};
-use super::columns::{PartColumns, turned};
+use super::columns::{PartColumns, canonical_direction};
 use super::half_motion::PoseGradient;
 use super::loss::{RadianceLosses, RayShare};
 use super::motion_adam::{BETAS, MotionState};
-use super::pieces::{block_rays, blocks, groups};
+use super::pieces::{block_rays, ray_blocks, ray_groups};
 use super::position::by_position;
 use super::ray_batch::RayBatch;
 use super::{HalfMotion, RadianceConfig};
 use crate::learner::{FeatureGradient, Learner};
-use crate::matrix::{BackwardNetwork, Network, NetworkGradient, padded};
+use crate::matrix::{BackwardNetwork, Network, NetworkGradient, padded_rows};
 use crate::simd::{AdamStep, InstructionSet, PointColumns};
 use crate::{EngineState, FEATURES, VIEW_COEFFICIENTS};
 use geometry::Pose;
@@ -53,15 +53,15 @@ impl RadianceEngine {
     }
 
     /// The states for [`Self::new`].
-    pub(super) fn states(&self) -> Vec<EngineState> {
-        self.fields.iter().map(Learner::state).collect()
+    pub(super) fn field_states(&self) -> Vec<EngineState> {
+        self.fields.iter().map(Learner::training_state).collect()
     }
 
     /// One step of fields and motions down the gradient of a batch; `number` counts from 0.
     ///
     /// The published code runs every batch twice, for the fields and then for the motions; here one gradient
     /// moves both.
-    pub(super) fn step(
+    pub(super) fn train_step(
         &mut self,
         batch: &RayBatch,
         motions: &mut MotionState,
@@ -72,10 +72,10 @@ impl RadianceEngine {
         let rate = config.field_rate(number) as f32;
         for (k, layers) in gradient.layers.iter().enumerate() {
             let step = self.fields[k].begin_step(|t| AdamStep::with_betas(rate, t, BETAS));
-            self.scatter(k, batch, Some(step));
+            self.apply_table_gradient(k, batch, Some(step));
             self.fields[k].update_layers(step, layers);
         }
-        motions.step(self.fields[0].isa, &gradient.by_pose, config.motion_rate(number));
+        motions.step_down(self.fields[0].isa, &gradient.by_pose, config.motion_rate(number));
         gradient.losses
     }
 
@@ -90,7 +90,7 @@ impl RadianceEngine {
     ) -> (RadianceGradient, Vec<Vec<f32>>) {
         let gradient = self.backward(batch, motions, config);
         let fields = (0..self.fields.len()).map(|k| {
-            self.scatter(k, batch, None);
+            self.apply_table_gradient(k, batch, None);
             self.fields[k].take_gradient(&gradient.layers[k])
         });
         let fields = fields.collect();
@@ -98,13 +98,14 @@ impl RadianceEngine {
     }
 
     /// Adds the gradient of a part's table and lets Adam move it.
-    fn scatter(&mut self, part: usize, batch: &RayBatch, learning: Option<AdamStep>) {
+    fn apply_table_gradient(&mut self, part: usize, batch: &RayBatch, learning: Option<AdamStep>) {
         let per = batch.samples;
-        let blocks: Vec<_> = blocks(0..batch.rays.len(), per).map(|r| r.start * per..r.end * per).collect();
+        let blocks: Vec<_> =
+            ray_blocks(0..batch.rays.len(), per).map(|r| r.start * per..r.end * per).collect();
         let columns = &self.columns[part];
         let features =
-            FeatureGradient { points: columns.points(), blocks: &blocks, data: &columns.d_features };
-        self.fields[part].scatter(features, learning);
+            FeatureGradient { points: columns.point_columns(), blocks: &blocks, data: &columns.d_features };
+        self.fields[part].scatter_gradient(features, learning);
     }
 
     /// Forward and backward pass of a batch.
@@ -117,23 +118,26 @@ impl RadianceEngine {
         let halves: Vec<Pose> =
             std::iter::once(Pose::identity()).chain(motions.iter().map(HalfMotion::pose)).collect();
         for ((field, columns), half) in self.fields.iter().zip(&mut self.columns).zip(&halves) {
-            columns.fill(batch, half, config.half_side);
+            columns.fill_from_batch(batch, half, config.half_side);
             let mut features = std::mem::take(&mut columns.features);
-            field.encode(columns.points(), &mut features);
+            field.encode_features(columns.point_columns(), &mut features);
             columns.features = features;
         }
-        let networks: Vec<Network> = self.fields.iter().map(|f| Network::pack(&f.params)).collect();
+        let networks: Vec<Network> = self.fields.iter().map(|f| Network::packed_network(&f.params)).collect();
         let mut backwards = Vec::with_capacity(networks.len());
         for (k, network) in networks.iter().enumerate() {
             // Only mobile parts use the gradient by view directions.
-            backwards.push(BackwardNetwork::pack(network, if k == 0 { VIEW_COEFFICIENTS } else { 0 }));
+            backwards.push(BackwardNetwork::packed_transposes(
+                network,
+                if k == 0 { VIEW_COEFFICIENTS } else { 0 },
+            ));
         }
-        let groups = groups(batch.rays.len(), batch.samples);
+        let groups = ray_groups(batch.rays.len(), batch.samples);
         let mut tasks: Vec<(Range<usize>, Vec<&mut [f32]>)> =
             groups.iter().map(|g| (g.clone(), Vec::new())).collect();
         let mut parts = Vec::with_capacity(networks.len());
         for (k, columns) in self.columns.iter_mut().enumerate() {
-            let rows = padded(FEATURES * self.fields[k].params.levels.len());
+            let rows = padded_rows(FEATURES * self.fields[k].params.levels.len());
             let PartColumns { x, y, z, inside, directions, features, d_features } = columns;
             d_features.resize(rows * batch.distances.len(), 0.0);
             // Each group writes a piece of the gradient of its own.
@@ -150,7 +154,7 @@ impl RadianceEngine {
         }
         let (parts, points): (Vec<_>, Vec<_>) = parts.into_iter().unzip();
         let isa = self.fields[0].isa;
-        let context = RenderContext { isa, config, batch, shares: shares(batch), parts };
+        let context = RenderContext { isa, config, batch, shares: ray_shares(batch), parts };
         let fields = &self.fields;
         // As many buffers as threads are at work, in place of one a group.
         let pool = Mutex::new(Vec::new());
@@ -171,14 +175,14 @@ impl RadianceEngine {
                     let half = &halves[k];
                     let moved =
                         by_position(field, points[k], pieces[k], batch, &rays, half, config.half_side);
-                    by_pose.merge(&moved);
+                    by_pose.add_pose_gradient(&moved);
                 }
                 sum
             })
             .collect();
         // Summed in the order of the groups, whatever the number of threads.
         let mut total = RadianceGradient::zeros(&networks);
-        sums.iter().for_each(|sum| total.add(sum));
+        sums.iter().for_each(|sum| total.add_gradient(sum));
         total
     }
 }
@@ -192,13 +196,13 @@ impl RadianceGradient {
         }
     }
 
-    fn add(&mut self, other: &Self) {
-        self.losses.add(&other.losses);
+    fn add_gradient(&mut self, other: &Self) {
+        self.losses.add_terms(&other.losses);
         for (a, b) in self.layers.iter_mut().zip(&other.layers) {
-            a.add(b);
+            a.add_gradient(b);
         }
         for (a, b) in self.by_pose.iter_mut().zip(&other.by_pose) {
-            a.merge(b);
+            a.add_pose_gradient(b);
         }
     }
 }
@@ -219,19 +223,19 @@ fn run_group(
         by_pose: vec![PoseGradient::default(); networks.len() - 1],
     };
     let mut d_directions = vec![vec![Vector3::zeros(); block_rays(batch.samples)]; networks.len()];
-    for block in blocks(rays.clone(), batch.samples) {
+    for block in ray_blocks(rays.clone(), batch.samples) {
         let parts = sum.layers.iter_mut().zip(&mut *pieces).zip(&mut d_directions);
         let mut slots = Vec::with_capacity(networks.len());
         for ((layers, piece), directions) in parts {
             slots.push(block_slot(layers, piece, directions, &rays, &block));
         }
         let losses = train_block(context, block.clone(), scratch, &mut slots);
-        sum.losses.add(&losses);
+        sum.losses.add_terms(&losses);
         for (m, by_pose) in sum.by_pose.iter_mut().enumerate() {
             let half = &halves[m + 1];
             for (ray, by) in batch.rays[block.clone()].iter().zip(&d_directions[m + 1]) {
                 if ray.state == 0 {
-                    by_pose.add_turned(&turned(half, 0, &ray.direction), by);
+                    by_pose.add_turned(&canonical_direction(half, 0, &ray.direction), by);
                 } else {
                     by_pose.add_turned_back(half, &ray.direction, by);
                 }
@@ -255,8 +259,8 @@ fn block_slot<'a>(
 }
 
 /// How much a ray of each state counts: every mean is over a state, and both states count half.
-fn shares(batch: &RayBatch) -> [RayShare; 2] {
-    batch.counts().map(|(rays, readings)| RayShare {
+fn ray_shares(batch: &RayBatch) -> [RayShare; 2] {
+    batch.state_counts().map(|(rays, readings)| RayShare {
         ray: 0.5 / rays.max(1) as f64,
         reading: 0.5 / readings.max(1) as f64,
     })

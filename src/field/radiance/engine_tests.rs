@@ -43,7 +43,7 @@ fn motions(parts: usize) -> Vec<HalfMotion> {
     let all = [
         HalfMotion::Free { pose: Pose::from_parts(Vector3::new(0.05, 0.1, -0.07).into(), rotation) },
         HalfMotion::Revolute { pivot: Point3::new(0.3, -0.2, 0.1), rotation },
-        HalfMotion::prismatic(),
+        HalfMotion::prismatic_start(),
     ];
     all[..parts - 1].to_vec()
 }
@@ -74,7 +74,7 @@ fn batch(rays: usize, samples: usize, seed: u64) -> RayBatch {
 
 fn engine(fields: &[FieldParams]) -> RadianceEngine {
     let state = |params: &FieldParams| {
-        let n = params.parameters();
+        let n = params.parameter_count();
         EngineState { params: params.clone(), first: vec![0.0; n], second: vec![0.0; n], steps: 0 }
     };
     RadianceEngine::new(fields.iter().map(state).collect())
@@ -102,7 +102,7 @@ fn check(parts: usize, expected: &Loss) {
         engine(&fields).gradient(&batch, &motions, &config);
     let references = || fields.iter().map(Reference::new).collect::<Vec<_>>();
     let whole = expected(&references(), &motions, &batch, &config);
-    assert!((losses.total() - whole).abs() < 1e-5 * whole, "{losses:?} {whole}");
+    assert!((losses.total_loss() - whole).abs() < 1e-5 * whole, "{losses:?} {whole}");
     assert!([losses.color, losses.mask, losses.depth, losses.part_entropy].iter().all(|&l| l > 1e-3));
 
     for (k, gradient) in gradients.iter().enumerate() {
@@ -147,7 +147,7 @@ fn check_motions(
     value: impl Fn(&[HalfMotion]) -> f64,
 ) {
     for (m, motion) in motions.iter().enumerate() {
-        let gradient = motion.gradient(&by_pose[m]);
+        let gradient = motion.coordinate_gradient(&by_pose[m]);
         let norm = gradient.iter().fold(0.0f64, |a, g| a.max(g.abs()));
         let mut compared = 0;
         for (c, analytic) in gradient.into_iter().enumerate() {
@@ -155,7 +155,7 @@ fn check_motions(
                 let mut change = [0.0; COORDINATES];
                 change[c] = h;
                 let mut moved = motions.to_vec();
-                moved[m] = motion.stepped(&change);
+                moved[m] = motion.stepped_by(&change);
                 value(&moved)
             };
             // Small: hundreds of samples must not cross a cell of the grid.
@@ -203,9 +203,9 @@ fn the_number_of_threads_changes_no_bit() {
         pool.install(|| {
             let mut engine = engine(&fields(3));
             let mut state = MotionState::new(motions(3));
-            let step = |k: usize| engine.step(&batch(100, 48, 100 + k as u64), &mut state, &config, k);
+            let step = |k: usize| engine.train_step(&batch(100, 48, 100 + k as u64), &mut state, &config, k);
             let losses: Vec<_> = (0..4).map(step).collect();
-            (losses, engine.states(), state)
+            (losses, engine.field_states(), state)
         })
     };
     let one = train(1);
@@ -216,8 +216,8 @@ fn the_number_of_threads_changes_no_bit() {
 /// A field of one density and one color everywhere.
 fn even(exponent: f32, color: f32) -> FieldParams {
     let mut f = field(&small_config(), 1);
-    let zeros = vec![0.0; f.parameters()];
-    f.assign(&zeros);
+    let zeros = vec![0.0; f.parameter_count()];
+    f.assign_values(&zeros);
     f.geometry[1].biases[0] = exponent + 1.0;
     f.color[2].biases.fill((color / (1.0 - color)).ln());
     f

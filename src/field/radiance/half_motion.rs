@@ -70,43 +70,43 @@ impl PoseGradient {
     }
 
     /// Adds another gradient.
-    pub(super) fn merge(&mut self, other: &Self) {
+    pub(super) fn add_pose_gradient(&mut self, other: &Self) {
         self.torque += other.torque;
         self.force += other.force;
     }
 }
 
 /// The published initial direction of every axis.
-fn diagonal() -> Unit<Vector3<f64>> {
+fn diagonal_direction() -> Unit<Vector3<f64>> {
     Unit::new_normalize(Vector3::new(1.0, 1.0, 1.0))
 }
 
 impl HalfMotion {
     /// The published start of a free motion: a turn by 0.02 rad and a shift by 0.001 along every axis.
     #[must_use]
-    pub fn free() -> Self {
-        let rotation = UnitQuaternion::from_axis_angle(&diagonal(), 0.02);
+    pub fn free_start() -> Self {
+        let rotation = UnitQuaternion::from_axis_angle(&diagonal_direction(), 0.02);
         Self::Free { pose: Pose::from_parts(Vector3::new(0.001, 0.001, 0.001).into(), rotation) }
     }
 
     /// The published start of a revolute joint: a turn by 0.2 rad about the cube's center.
     #[must_use]
-    pub fn revolute() -> Self {
-        let rotation = UnitQuaternion::from_axis_angle(&diagonal(), 0.2);
+    pub fn revolute_start() -> Self {
+        let rotation = UnitQuaternion::from_axis_angle(&diagonal_direction(), 0.2);
         Self::Revolute { pivot: Point3::origin(), rotation }
     }
 
     /// The published start of a prismatic joint: a shift by 0.1.
     #[must_use]
-    pub fn prismatic() -> Self {
-        Self::Prismatic { direction: diagonal(), distance: 0.1 }
+    pub fn prismatic_start() -> Self {
+        Self::Prismatic { direction: diagonal_direction(), distance: 0.1 }
     }
 
     /// The half of a whole motion `state1_from_state0` in normalised coordinates; its rotation is below half
     /// a turn.
     #[must_use]
     pub fn of_whole(whole: &Pose) -> Self {
-        let pose = Screw::of(whole)
+        let pose = Screw::of_motion(whole)
             .map_or_else(Pose::identity, |s| s.motion_by(0.5 * s.angle_rad, 0.5 * s.advance_m));
         Self::Free { pose }
     }
@@ -126,7 +126,7 @@ impl HalfMotion {
     }
 
     /// Gradient by the coordinates of [`Self::stepped`], given the gradient by the pose.
-    pub(super) fn gradient(&self, by_pose: &PoseGradient) -> [f64; COORDINATES] {
+    pub(super) fn coordinate_gradient(&self, by_pose: &PoseGradient) -> [f64; COORDINATES] {
         let PoseGradient { torque, force } = by_pose;
         let [a, b] = match self {
             Self::Free { .. } => [*torque, *force],
@@ -147,7 +147,7 @@ impl HalfMotion {
     /// The motion with its coordinates changed: rotation step and translation, rotation step and pivot, or
     /// direction (normalised again) and distance with two numbers of no meaning.
     #[must_use]
-    pub(super) fn stepped(&self, change: &[f64; COORDINATES]) -> Self {
+    pub(super) fn stepped_by(&self, change: &[f64; COORDINATES]) -> Self {
         let [a, b] = [0, 3].map(|k| Vector3::new(change[k], change[k + 1], change[k + 2]));
         // Renormalised, because thousands of products drift off the unit quaternions.
         let turned = |r: &UnitQuaternion<f64>| UnitQuaternion::new_normalize((exp_so3(&a) * r).into_inner());
@@ -167,7 +167,7 @@ impl HalfMotion {
     }
 
     /// Published learning rate of every coordinate.
-    pub(super) fn rates(&self) -> [f64; COORDINATES] {
+    pub(super) fn coordinate_rates(&self) -> [f64; COORDINATES] {
         let [a, b] = match self {
             Self::Free { .. } => [0.02, 0.001],
             Self::Revolute { .. } => [0.02, 0.01],
@@ -214,11 +214,11 @@ mod tests {
                     g.add_forward(&pose, &(pose * x), &by_x);
                     g.add_turned(&(pose * d), &by_d);
                 }
-                for (k, expected) in motion.gradient(&g).into_iter().enumerate() {
+                for (k, expected) in motion.coordinate_gradient(&g).into_iter().enumerate() {
                     let nudged = |h: f64| {
                         let mut change = [0.0; COORDINATES];
                         change[k] = h;
-                        value(&motion.stepped(&change))
+                        value(&motion.stepped_by(&change))
                     };
                     let numeric = (nudged(1e-5) - nudged(-1e-5)) / 2e-5;
                     assert!((numeric - expected).abs() < 1e-8, "{motion:?} {k}: {expected} {numeric}");
@@ -239,9 +239,9 @@ mod tests {
 
     #[test]
     fn starts_are_the_published_ones() {
-        assert!((HalfMotion::free().pose().rotation.angle() - 0.02).abs() < 1e-12);
-        assert!((HalfMotion::revolute().pose().rotation.angle() - 0.2).abs() < 1e-12);
-        assert_eq!(HalfMotion::revolute().pose().translation.vector.norm(), 0.0);
-        assert!((HalfMotion::prismatic().pose().translation.vector.norm() - 0.1).abs() < 1e-12);
+        assert!((HalfMotion::free_start().pose().rotation.angle() - 0.02).abs() < 1e-12);
+        assert!((HalfMotion::revolute_start().pose().rotation.angle() - 0.2).abs() < 1e-12);
+        assert_eq!(HalfMotion::revolute_start().pose().translation.vector.norm(), 0.0);
+        assert!((HalfMotion::prismatic_start().pose().translation.vector.norm() - 0.1).abs() < 1e-12);
     }
 }

@@ -35,12 +35,12 @@ pub struct RadianceLosses {
 impl RadianceLosses {
     /// Sum of the terms.
     #[must_use]
-    pub fn total(&self) -> f64 {
+    pub fn total_loss(&self) -> f64 {
         self.color + self.mask + self.depth + self.part_entropy
     }
 
     /// Adds the terms of other rays.
-    pub(super) fn add(&mut self, other: &Self) {
+    pub(super) fn add_terms(&mut self, other: &Self) {
         self.color += other.color;
         self.mask += other.mask;
         self.depth += other.depth;
@@ -154,7 +154,7 @@ mod tests {
                 let value = |h: f64| {
                     let mut shown = base.clone();
                     nudge(&mut shown, h);
-                    ray_loss(&ray, &shown, SHARE, &config).0.total()
+                    ray_loss(&ray, &shown, SHARE, &config).0.total_loss()
                 };
                 let numeric = (value(1e-6) - value(-1e-6)) / 2e-6;
                 assert!((numeric - expected).abs() < 1e-8, "{numeric} {expected}");

@@ -4,7 +4,7 @@ use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
 use super::HalfMotion;
-use super::block::density;
+use super::block::density_of_output;
 use crate::{FieldParams, ObjectField};
 use geometry::{Grid3, Pose, SceneBox};
 use surface::{TriangleMesh, marching_cubes};
@@ -44,7 +44,7 @@ impl RadianceModel {
     }
 
     /// The part's field for queries: its TSDF is the exponent of the density plus 1.
-    fn field(&self, part: usize) -> ObjectField {
+    fn part_field(&self, part: usize) -> ObjectField {
         let scene = SceneBox { center: self.scene.center, scale: self.scene.scale / self.half_side };
         ObjectField { params: self.fields[part].clone(), scene, truncation_m: 1.0, base: None }
     }
@@ -52,7 +52,11 @@ impl RadianceModel {
     /// Density of a part per meter at points of its canonical frame, world axes and meters.
     #[must_use]
     pub fn density_per_m(&self, part: usize, canonical: &[Point3<f64>]) -> Vec<f64> {
-        self.field(part).tsdf(canonical).into_iter().map(|out| density(out) * self.scene.scale).collect()
+        self.part_field(part)
+            .signed_distances_m(canonical)
+            .into_iter()
+            .map(|out| density_of_output(out) * self.scene.scale)
+            .collect()
     }
 
     /// Surface of a part in state 0, world frame, meters: marching cubes at density 10 per normalised unit on
@@ -62,21 +66,21 @@ impl RadianceModel {
     /// # Panics
     /// If `nodes` is below 2 or the part does not exist.
     #[must_use]
-    pub fn mesh(&self, part: usize, nodes: usize) -> TriangleMesh {
-        let field = self.field(part);
+    pub fn part_mesh(&self, part: usize, nodes: usize) -> TriangleMesh {
+        let field = self.part_field(part);
         let half_side = MESH_HALF_SIDE.min(self.half_side);
         let cube = SceneBox { center: self.scene.center, scale: self.scene.scale / half_side };
-        let mut grid = Grid3::over(&cube, nodes, 0.0f32);
+        let mut grid = Grid3::over_scene(&cube, nodes, 0.0f32);
         // A layer at a time bounds the memory of the positions.
         for z in 0..nodes {
             let first = grid.index(0, 0, z);
-            let points: Vec<_> = (first..first + nodes * nodes).map(|i| grid.position(i)).collect();
-            for (value, out) in grid.values[first..].iter_mut().zip(field.tsdf(&points)) {
-                *value = (SURFACE_DENSITY - density(out).min(DENSEST)) as f32;
+            let points: Vec<_> = (first..first + nodes * nodes).map(|i| grid.position_of_index(i)).collect();
+            for (value, out) in grid.values[first..].iter_mut().zip(field.signed_distances_m(&points)) {
+                *value = (SURFACE_DENSITY - density_of_output(out).min(DENSEST)) as f32;
             }
         }
         let mut mesh = marching_cubes(&grid, 0.0);
-        field.paint(&mut mesh);
+        field.paint_mesh(&mut mesh);
         mesh.transformed(&self.canonical_from_state0(part).inverse())
     }
 }
@@ -96,9 +100,9 @@ mod tests {
             log2_table_size: 12,
             hidden: 4,
         };
-        let mut p = FieldParams::init(&config, &mut stage_rng(0, "test/half_space", 0));
-        let zeros = vec![0.0; p.parameters()];
-        p.assign(&zeros);
+        let mut p = FieldParams::random_params(&config, &mut stage_rng(0, "test/half_space", 0));
+        let zeros = vec![0.0; p.parameter_count()];
+        p.assign_values(&zeros);
         let n = p.levels[0].resolution;
         for i in 0..n * n * n {
             // Node x lies at unit (x - 0.5) / 8: the feature is the unit coordinate less a half.
@@ -123,7 +127,7 @@ mod tests {
         let density = model.density_per_m(0, &[scene.center]);
         assert!((density[0] - 20.0).abs() < 1e-3, "10 per normalised unit is 20 per meter: {density:?}");
         let mean = |part: usize| {
-            let mesh = model.mesh(part, 65);
+            let mesh = model.part_mesh(part, 65);
             assert!(!mesh.is_empty() && mesh.colors.len() == mesh.vertices.len());
             assert!(mesh.colors.iter().flatten().all(|&c| c == 128), "no color: a half");
             mesh.vertices.iter().map(|v| f64::from(v.x)).sum::<f64>() / mesh.vertices.len() as f64

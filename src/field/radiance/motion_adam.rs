@@ -33,17 +33,18 @@ impl MotionState {
     }
 
     /// One step down a gradient; `scale` is a factor on the published rates.
-    pub(super) fn step(&mut self, isa: InstructionSet, by_pose: &[PoseGradient], scale: f64) {
+    pub(super) fn step_down(&mut self, isa: InstructionSet, by_pose: &[PoseGradient], scale: f64) {
         self.steps += 1;
         let pairs = self.motions.iter().zip(by_pose);
-        let mut gradient: Vec<f32> = pairs.flat_map(|(m, g)| m.gradient(g).map(|x| x as f32)).collect();
+        let mut gradient: Vec<f32> =
+            pairs.flat_map(|(m, g)| m.coordinate_gradient(g).map(|x| x as f32)).collect();
         // The kernel moves zeros: its result is the change at a rate of 1; every coordinate scales it.
         let mut change = vec![0.0; gradient.len()];
         let adam = AdamStep::with_betas(1.0, self.steps, BETAS);
         isa.adam(adam, &mut change, &mut self.first, &mut self.second, &mut gradient);
         for (motion, change) in self.motions.iter_mut().zip(change.chunks_exact(COORDINATES)) {
-            let rates = motion.rates();
-            *motion = motion.stepped(&std::array::from_fn(|k| scale * rates[k] * f64::from(change[k])));
+            let rates = motion.coordinate_rates();
+            *motion = motion.stepped_by(&std::array::from_fn(|k| scale * rates[k] * f64::from(change[k])));
         }
     }
 }
@@ -55,9 +56,9 @@ mod tests {
 
     #[test]
     fn the_first_step_is_one_rate_down_the_gradient() {
-        let mut state = MotionState::new(vec![HalfMotion::free(), HalfMotion::prismatic()]);
+        let mut state = MotionState::new(vec![HalfMotion::free_start(), HalfMotion::prismatic_start()]);
         let up = PoseGradient { torque: Vector3::zeros(), force: Vector3::new(2.0, 0.5, 0.1) };
-        state.step(InstructionSet::detect(), &[up, up], 0.5);
+        state.step_down(InstructionSet::detect(), &[up, up], 0.5);
         let t = state.motions[0].pose().translation.vector;
         assert!((t - Vector3::repeat(0.001 - 0.0005)).norm() < 1e-9, "{t}");
         let HalfMotion::Prismatic { distance, .. } = state.motions[1] else { panic!("another kind") };

@@ -13,13 +13,13 @@ pub(super) fn block_rays(samples: usize) -> usize {
 }
 
 /// The blocks of some rays, in order.
-pub(super) fn blocks(rays: Range<usize>, samples: usize) -> impl Iterator<Item = Range<usize>> {
+pub(super) fn ray_blocks(rays: Range<usize>, samples: usize) -> impl Iterator<Item = Range<usize>> {
     let per_block = block_rays(samples);
     rays.clone().step_by(per_block).map(move |first| first..(first + per_block).min(rays.end))
 }
 
 /// The groups of a batch of rays: whole blocks each.
-pub(super) fn groups(rays: usize, samples: usize) -> Vec<Range<usize>> {
+pub(super) fn ray_groups(rays: usize, samples: usize) -> Vec<Range<usize>> {
     let per_block = block_rays(samples);
     let per_group = rays.div_ceil(per_block).div_ceil(GROUPS).max(1) * per_block;
     (0..rays).step_by(per_group).map(|first| first..(first + per_group).min(rays)).collect()
@@ -32,14 +32,14 @@ mod tests {
     #[test]
     fn groups_and_their_blocks_hold_every_ray_once() {
         for (rays, samples) in [(1, 16), (100, 48), (513, 96), (7, 4096)] {
-            let groups = groups(rays, samples);
+            let groups = ray_groups(rays, samples);
             assert!(groups.len() <= GROUPS);
             let seen: Vec<usize> =
-                groups.iter().cloned().flat_map(|g| blocks(g, samples)).flatten().collect();
+                groups.iter().cloned().flat_map(|g| ray_blocks(g, samples)).flatten().collect();
             assert_eq!(seen, (0..rays).collect::<Vec<_>>());
             // Blocks of the groups are the blocks of the whole.
-            let whole: Vec<_> = blocks(0..rays, samples).collect();
-            assert_eq!(groups.into_iter().flat_map(|g| blocks(g, samples)).collect::<Vec<_>>(), whole);
+            let whole: Vec<_> = ray_blocks(0..rays, samples).collect();
+            assert_eq!(groups.into_iter().flat_map(|g| ray_blocks(g, samples)).collect::<Vec<_>>(), whole);
         }
     }
 }

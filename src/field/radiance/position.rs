@@ -4,13 +4,13 @@ use std::ops::Range;
 
 use nalgebra::Vector3;
 
-use super::columns::{canonical, place};
+use super::columns::{canonical_point, point_on_ray};
 use super::half_motion::PoseGradient;
-use super::pieces::{block_rays, blocks};
+use super::pieces::{block_rays, ray_blocks};
 use super::ray_batch::RayBatch;
 use crate::FEATURES;
 use crate::learner::Learner;
-use crate::matrix::padded;
+use crate::matrix::padded_rows;
 use crate::simd::{LevelGeometry, LevelJacobian, PointColumns};
 use geometry::Pose;
 
@@ -33,11 +33,11 @@ pub(super) fn by_position(
             continue;
         }
         let ray = &batch.rays[(first + i) / batch.samples];
-        let point = place(ray, batch.distances[first + i]);
+        let point = point_on_ray(ray, batch.distances[first + i]);
         // A normalised unit is this much of the part's cube.
         let by_image = Vector3::from(by_unit.map(f64::from)) * (0.5 / half_side);
         if ray.state == 0 {
-            gradient.add_forward(half, &canonical(half, 0, &point), &by_image);
+            gradient.add_forward(half, &canonical_point(half, 0, &point), &by_image);
         } else {
             gradient.add_inverse(half, &point, &by_image);
         }
@@ -54,14 +54,14 @@ fn by_unit_coordinates(
     rays: &Range<usize>,
 ) -> Vec<[f32; 3]> {
     let samples = batch.samples;
-    let rows = padded(FEATURES * field.params.levels.len());
+    let rows = padded_rows(FEATURES * field.params.levels.len());
     let mut sums = vec![[0.0f32; 3]; rays.len() * samples];
     let mut jacobian = vec![0.0f32; 8 * block_rays(samples) * samples];
     // Level by level: one table stays in the cache while many points read it.
     for (l, layout) in field.params.levels.iter().enumerate() {
         let level = LevelGeometry::new(layout);
         let table = &field.params.table[layout.offset..layout.offset + layout.entries * FEATURES];
-        for block in blocks(rays.clone(), samples) {
+        for block in ray_blocks(rays.clone(), samples) {
             let columns = block.start * samples..block.end * samples;
             let cols = columns.len();
             let first = columns.start - rays.start * samples;
@@ -75,7 +75,7 @@ fn by_unit_coordinates(
             let mut slices = jacobian[..8 * cols].chunks_exact_mut(cols);
             let mut four = || [(); 4].map(|()| slices.next().unwrap_or_default());
             let out = LevelJacobian { first: four(), second: four() };
-            field.isa.encode_jacobian(level, table, points.range(columns), out);
+            field.isa.encode_jacobian(level, table, points.columns_in(columns), out);
             for (i, sum) in sums[first..first + cols].iter_mut().enumerate() {
                 for (k, s) in sum.iter_mut().enumerate() {
                     *s += a[i] * jacobian[(1 + k) * cols + i] + b[i] * jacobian[(5 + k) * cols + i];

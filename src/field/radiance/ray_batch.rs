@@ -46,7 +46,7 @@ pub(super) struct RayBatch {
 
 impl RayBatch {
     /// Number of rays, and of rays with a reading, of each state.
-    pub(super) fn counts(&self) -> [(usize, usize); 2] {
+    pub(super) fn state_counts(&self) -> [(usize, usize); 2] {
         [0, 1].map(|state| {
             let of_state = self.rays.iter().filter(|r| r.state == state);
             (of_state.clone().count(), of_state.filter(|r| r.distance.is_some()).count())
@@ -101,13 +101,13 @@ impl<'a> RaySource<'a> {
         let on_lattice = |i: usize, of: usize| (2 * i + 1) * of / (2 * LATTICE);
         (0..LATTICE * LATTICE)
             .map(|i| on_lattice(i / LATTICE, h) * w + on_lattice(i % LATTICE, w))
-            .any(|pixel| self.crossing(frame, pixel).inside.is_some())
+            .any(|pixel| self.cube_crossing(frame, pixel).inside.is_some())
     }
 
     /// The way of a pixel's ray through the cube.
-    fn crossing(&self, frame: &RgbdFrame, pixel: usize) -> Crossing {
+    fn cube_crossing(&self, frame: &RgbdFrame, pixel: usize) -> Crossing {
         let view = View { intrinsics: frame.intrinsics, world_from_camera: frame.world_from_camera };
-        let (origin, direction) = view.ray(pixel as u32);
+        let (origin, direction) = view.pixel_ray(pixel as u32);
         let origin = self.scene.normalise(&origin);
         let mut enter = 0.0f64;
         let mut leave = f64::INFINITY;
@@ -124,7 +124,7 @@ impl<'a> RaySource<'a> {
 
     /// The rays of a step with the random key `key`: as many of each state as configured, each through a
     /// random pixel of a random image, if possible across the cube.
-    pub(super) fn batch(&self, config: &RadianceConfig, key: u64) -> RayBatch {
+    pub(super) fn step_batch(&self, config: &RadianceConfig, key: u64) -> RayBatch {
         let samples = config.samples;
         let mut distances = vec![0.0; 2 * config.rays * samples];
         let rays = distances
@@ -133,14 +133,14 @@ impl<'a> RaySource<'a> {
             .map(|(i, distances)| {
                 // Streams of 2^32 numbers each: those of two rays never overlap.
                 let mut stream = Stream(key.wrapping_add((i as u64) << 32));
-                self.ray(i / config.rays, &mut stream, distances)
+                self.random_ray(i / config.rays, &mut stream, distances)
             })
             .collect();
         RayBatch { rays, samples, distances }
     }
 
     /// One ray of a state; its samples are stratified over its way through the cube.
-    fn ray(&self, state: usize, stream: &mut Stream, distances: &mut [f64]) -> Ray {
+    fn random_ray(&self, state: usize, stream: &mut Stream, distances: &mut [f64]) -> Ray {
         let mut drawn = self.drawn_pixel(state, stream);
         for _ in 1..TRIES {
             if drawn.crossing.inside.is_some() {
@@ -173,7 +173,7 @@ impl<'a> RaySource<'a> {
         let frames = self.states[state];
         let frame = &frames[index_at(stream.next(), frames.len())];
         let pixel = index_at(stream.next(), frame.rgb.len());
-        DrawnPixel { frame, pixel, crossing: self.crossing(frame, pixel) }
+        DrawnPixel { frame, pixel, crossing: self.cube_crossing(frame, pixel) }
     }
 }
 
@@ -209,7 +209,7 @@ mod tests {
         let scene = SceneBox { center: frames[0].world_from_camera * Point3::new(0.0, 0.0, 2.0), scale: 0.7 };
         let config = RadianceConfig { rays: 150, samples: 32, ..RadianceConfig::default() };
         let source = RaySource::new([&frames, &frames], scene, &config).unwrap();
-        let batch = source.batch(&config, 5);
+        let batch = source.step_batch(&config, 5);
         let own: Vec<Point3<f64>> = (0..200).filter_map(|p| frames[0].world_point(p)).collect();
         let [mut beside, mut unread] = [0, 0];
         for (i, ray) in batch.rays.iter().enumerate() {
@@ -222,7 +222,7 @@ mod tests {
                 assert!(k == 0 || *t - distances[k - 1] < 2.0 * ray.step);
             }
             if let Some(distance) = ray.distance {
-                let seen = scene.world(&(ray.origin + ray.direction * distance));
+                let seen = scene.to_world(&(ray.origin + ray.direction * distance));
                 assert!(ray.object && own.iter().any(|p| (p - seen).norm() < 1e-9), "{seen}");
             } else {
                 unread += usize::from(ray.object);
@@ -233,10 +233,10 @@ mod tests {
         assert!(beside > 50 && unread > 3, "{beside} {unread}");
         // Both states are drawn alike, and another key draws others.
         let readings = batch.rays.iter().filter(|r| r.distance.is_some()).count();
-        let [(n, a), (m, b)] = batch.counts();
+        let [(n, a), (m, b)] = batch.state_counts();
         assert!(n == 150 && m == 150 && a + b == readings);
-        assert_eq!(source.batch(&config, 5).rays, batch.rays);
-        assert_ne!(source.batch(&config, 6).rays, batch.rays);
+        assert_eq!(source.step_batch(&config, 5).rays, batch.rays);
+        assert_ne!(source.step_batch(&config, 6).rays, batch.rays);
     }
 
     #[test]

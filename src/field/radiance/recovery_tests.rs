@@ -62,7 +62,7 @@ fn frames(state: usize) -> Vec<RgbdFrame> {
         let world_from_camera = Pose::from_parts(eye.coords.into(), rotation);
         let hits: Vec<_> = (0..SIDE * SIDE)
             .map(|p| {
-                let ray = intrinsics.ray((p % SIDE) as f64, (p / SIDE) as f64);
+                let ray = intrinsics.ray_at((p % SIDE) as f64, (p / SIDE) as f64);
                 hit(&eye, &(world_from_camera * ray), state)
             })
             .collect();
@@ -81,7 +81,7 @@ fn frames(state: usize) -> Vec<RgbdFrame> {
 }
 
 fn scene() -> SceneBox {
-    SceneBox::around(&Point3::new(-0.2, -0.2, -0.12), &Point3::new(0.2, 0.2, 0.12))
+    SceneBox::around_box(&Point3::new(-0.2, -0.2, -0.12), &Point3::new(0.2, 0.2, 0.12))
 }
 
 fn config(steps: usize) -> RadianceConfig {
@@ -119,10 +119,10 @@ fn a_sliding_box_is_recovered_from_a_near_start() {
     };
     let mut trainer = RadianceTrainer::from_motions(&input, &config, vec![start], 5, "test").unwrap();
     let mut losses = Vec::new();
-    for _ in 0..trainer.total() {
-        losses.push(trainer.step());
+    for _ in 0..trainer.total_steps() {
+        losses.push(trainer.train_step());
     }
-    let model = trainer.model();
+    let model = trainer.trained_model();
     let shift = model.motions_to_state1()[0].translation.vector;
     let mean = |l: &[super::RadianceLosses]| l.iter().map(|l| l.color).sum::<f64>() / l.len() as f64;
     let first = mean(&losses[..20]);
@@ -144,17 +144,17 @@ fn a_resumed_training_continues_bit_by_bit() {
     let trainer = || RadianceTrainer::free(&input, &config, 9, "test").unwrap();
     let mut whole = trainer();
     for _ in 0..4 {
-        whole.step();
+        whole.train_step();
     }
     let mut resumed = trainer();
     resumed.restore(whole.checkpoint()).unwrap();
     for _ in 0..4 {
-        assert_eq!(whole.step(), resumed.step());
+        assert_eq!(whole.train_step(), resumed.train_step());
     }
     assert!(whole.checkpoint() == resumed.checkpoint());
     // Another seed is another run.
     let mut other = RadianceTrainer::free(&input, &config, 10, "test").unwrap();
-    assert!(other.step() != trainer().step());
+    assert!(other.train_step() != trainer().train_step());
 
     let mut fewer =
         RadianceTrainer::free(&input, &RadianceConfig { parts: 2, ..config.clone() }, 9, "test").unwrap();
@@ -169,15 +169,15 @@ fn the_second_phase_starts_from_what_the_first_found() {
     let config = config(10);
     let mut free = RadianceTrainer::free(&input, &config, 3, "free").unwrap();
     for _ in 0..3 {
-        free.step();
+        free.train_step();
     }
-    let model = free.model();
+    let model = free.trained_model();
     let fresh = RadianceTrainer::typed(&input, &config, &model, 3, "typed").unwrap();
-    assert_eq!(fresh.motions(), [model.motions[0].typed()]);
-    assert!(fresh.model().fields != model.fields);
+    assert_eq!(fresh.half_motions(), [model.motions[0].typed_joint()]);
+    assert!(fresh.trained_model().fields != model.fields);
     let keep = RadianceConfig { keep_fields: true, ..config };
     let kept = RadianceTrainer::typed(&input, &keep, &model, 3, "typed").unwrap();
-    assert!(kept.model().fields == model.fields);
+    assert!(kept.trained_model().fields == model.fields);
     // A state without a view is refused.
     let none = RadianceInput { states: [&states[0], &[]], scene: scene() };
     assert!(matches!(RadianceTrainer::free(&none, &keep, 3, "x"), Err(FieldError::NoViews { state: 1 })));

@@ -60,7 +60,7 @@ impl<'a> RadianceTrainer<'a> {
         seed: u64,
         stage: &str,
     ) -> Result<Self, FieldError> {
-        let motions = vec![HalfMotion::free(); config.parts.saturating_sub(1)];
+        let motions = vec![HalfMotion::free_start(); config.parts.saturating_sub(1)];
         Self::from_motions(input, config, motions, seed, stage)
     }
 
@@ -77,7 +77,7 @@ impl<'a> RadianceTrainer<'a> {
         seed: u64,
         stage: &str,
     ) -> Result<Self, FieldError> {
-        let motions = found.motions.iter().map(HalfMotion::typed).collect();
+        let motions = found.motions.iter().map(HalfMotion::typed_joint).collect();
         let mut trainer = Self::from_motions(input, config, motions, seed, stage)?;
         if config.keep_fields {
             let kept = found.fields.iter().cloned().map(fresh_state).collect();
@@ -100,12 +100,12 @@ impl<'a> RadianceTrainer<'a> {
         stage: &str,
     ) -> Result<Self, FieldError> {
         config.validate()?;
-        expect("motions", motions.len(), config.parts - 1)?;
+        expect_count("motions", motions.len(), config.parts - 1)?;
         let source = RaySource::new(input.states, input.scene, config)?;
         let mut fields = Vec::with_capacity(config.parts);
         for part in 0..config.parts {
             let mut rng = stage_rng(seed, &format!("{stage}/init"), part as u64);
-            fields.push(fresh_state(FieldParams::init(&config.field, &mut rng)));
+            fields.push(fresh_state(FieldParams::random_params(&config.field, &mut rng)));
         }
         Ok(Self {
             config: config.clone(),
@@ -126,10 +126,10 @@ impl<'a> RadianceTrainer<'a> {
     pub fn restore(&mut self, checkpoint: RadianceCheckpoint) -> Result<(), FieldError> {
         let RadianceCheckpoint { fields, motions, done } = checkpoint;
         self.check_fields(&fields)?;
-        expect("motions", motions.motions.len(), self.config.parts - 1)?;
-        expect("consistent motions", usize::from(motions.is_consistent()), 1)?;
+        expect_count("motions", motions.motions.len(), self.config.parts - 1)?;
+        expect_count("consistent motions", usize::from(motions.is_consistent()), 1)?;
         for field in &fields {
-            expect("steps", field.steps as usize, done)?;
+            expect_count("steps", field.steps as usize, done)?;
         }
         self.engine = RadianceEngine::new(fields);
         self.motions = motions;
@@ -139,51 +139,51 @@ impl<'a> RadianceTrainer<'a> {
 
     /// Refuses fields of another number or shape than the configured ones.
     fn check_fields(&self, fields: &Vec<EngineState>) -> Result<(), FieldError> {
-        expect("fields", fields.len(), self.config.parts)?;
-        let own = FieldParams::init(&self.config.field, &mut stage_rng(0, "shape", 0));
+        expect_count("fields", fields.len(), self.config.parts)?;
+        let own = FieldParams::random_params(&self.config.field, &mut stage_rng(0, "shape", 0));
         for field in fields {
-            expect("parameters", field.params.parameters(), own.parameters())?;
-            expect("first moments", field.first.len(), own.parameters())?;
-            expect("second moments", field.second.len(), own.parameters())?;
-            expect("levels of this layout", usize::from(field.params.levels == own.levels), 1)?;
+            expect_count("parameters", field.params.parameter_count(), own.parameter_count())?;
+            expect_count("first moments", field.first.len(), own.parameter_count())?;
+            expect_count("second moments", field.second.len(), own.parameter_count())?;
+            expect_count("levels of this layout", usize::from(field.params.levels == own.levels), 1)?;
         }
         Ok(())
     }
 
     /// One optimiser step of fields and motions.
-    pub fn step(&mut self) -> RadianceLosses {
+    pub fn train_step(&mut self) -> RadianceLosses {
         // One number for the step; each ray derives a stream from it.
         let key = stage_rng(self.seed, &self.stage, self.done as u64).next_u64();
-        let batch = self.source.batch(&self.config, key);
+        let batch = self.source.step_batch(&self.config, key);
         self.done += 1;
-        self.engine.step(&batch, &mut self.motions, &self.config, self.done - 1)
+        self.engine.train_step(&batch, &mut self.motions, &self.config, self.done - 1)
     }
 
     /// Steps done.
     #[must_use]
-    pub fn done(&self) -> usize {
+    pub fn steps_done(&self) -> usize {
         self.done
     }
 
     /// Steps in all.
     #[must_use]
-    pub fn total(&self) -> usize {
+    pub fn total_steps(&self) -> usize {
         self.config.steps
     }
 
     /// The half motions of the mobile parts as they stand.
     #[must_use]
-    pub fn motions(&self) -> &[HalfMotion] {
+    pub fn half_motions(&self) -> &[HalfMotion] {
         &self.motions.motions
     }
 
     /// Fields and motions as they stand.
     #[must_use]
-    pub fn model(&self) -> RadianceModel {
+    pub fn trained_model(&self) -> RadianceModel {
         RadianceModel {
             scene: self.scene,
             half_side: self.config.half_side,
-            fields: self.engine.states().into_iter().map(|s| s.params).collect(),
+            fields: self.engine.field_states().into_iter().map(|s| s.params).collect(),
             motions: self.motions.motions.clone(),
         }
     }
@@ -191,17 +191,21 @@ impl<'a> RadianceTrainer<'a> {
     /// The state for [`Self::restore`].
     #[must_use]
     pub fn checkpoint(&self) -> RadianceCheckpoint {
-        RadianceCheckpoint { fields: self.engine.states(), motions: self.motions.clone(), done: self.done }
+        RadianceCheckpoint {
+            fields: self.engine.field_states(),
+            motions: self.motions.clone(),
+            done: self.done,
+        }
     }
 }
 
 /// Parameters without a history.
 fn fresh_state(params: FieldParams) -> EngineState {
-    let n = params.parameters();
+    let n = params.parameter_count();
     EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 }
 }
 
 /// Refuses an unexpected count.
-fn expect(what: &'static str, found: usize, expected: usize) -> Result<(), FieldError> {
+fn expect_count(what: &'static str, found: usize, expected: usize) -> Result<(), FieldError> {
     if found == expected { Ok(()) } else { Err(FieldError::Checkpoint { what, found, expected }) }
 }

@@ -14,15 +14,17 @@ impl HalfMotion {
     /// The joint for this motion: a turn about its axis (its shift along the axis is
     /// dropped), or the shift by its translation (its turn is dropped) where it turns by less than 5 degrees.
     #[must_use]
-    pub fn typed(&self) -> Self {
+    pub fn typed_joint(&self) -> Self {
         let Self::Free { pose } = self else { return *self };
         if rotation_angle_rad(&pose.rotation) >= LEAST_HALF_TURN_RAD {
-            let pivot = Screw::of(pose).map_or_else(Point3::origin, |s| s.point);
+            let pivot = Screw::of_motion(pose).map_or_else(Point3::origin, |s| s.point);
             return Self::Revolute { pivot, rotation: pose.rotation };
         }
         // No shift has no direction: then the published start.
-        Unit::try_new_and_get(pose.translation.vector, 1e-9)
-            .map_or_else(Self::prismatic, |(direction, distance)| Self::Prismatic { direction, distance })
+        Unit::try_new_and_get(pose.translation.vector, 1e-9).map_or_else(
+            Self::prismatic_start,
+            |(direction, distance)| Self::Prismatic { direction, distance },
+        )
     }
 
     /// The half of a whole motion in the world, meters; its rotation is below half a turn.
@@ -56,12 +58,12 @@ mod tests {
 
     #[test]
     fn a_half_turn_of_five_degrees_parts_turns_from_shifts() {
-        assert!(matches!(turn(4.99f64.to_radians()).typed(), HalfMotion::Prismatic { .. }));
-        assert!(matches!(turn(5.01f64.to_radians()).typed(), HalfMotion::Revolute { .. }));
+        assert!(matches!(turn(4.99f64.to_radians()).typed_joint(), HalfMotion::Prismatic { .. }));
+        assert!(matches!(turn(5.01f64.to_radians()).typed_joint(), HalfMotion::Revolute { .. }));
         // A typed joint keeps its type.
         let rotation = UnitQuaternion::new(Vector3::z() * 0.01);
         let small = HalfMotion::Revolute { pivot: Point3::origin(), rotation };
-        assert_eq!(small.typed(), small);
+        assert_eq!(small.typed_joint(), small);
     }
 
     #[test]
@@ -70,13 +72,13 @@ mod tests {
         let pivot = Point3::new(0.3, -0.2, 0.1);
         let half = HalfMotion::Revolute { pivot, rotation: UnitQuaternion::from_axis_angle(&axis, 0.35) };
         let whole = half.state1_from_state0(&scene());
-        let screw = Screw::of(&whole).unwrap();
+        let screw = Screw::of_motion(&whole).unwrap();
         assert!((screw.angle_rad - 0.7).abs() < 1e-9 && screw.direction.dot(&axis) > 1.0 - 1e-12);
-        let world = scene().world(&pivot);
+        let world = scene().to_world(&pivot);
         assert!(line_distance_m(&screw.point, &screw.direction, &world, &axis) < 1e-9);
         // A point taken along in the world and in normalised coordinates.
         let x = Point3::new(0.5, 0.1, 0.2);
-        let there = scene().world(&(half.pose() * (half.pose() * scene().normalise(&x))));
+        let there = scene().to_world(&(half.pose() * (half.pose() * scene().normalise(&x))));
         assert!((whole * x - there).norm() < 1e-12);
         let back = HalfMotion::of_world(&whole, &scene()).pose();
         assert!((back.inverse() * half.pose()).to_homogeneous().relative_eq(
@@ -88,7 +90,7 @@ mod tests {
 
     #[test]
     fn the_whole_shift_has_twice_the_length() {
-        let whole = HalfMotion::prismatic().state1_from_state0(&scene());
+        let whole = HalfMotion::prismatic_start().state1_from_state0(&scene());
         let shift = whole.translation.vector;
         assert!((shift.norm() - 0.2 / 2.5).abs() < 1e-12 && whole.rotation.angle() == 0.0);
         assert!((shift.x - shift.z).abs() < 1e-12 && shift.x > 0.0);
@@ -97,10 +99,10 @@ mod tests {
     #[test]
     fn typed_joints_start_from_what_was_found() {
         let found = turn(0.4);
-        let typed = found.typed();
+        let typed = found.typed_joint();
         assert!((typed.pose().inverse() * found.pose()).translation.vector.norm() < 1e-9);
         let slid = turn(0.01);
-        let HalfMotion::Prismatic { direction, distance } = slid.typed() else { panic!("a turn") };
+        let HalfMotion::Prismatic { direction, distance } = slid.typed_joint() else { panic!("a turn") };
         assert!((direction.into_inner() * distance - Vector3::new(0.1, 0.05, 0.0)).norm() < 1e-12);
     }
 }

@@ -55,7 +55,7 @@ pub(super) fn update<S: Lanes>(
     // SAFETY: `i + N <= n` for every i, and all four slices have n floats.
     unsafe {
         for i in (0..whole).step_by(S::N) {
-            lanes(
+            step_lanes(
                 s,
                 step,
                 params.as_mut_ptr().add(i),
@@ -73,7 +73,7 @@ pub(super) fn update<S: Lanes>(
         }
         let [p, m, v, g] = &mut tail;
         // SAFETY: the copies have 16 floats each, at least N.
-        unsafe { lanes(s, step, p.as_mut_ptr(), m.as_mut_ptr(), v.as_mut_ptr(), g.as_mut_ptr()) };
+        unsafe { step_lanes(s, step, p.as_mut_ptr(), m.as_mut_ptr(), v.as_mut_ptr(), g.as_mut_ptr()) };
         for (copy, to) in tail.iter().zip([params, first, second, gradient]) {
             to[whole..].copy_from_slice(&copy[..n - whole]);
         }
@@ -85,7 +85,7 @@ pub(super) fn update<S: Lanes>(
 /// # Safety
 /// N floats are readable and writable at every pointer.
 #[inline(always)]
-unsafe fn lanes<S: Lanes>(
+unsafe fn step_lanes<S: Lanes>(
     s: S,
     step: AdamStep,
     params: *mut f32,

@@ -56,12 +56,12 @@ pub(crate) struct PointColumns<'a> {
 
 impl<'a> PointColumns<'a> {
     /// The points of a range.
-    pub(crate) fn range(&self, range: std::ops::Range<usize>) -> Self {
+    pub(crate) fn columns_in(&self, range: std::ops::Range<usize>) -> Self {
         let PointColumns { x, y, z } = *self;
         Self { x: &x[range.clone()], y: &y[range.clone()], z: &z[range] }
     }
 
-    fn check(&self) -> usize {
+    fn checked_length(&self) -> usize {
         let n = self.x.len();
         assert!(self.y.len() == n && self.z.len() == n && n.is_multiple_of(COLUMN_ALIGN));
         n
@@ -78,7 +78,7 @@ struct Cell<S: Lanes> {
 /// Cell of one axis: the lower node, limited to the level, and the fraction to the next. `position = unit
 /// scale + 0.5`.
 #[inline(always)]
-fn axis<S: Lanes>(s: S, level: LevelGeometry, unit: S::F) -> (S::I, S::F) {
+fn axis_cell<S: Lanes>(s: S, level: LevelGeometry, unit: S::F) -> (S::I, S::F) {
     // NaN becomes 0 (see `Lanes::max`): every index below lies in the table. docs/method.md (12.1).
     let unit = s.min(s.max(unit, s.splat(0.0)), s.splat(1.0));
     let position = s.fma(unit, s.splat(level.scale), s.splat(0.5));
@@ -92,12 +92,18 @@ fn axis<S: Lanes>(s: S, level: LevelGeometry, unit: S::F) -> (S::I, S::F) {
 /// # Safety
 /// N floats are readable at every pointer.
 #[inline(always)]
-unsafe fn cell<S: Lanes>(s: S, level: LevelGeometry, x: *const f32, y: *const f32, z: *const f32) -> Cell<S> {
+unsafe fn cell_corners<S: Lanes>(
+    s: S,
+    level: LevelGeometry,
+    x: *const f32,
+    y: *const f32,
+    z: *const f32,
+) -> Cell<S> {
     // SAFETY: the caller's promise.
     let (x, y, z) = unsafe { (s.load(x), s.load(y), s.load(z)) };
-    let (ix, fx) = axis(s, level, x);
-    let (iy, fy) = axis(s, level, y);
-    let (iz, fz) = axis(s, level, z);
+    let (ix, fx) = axis_cell(s, level, x);
+    let (iy, fy) = axis_cell(s, level, y);
+    let (iz, fz) = axis_cell(s, level, z);
     let one = s.splat_int(1);
     let corners = if level.hashed {
         let mask = s.splat_int((level.entries - 1) as i32);
@@ -145,13 +151,18 @@ pub(super) fn encode<S: Lanes>(
     first: &mut [f32],
     second: &mut [f32],
 ) {
-    let n = points.check();
+    let n = points.checked_length();
     assert!(table.len() == 2 * level.entries && first.len() == n && second.len() == n);
     for i in (0..n).step_by(S::N) {
         // SAFETY: `i + N <= n`, the length of all slices; corners are below `entries`.
         unsafe {
-            let cell =
-                cell(s, level, points.x.as_ptr().add(i), points.y.as_ptr().add(i), points.z.as_ptr().add(i));
+            let cell = cell_corners(
+                s,
+                level,
+                points.x.as_ptr().add(i),
+                points.y.as_ptr().add(i),
+                points.z.as_ptr().add(i),
+            );
             let weights = corner_weights(s, cell.frac);
             let mut a = s.splat(0.0);
             let mut b = s.splat(0.0);
@@ -187,13 +198,18 @@ pub(super) fn encode_jacobian<S: Lanes>(
     points: PointColumns<'_>,
     out: LevelJacobian<'_>,
 ) {
-    let n = points.check();
+    let n = points.checked_length();
     assert!(table.len() == 2 * level.entries && out.first.iter().chain(&out.second).all(|o| o.len() == n));
     for i in (0..n).step_by(S::N) {
         // SAFETY: `i + N <= n`, the length of all slices; corners are below `entries`.
         unsafe {
-            let cell =
-                cell(s, level, points.x.as_ptr().add(i), points.y.as_ptr().add(i), points.z.as_ptr().add(i));
+            let cell = cell_corners(
+                s,
+                level,
+                points.x.as_ptr().add(i),
+                points.y.as_ptr().add(i),
+                points.z.as_ptr().add(i),
+            );
             let pairs: [(S::F, S::F); 8] =
                 std::array::from_fn(|c| s.gather_pairs(table.as_ptr(), cell.corners[c]));
             let a = trilinear(s, level.scale, cell.frac, pairs.map(|p| p.0));
@@ -235,7 +251,7 @@ pub(super) fn scatter<S: Lanes>(
     first: &[f32],
     second: &[f32],
 ) {
-    let n = points.check();
+    let n = points.checked_length();
     assert!(gradient.len() == 2 * level.entries && first.len() == n && second.len() == n);
     let mut index = [[0i32; 16]; 8];
     let mut weight = [[0.0f32; 16]; 8];
@@ -243,8 +259,13 @@ pub(super) fn scatter<S: Lanes>(
         // SAFETY: `i + N <= n`, the length of all slices; corners are below `entries`; the arrays hold 16 >=
         // N lanes.
         unsafe {
-            let cell =
-                cell(s, level, points.x.as_ptr().add(i), points.y.as_ptr().add(i), points.z.as_ptr().add(i));
+            let cell = cell_corners(
+                s,
+                level,
+                points.x.as_ptr().add(i),
+                points.y.as_ptr().add(i),
+                points.z.as_ptr().add(i),
+            );
             let weights = corner_weights(s, cell.frac);
             for c in 0..8 {
                 // Lanes may meet at one entry: they are added one by one, in the order of the points.

@@ -15,7 +15,7 @@ pub(crate) struct Columns<'a> {
 
 impl Columns<'_> {
     /// Panics unless `cols` columns of every row lie in the data.
-    fn check(&self, cols: usize) {
+    fn check_size(&self, cols: usize) {
         assert!(cols <= self.stride || self.rows <= 1, "{cols} columns in rows of {}", self.stride);
         assert!(
             self.rows == 0 || (self.rows - 1) * self.stride + cols <= self.data.len(),
@@ -60,7 +60,7 @@ pub(super) fn forward<S: Lanes>(
     cols: usize,
     epilogue: Epilogue<'_>,
 ) {
-    x.check(cols);
+    x.check_size(cols);
     let outputs = weights.len() / x.rows;
     assert!(
         outputs * x.rows == weights.len()
@@ -76,11 +76,11 @@ pub(super) fn forward<S: Lanes>(
     // SAFETY: the lengths were checked above for `shape`; a mask has at least the size of `y`.
     unsafe {
         match epilogue {
-            Epilogue::Linear => panels::<S, LINEAR>(s, shape, w, b, xp, yp, std::ptr::null()),
-            Epilogue::Relu => panels::<S, RELU>(s, shape, w, b, xp, yp, std::ptr::null()),
+            Epilogue::Linear => multiply_panels::<S, LINEAR>(s, shape, w, b, xp, yp, std::ptr::null()),
+            Epilogue::Relu => multiply_panels::<S, RELU>(s, shape, w, b, xp, yp, std::ptr::null()),
             Epilogue::Mask(active) => {
                 assert!(outputs * cols <= active.len(), "mask too short");
-                panels::<S, MASK>(s, shape, w, b, xp, yp, active.as_ptr());
+                multiply_panels::<S, MASK>(s, shape, w, b, xp, yp, active.as_ptr());
             }
         }
     }
@@ -100,7 +100,7 @@ struct Shape {
 /// # Safety
 /// The pointers cover matrices of the sizes in `shape` (`b` and `mask` may be null where they are not used).
 #[inline(always)]
-unsafe fn panels<S: Lanes, const E: u8>(
+unsafe fn multiply_panels<S: Lanes, const E: u8>(
     s: S,
     shape: Shape,
     w: *const f32,
@@ -115,16 +115,16 @@ unsafe fn panels<S: Lanes, const E: u8>(
         // AVX-512 has 32 registers, for 4 x 4 sums; the other sets hold 4 x 2.
         if S::TILE == 4 {
             while col + 4 * S::N <= shape.cols {
-                panel::<S, E, 4>(s, shape, w, b, x, y, mask, col);
+                multiply_panel::<S, E, 4>(s, shape, w, b, x, y, mask, col);
                 col += 4 * S::N;
             }
         }
         while col + 2 * S::N <= shape.cols {
-            panel::<S, E, 2>(s, shape, w, b, x, y, mask, col);
+            multiply_panel::<S, E, 2>(s, shape, w, b, x, y, mask, col);
             col += 2 * S::N;
         }
         while col < shape.cols {
-            panel::<S, E, 1>(s, shape, w, b, x, y, mask, col);
+            multiply_panel::<S, E, 1>(s, shape, w, b, x, y, mask, col);
             col += S::N;
         }
     }
@@ -136,7 +136,7 @@ unsafe fn panels<S: Lanes, const E: u8>(
 /// As [`panels`], and `col + C N <= cols`.
 #[inline(always)]
 #[expect(clippy::too_many_arguments, reason = "pointers of one product")]
-unsafe fn panel<S: Lanes, const E: u8, const C: usize>(
+unsafe fn multiply_panel<S: Lanes, const E: u8, const C: usize>(
     s: S,
     shape: Shape,
     w: *const f32,
@@ -200,8 +200,8 @@ pub(super) fn weight_gradient<S: Lanes>(
     d_weights: &mut [f32],
     d_biases: &mut [f32],
 ) {
-    dy.check(cols);
-    x.check(cols);
+    dy.check_size(cols);
+    x.check_size(cols);
     assert!(dy.rows.is_multiple_of(ROWS) && cols.is_multiple_of(COLUMN_ALIGN));
     assert!(d_weights.len() == dy.rows * x.rows && d_biases.len() == dy.rows);
     let mut o = 0;

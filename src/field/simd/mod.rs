@@ -39,12 +39,12 @@ impl InstructionSet {
     /// The fastest set of this processor.
     #[must_use]
     pub fn detect() -> Self {
-        Self::available()[0]
+        Self::available_sets()[0]
     }
 
     /// All sets of this processor, fastest first; never empty.
     #[must_use]
-    pub fn available() -> Vec<Self> {
+    pub fn available_sets() -> Vec<Self> {
         let mut sets = Vec::new();
         #[cfg(target_arch = "x86_64")]
         {

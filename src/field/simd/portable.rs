@@ -10,7 +10,7 @@ pub(super) struct Portable;
 
 /// `a * b + c`: fused where the baseline has it.
 #[inline(always)]
-fn fma(a: f32, b: f32, c: f32) -> f32 {
+fn fused_multiply_add(a: f32, b: f32, c: f32) -> f32 {
     // Without the instruction a fused product would be a call of the math library.
     if cfg!(target_arch = "aarch64") { a.mul_add(b, c) } else { a * b + c }
 }
@@ -65,7 +65,7 @@ impl Lanes for Portable {
     }
     #[inline(always)]
     fn fma(self, a: [f32; 4], b: [f32; 4], c: [f32; 4]) -> [f32; 4] {
-        from_fn(|i| fma(a[i], b[i], c[i]))
+        from_fn(|i| fused_multiply_add(a[i], b[i], c[i]))
     }
     #[inline(always)]
     fn max(self, a: [f32; 4], b: [f32; 4]) -> [f32; 4] {

@@ -14,7 +14,7 @@ pub(super) fn sigmoid<S: Lanes>(s: S, values: &mut [f32]) {
         // SAFETY: the chunk has N floats.
         unsafe {
             let x = s.load(chunk.as_ptr());
-            let e = exp(s, s.sub(s.splat(0.0), x));
+            let e = exp_lanes(s, s.sub(s.splat(0.0), x));
             let one = s.splat(1.0);
             s.store(chunk.as_mut_ptr(), s.div(one, s.add(one, e)));
         }
@@ -24,7 +24,7 @@ pub(super) fn sigmoid<S: Lanes>(s: S, values: &mut [f32]) {
 /// `exp(x)`: `2^n exp(r)` with `|r| <= ln(2) / 2` and Taylor's polynomial of degree 7 (truncation error below
 /// 2e-8).
 #[inline(always)]
-fn exp<S: Lanes>(s: S, x: S::F) -> S::F {
+fn exp_lanes<S: Lanes>(s: S, x: S::F) -> S::F {
     // Beyond, the result is 0 or 1 to single precision, and exp would overflow at 88.
     let x = s.max(s.min(x, s.splat(80.0)), s.splat(-80.0));
     let t = s.mul(x, s.splat(std::f32::consts::LOG2_E));

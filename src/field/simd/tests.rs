@@ -14,7 +14,7 @@ fn values(n: usize, seed: u32) -> Vec<f32> {
 
 #[test]
 fn products_agree_with_plain_loops() {
-    for isa in InstructionSet::available() {
+    for isa in InstructionSet::available_sets() {
         for (outputs, inputs, cols) in [(64, 32, 256), (16, 64, 240), (4, 7, 16), (8, 5, 112)] {
             let stride = cols + 32;
             let w = values(outputs * inputs, 1);
@@ -74,7 +74,7 @@ fn products_agree_with_plain_loops() {
 #[test]
 fn the_logistic_function_is_accurate() {
     let x: Vec<f32> = (-800..800).map(|i| i as f32 * 0.05).collect();
-    for isa in InstructionSet::available() {
+    for isa in InstructionSet::available_sets() {
         let mut y = x.clone();
         isa.sigmoid(&mut y);
         for (&x, &y) in x.iter().zip(&y) {
@@ -103,7 +103,7 @@ fn derivatives_of_the_encoding_are_those_of_its_values() {
     for level in levels() {
         let geometry = LevelGeometry::new(&level);
         let table = values(2 * level.entries, 9);
-        for isa in InstructionSet::available() {
+        for isa in InstructionSet::available_sets() {
             let mut out = vec![0.0; 8 * n];
             let mut rows = out.chunks_exact_mut(n);
             let mut four = || std::array::from_fn(|_| rows.next().unwrap());
@@ -180,7 +180,7 @@ fn points_outside_or_not_a_number_stay_in_the_table() {
     for level in levels() {
         let geometry = LevelGeometry::new(&level);
         let table = vec![1.0; 2 * level.entries];
-        for isa in InstructionSet::available() {
+        for isa in InstructionSet::available_sets() {
             let mut a = vec![0.0; 16];
             let mut b = vec![0.0; 16];
             isa.encode(geometry, &table, points, &mut a, &mut b);

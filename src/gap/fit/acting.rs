@@ -41,7 +41,7 @@ pub struct Acting<'a> {
 impl<'a> Acting<'a> {
     /// Of a model.
     #[must_use]
-    pub fn of(model: &'a JointModel, catalogue: &'a Catalogue) -> Self {
+    pub fn of_model(model: &'a JointModel, catalogue: &'a Catalogue) -> Self {
         let mut terms = Vec::with_capacity(model.terms.len());
         for term in &model.terms {
             let effect = catalogue[term.effect].as_ref();
@@ -53,13 +53,13 @@ impl<'a> Acting<'a> {
 
     /// Efforts at a state, without derivatives by parameters.
     #[must_use]
-    pub fn at(&self, at: &At) -> EffortSum {
+    pub fn efforts_at(&self, at: &At) -> EffortSum {
         self.add_up(at, &mut [0.0; MAX_COLUMNS], &mut [0.0; MAX_COLUMNS])
     }
 
     /// The first contact reached by the joint moving at `v` for `h` seconds.
     #[inline]
-    pub fn meeting(&self, q: f64, v: f64, h: f64) -> Option<Meeting> {
+    pub fn first_meeting(&self, q: f64, v: f64, h: f64) -> Option<Meeting> {
         if !self.has_contact {
             return None;
         }
@@ -67,7 +67,7 @@ impl<'a> Acting<'a> {
         let mut first = None::<Meeting>;
         let mut column = 3;
         for (effect, _, p) in &self.terms {
-            if let Some(i) = effect.begins() {
+            if let Some(i) = effect.contact_parameter() {
                 // At rest this is infinite or no number, and the comparisons below fail.
                 let after_s = (p[i] - q) / v;
                 let enters = (v > 0.0) == effect.is_upper();
@@ -98,7 +98,7 @@ impl<'a> Acting<'a> {
         for (effect, place, p) in &self.terms {
             if matches!(place, Place::Effort | Place::Friction) {
                 let mut r = Response::default();
-                effect.respond(at, p, &mut r);
+                effect.write_response(at, p, &mut r);
                 let target = if *place == Place::Effort {
                     sum.effort += r.value;
                     sum.q += r.q;
@@ -111,7 +111,7 @@ impl<'a> Acting<'a> {
                     sum.friction_u += r.u;
                     &mut *friction
                 };
-                write(&mut target[column..], &r.p, p.len());
+                write_first(&mut target[column..], &r.p, p.len());
             }
             column += p.len();
         }
@@ -133,7 +133,7 @@ impl<'a> Acting<'a> {
                 continue;
             }
             let mut r = Response::default();
-            effect.respond(&at, p, &mut r);
+            effect.write_response(&at, p, &mut r);
             sum.effort += r.value;
             sum.q += r.q + r.load * sum.q;
             sum.v += r.v + r.load * sum.v;
@@ -142,7 +142,7 @@ impl<'a> Acting<'a> {
             if r.load != 0.0 {
                 effort[3..].iter_mut().for_each(|x| *x *= 1.0 + r.load);
             }
-            write(&mut effort[first..], &r.p, p.len());
+            write_first(&mut effort[first..], &r.p, p.len());
         }
     }
 }
@@ -160,7 +160,7 @@ pub struct Meeting {
 
 /// Writes the first `count` values; a loop of known length.
 #[inline]
-fn write(target: &mut [f64], values: &[f64; MAX_PARAMETERS], count: usize) {
+fn write_first(target: &mut [f64], values: &[f64; MAX_PARAMETERS], count: usize) {
     for (i, (t, x)) in target.iter_mut().zip(values).enumerate() {
         if i < count {
             *t = *x;

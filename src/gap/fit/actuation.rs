@@ -56,7 +56,7 @@ struct Moment {
 ///
 /// # Errors
 /// [`ActuationError`] where the recorded signal moves nothing.
-pub fn actuated(
+pub fn actuated_plant(
     name: &str,
     plant: &Plant,
     fitted: &mut [JointLog],
@@ -67,9 +67,9 @@ pub fn actuated(
     if !is_servo && told.unit != EffortUnit::Unknown {
         return Ok(plant.clone());
     }
-    let moments = moments(plant, fitted);
+    let moments = moving_moments(plant, fitted);
     if !is_servo {
-        let gain = regressed(&moments, &|m| fitted[m.log].effort[m.sample], None, None).factor;
+        let gain = effort_regression(&moments, &|m| fitted[m.log].effort[m.sample], None, None).factor;
         if !(gain.abs() > 0.0) || !gain.is_finite() {
             return Err(ActuationError::Unrelated(name.to_owned()));
         }
@@ -79,14 +79,14 @@ pub fn actuated(
         let actuator = Actuator { unit: gain, is_found: [true, false], ..Actuator::default() };
         return Ok(Plant { actuator, ..plant.clone() });
     }
-    let given = told.servo(name).cloned().unwrap_or_default();
+    let given = told.servo_of(name).cloned().unwrap_or_default();
     let limit = given.limit.unwrap_or(f64::INFINITY);
     let tried: Vec<f64> = given.delay_s.map_or_else(|| DELAYS_S.to_vec(), |d| vec![d]);
     let best = tried
         .into_iter()
         .map(|delay_s| {
             let errors: Vec<Vec<f64>> = fitted.iter().map(|l| position_errors(l, delay_s)).collect();
-            (delay_s, servo(&moments, &errors, &given, limit))
+            (delay_s, servo_regression(&moments, &errors, &given, limit))
         })
         .min_by(|a, b| a.1.left.total_cmp(&b.1.left));
     let Some((delay_s, Regressed { factor: stiffness, damping, .. })) =
@@ -124,7 +124,7 @@ fn servo_efforts(log: &JointLog, delay_s: f64, stiffness: f64, damping: f64, lim
 fn position_errors(log: &JointLog, delay_s: f64) -> Vec<f64> {
     let drive = Drive::with_steps(log, Hold::Zero, delay_s, 1);
     let n = log.time_s.len();
-    let means = drive.means(log.commanded.last().copied()).into_iter().enumerate();
+    let means = drive.means_by_sample(log.commanded.last().copied()).into_iter().enumerate();
     means.map(|(k, c)| c - 0.5 * (log.position[k] + log.position[(k + 1).min(n - 1)])).collect()
 }
 
@@ -138,9 +138,9 @@ struct Regressed {
 }
 
 /// Stiffness and damping of a servo, without the samples at its limit.
-fn servo(moments: &[Moment], errors: &[Vec<f64>], given: &ToldServo, limit: f64) -> Regressed {
+fn servo_regression(moments: &[Moment], errors: &[Vec<f64>], given: &ToldServo, limit: f64) -> Regressed {
     let error = |m: &Moment| errors[m.log][m.sample];
-    let first = regressed(moments, &error, given.stiffness, given.damping);
+    let first = effort_regression(moments, &error, given.stiffness, given.damping);
     if limit.is_infinite() {
         return first;
     }
@@ -151,12 +151,12 @@ fn servo(moments: &[Moment], errors: &[Vec<f64>], given: &ToldServo, limit: f64)
             free.push(*m);
         }
     }
-    regressed(&free, &error, given.stiffness, given.damping)
+    effort_regression(&free, &error, given.stiffness, given.damping)
 }
 
 /// Factor of a signal for the required efforts, beside damping, Coulomb friction and a constant. Given
 /// numbers stay.
-fn regressed(
+fn effort_regression(
     moments: &[Moment],
     signal: &dyn Fn(&Moment) -> f64,
     factor: Option<f64>,
@@ -187,15 +187,15 @@ fn regressed(
 }
 
 /// The required effort of every interval with motion.
-fn moments(plant: &Plant, logs: &[JointLog]) -> Vec<Moment> {
+fn moving_moments(plant: &Plant, logs: &[JointLog]) -> Vec<Moment> {
     let noise = reading_noise(logs);
     let mut all = Vec::new();
     for (index, log) in logs.iter().enumerate() {
-        let motion = SmoothMotion::of(&log.time_s, &log.position, &noise, &[]);
+        let motion = SmoothMotion::of_positions(&log.time_s, &log.position, &noise, &[]);
         let top = motion.state.iter().fold(0.0f64, |m, s| m.max(s[1].abs()));
-        for segment in log.segments(index) {
+        for segment in log.gapless_segments(index) {
             for k in segment.start..(segment.start + segment.len).saturating_sub(1) {
-                let s = motion.at(0.5 * (log.time_s[k] + log.time_s[k + 1]));
+                let s = motion.state_at(0.5 * (log.time_s[k] + log.time_s[k + 1]));
                 // Where friction may hold the joint it takes any value up to its bound.
                 if s[1].abs() < SLOW * top {
                     continue;

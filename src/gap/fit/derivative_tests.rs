@@ -1,7 +1,7 @@
 //! Derivatives of every effect and of the rollout against central differences.
 
 use crate::{
-    fit::rollout::{Rollout, Start, roll},
+    fit::rollout::{Rollout, Start, roll_window},
     model::{
         actuator::{Actuator, Servo},
         effect::{At, Coverage, Effect, Place, Response},
@@ -35,7 +35,7 @@ fn coverage() -> Coverage {
 
 /// Parameters at which an effect acts.
 fn acting(effect: &dyn Effect) -> Vec<f64> {
-    let shapes = effect.shapes(&coverage());
+    let shapes = effect.start_shapes(&coverage());
     let mut p = shapes[shapes.len() / 2].clone();
     for (i, spec) in effect.parameters().iter().enumerate() {
         if spec.neutral.is_some() {
@@ -47,7 +47,7 @@ fn acting(effect: &dyn Effect) -> Vec<f64> {
 
 fn value(effect: &dyn Effect, at: &At, p: &[f64]) -> f64 {
     let mut r = Response::default();
-    effect.respond(at, p, &mut r);
+    effect.write_response(at, p, &mut r);
     r.value
 }
 
@@ -73,7 +73,7 @@ fn effects_have_the_derivatives_that_they_claim() {
                 carried: None,
             };
             let mut r = Response::default();
-            effect.respond(&at, &p, &mut r);
+            effect.write_response(&at, &p, &mut r);
             acted |= r.value != 0.0;
             let h = 1e-6;
             let difference = |up: f64, down: f64| (up - down) / (2.0 * h);
@@ -147,7 +147,7 @@ fn last_of(log: &JointLog, model: &JointModel, start: Start, steps: usize) -> (f
     let effects = catalogue(1);
     let drive = Drive::with_steps(log, Hold::Linear, model.delay_s(&effects), steps);
     let mut out = Rollout::default();
-    roll(model, &effects, log, &drive, Span { log: 0, start: 0, len: 200 }, start, &mut out);
+    roll_window(model, &effects, log, &drive, Span { log: 0, start: 0, len: 200 }, start, &mut out);
     (out.position[199], out.rows[199])
 }
 
@@ -159,7 +159,7 @@ fn assert_sensitivities(
     what: &str,
 ) {
     let row = end(model).1;
-    let parameters = model.parameters();
+    let parameters = model.free_parameters();
     for i in 0..parameters.len() {
         let h = 1e-5 * (1.0 + parameters[i].abs());
         let shifted = |by: f64| {
@@ -183,8 +183,8 @@ fn rollouts_have_the_sensitivities_that_they_claim() {
         if effect.name() == "disturbance" {
             continue;
         }
-        let model = JointModel::of(&plant())
-            .with(index, &acting(effect.as_ref()).iter().map(|x| 0.3 * x + 0.02).collect::<Vec<_>>());
+        let model = JointModel::of_plant(&plant())
+            .with_effect(index, &acting(effect.as_ref()).iter().map(|x| 0.3 * x + 0.02).collect::<Vec<_>>());
         // Friction and play switch between steps; their derivative is that of the smooth pieces.
         let switches = effect.place() == Place::Friction || effect.name() == "backlash";
         let allowed = if switches { 0.1 } else { 0.01 };
@@ -214,9 +214,9 @@ fn a_servo_has_the_sensitivities_that_it_claims_beside_every_effect() {
             let servo = Some(Servo { stiffness: 60.0, limit });
             // A loop that is closed leaves so little that where friction switches would show.
             let plant = Plant { friction: 0.0, actuator: Actuator { servo, ..found }, ..plant() };
-            let model = JointModel::of(&plant).with(index, &own);
-            let parameters = model.parameters();
-            assert_eq!(parameters.len(), model.free());
+            let model = JointModel::of_plant(&plant).with_effect(index, &own);
+            let parameters = model.free_parameters();
+            assert_eq!(parameters.len(), model.free_count());
             assert_eq!(parameters[parameters.len() - 2..], [1.2, 4.0]);
             // What switches between steps has the derivative of its smooth pieces.
             let switches = effect.place() == Place::Friction || effect.name() == "backlash" || limit < 1e3;
@@ -236,8 +236,8 @@ fn a_joint_that_sticks_stands_still() {
     let drive = Drive::with_steps(&log, Hold::Zero, 0.0, 1);
     let mut out = Rollout::default();
     let start = Start { position: 0.3, velocity: 0.0, play: 0.0 };
-    roll(
-        &JointModel::of(&held),
+    roll_window(
+        &JointModel::of_plant(&held),
         &effects,
         &log,
         &drive,
@@ -255,12 +255,12 @@ fn friction_that_settles_brings_to_rest_in_its_time_and_creeps() {
     log.effort = vec![0.5; 200];
     let held = Plant { damping: 0.0, friction: 2.0, load: Load::default(), most_load: 0.0, ..plant() };
     let settle_s = 0.01;
-    let model = JointModel { settle_s, ..JointModel::of(&held) };
+    let model = JointModel { settle_s, ..JointModel::of_plant(&held) };
     let velocity = |finer: usize, at: usize| {
         let drive = Drive::with_steps(&log, Hold::Zero, 0.0, finer);
         let mut out = Rollout::default();
         let start = Start { position: 0.3, velocity: 0.004, play: 0.0 };
-        roll(&model, &effects, &log, &drive, Span { log: 0, start: 0, len: 200 }, start, &mut out);
+        roll_window(&model, &effects, &log, &drive, Span { log: 0, start: 0, len: 200 }, start, &mut out);
         (out.position[at + 1] - out.position[at]) / 0.005
     };
     // The solution of dv/dt = -v / settle + 0.1 a, averaged over an interval.
@@ -282,7 +282,7 @@ fn friction_that_settles_brings_to_rest_in_its_time_and_creeps() {
 #[test]
 fn sensitivities_hold_where_friction_settles() {
     let index = catalogue(1).iter().position(|e| e.name() == "coulomb_friction").unwrap();
-    let model = JointModel { settle_s: 0.03, ..JointModel::of(&plant()).with(index, &[0.7]) };
+    let model = JointModel { settle_s: 0.03, ..JointModel::of_plant(&plant()).with_effect(index, &[0.7]) };
     let start = Start { position: 0.3, velocity: 0.4, play: 0.0 };
     assert_sensitivities(&|m| last(m, start), &model, 0.02, "friction that settles");
 }

@@ -72,7 +72,7 @@ fn rms(values: impl Iterator<Item = f64>, n: f64) -> f64 {
 }
 
 /// Columns of each stretch.
-fn rows(seen: &[SeenStretch], effort: &[f64], turns: bool) -> Vec<SVector<f64, COLUMNS>> {
+fn regression_rows(seen: &[SeenStretch], effort: &[f64], turns: bool) -> Vec<SVector<f64, COLUMNS>> {
     let n = seen.len().max(1) as f64;
     let mean = seen.iter().map(|s| s.position).sum::<f64>() / n;
     let speed = rms(seen.iter().map(|s| s.velocity), n);
@@ -97,7 +97,7 @@ fn rows(seen: &[SeenStretch], effort: &[f64], turns: bool) -> Vec<SVector<f64, C
 /// the one before it.
 #[must_use]
 pub fn independent_share(seen: &[SeenStretch], effort: &[f64], turns: bool, follows: &[bool]) -> f64 {
-    let rows = rows(seen, effort, turns);
+    let rows = regression_rows(seen, effort, turns);
     let scale = rows.iter().fold(SVector::<f64, COLUMNS>::zeros(), |sum, r| sum + r.component_mul(r));
     let scale = scale.map(|x| if x > 0.0 { 1.0 / x.sqrt() } else { 0.0 });
     let mut normal = SMatrix::<f64, COLUMNS, COLUMNS>::identity() * RIDGE;
@@ -149,15 +149,17 @@ impl Regression {
     /// Of rows with their efforts; `turns` where sine and cosine of the position mean something. `weight` is
     /// the number of independent numbers in them.
     #[must_use]
-    pub fn of(seen: &[SeenStretch], effort: &[f64], turns: bool, weight: f64) -> Self {
+    pub fn of_rows(seen: &[SeenStretch], effort: &[f64], turns: bool, weight: f64) -> Self {
         let n = seen.len().max(1) as f64;
-        let gram = rows(seen, effort, turns).iter().fold(SMatrix::zeros(), |sum, r| sum + r * r.transpose());
+        let gram = regression_rows(seen, effort, turns)
+            .iter()
+            .fold(SMatrix::zeros(), |sum, r| sum + r * r.transpose());
         let log_inertia = seen.iter().map(|s| s.inertia.abs().max(1e-300).ln()).sum::<f64>() / n;
         Self { gram: gram * (weight / n), weight, log_inertia }
     }
 
     /// Root mean square of a known column.
-    fn size(&self, column: usize) -> f64 {
+    fn column_rms(&self, column: usize) -> f64 {
         (self.gram[(column, column)] / self.weight).sqrt()
     }
 
@@ -170,7 +172,7 @@ impl Regression {
     /// Whether there are an effort and a motion to compare.
     #[must_use]
     pub fn is_telling(&self) -> bool {
-        self.weight > 2.0 * COLUMNS as f64 && self.size(0) > 0.0 && self.size(2) > 0.0
+        self.weight > 2.0 * COLUMNS as f64 && self.column_rms(0) > 0.0 && self.column_rms(2) > 0.0
     }
 
     /// Explanations of the accelerations by the efforts, in their recorded units. Each of the inertias is
@@ -178,15 +180,15 @@ impl Regression {
     #[must_use]
     pub fn of_motion(&self, inertias: &[f64], gain: (f64, f64)) -> Vec<Explained> {
         // Missing efforts are as large as the acting effort, and a tilt as the load.
-        let effort = (gain.0 * gain.1).sqrt() * self.size(2);
+        let effort = (gain.0 * gain.1).sqrt() * self.column_rms(2);
         // One grid of noises for all inertias, to share the work.
-        let sizes = inertias.iter().map(|i| self.needed(*i));
+        let sizes = inertias.iter().map(|i| self.needed_effort(*i));
         let range = sizes.fold((f64::INFINITY, 0.0), |r: (f64, f64), s| (r.0.min(s), r.1.max(s)));
-        let projected = self.projected(effort, self.size(1), BY_NEED, range.0, range.1);
+        let projected = self.projected_columns(effort, self.column_rms(1), BY_NEED, range.0, range.1);
         let mut all = Vec::with_capacity(inertias.len());
         for inertia in inertias {
             let needed = SVector::<f64, KNOWN>::new(*inertia, 1.0, 0.0);
-            let mut best = self.best(&projected, &needed, &effort_alone(), gain.0, gain.1);
+            let mut best = self.best_explanation(&projected, &needed, &effort_alone(), gain.0, gain.1);
             best.evidence += self.weight * (inertia.ln() + self.log_inertia);
             all.push(best);
         }
@@ -197,18 +199,18 @@ impl Regression {
     #[must_use]
     pub fn of_effort(&self, inertias: &[f64], gain: (f64, f64)) -> Vec<Explained> {
         let by = 1.0 / (gain.0 * gain.1).sqrt();
-        let size = self.size(2);
-        let projected = self.projected(size, by * self.size(1), BY_EFFORT, size, size);
+        let size = self.column_rms(2);
+        let projected = self.projected_columns(size, by * self.column_rms(1), BY_EFFORT, size, size);
         let mut all = Vec::with_capacity(inertias.len());
         for inertia in inertias {
             let needed = SVector::<f64, KNOWN>::new(*inertia, 1.0, 0.0);
-            all.push(self.best(&projected, &effort_alone(), &needed, 1.0 / gain.1, 1.0 / gain.0));
+            all.push(self.best_explanation(&projected, &effort_alone(), &needed, 1.0 / gain.1, 1.0 / gain.0));
         }
         all
     }
 
     /// Size of the twin's effort with an inertia.
-    fn needed(&self, inertia: f64) -> f64 {
+    fn needed_effort(&self, inertia: f64) -> f64 {
         let needed = SVector::<f64, KNOWN>::new(inertia, 1.0, 0.0);
         let known = self.gram.fixed_view::<KNOWN, KNOWN>(0, 0);
         ((needed.transpose() * known * needed)[0] / self.weight).max(0.0).sqrt()
@@ -217,7 +219,14 @@ impl Regression {
     /// The known columns without the columns of missing effects, one entry for each noise. `effort` and
     /// `load` are prior deviations; `unused` is a column to leave out; `least` and `most` are the sizes of
     /// the erring signal.
-    fn projected(&self, effort: f64, load: f64, unused: usize, least: f64, most: f64) -> Vec<Projected> {
+    fn projected_columns(
+        &self,
+        effort: f64,
+        load: f64,
+        unused: usize,
+        least: f64,
+        most: f64,
+    ) -> Vec<Projected> {
         let mut sd = SVector::<f64, MISSING>::repeat(effort);
         sd[unused] = 0.0;
         TILTING.into_iter().for_each(|i| sd[i] += load);
@@ -241,7 +250,7 @@ impl Regression {
 
     /// The best of the noises: `left` explained by a multiple of `right` in a range, by Laplace's
     /// approximation. The multiples are each as likely as any other on a logarithmic scale.
-    fn best(
+    fn best_explanation(
         &self,
         all: &[Projected],
         left: &SVector<f64, KNOWN>,

@@ -63,7 +63,7 @@ fn readings(count: usize) -> Vec<f64> {
 }
 
 fn gains_of(locals: &[Local], readings: &[f64], noise: &EffortNoise) -> (Vec<Gain>, f64) {
-    let mut gains = Gains::of(noise);
+    let mut gains = Gains::of_noise(noise);
     let found = locals.iter().zip(readings).map(|(local, reading)| gains.next(local, *reading)).collect();
     (found, gains.log_variance())
 }
@@ -84,7 +84,7 @@ fn whitened_columns_have_the_products_of_generalized_least_squares() {
         row[..3].copy_from_slice(&[columns[(k, 0)], columns[(k, 1)], columns[(k, 2)]]);
         row[3] = 5.0;
     }
-    whiten::<3>(&mut rows, &locals, &gains);
+    whiten_rows::<3>(&mut rows, &locals, &gains);
     let whitened = DMatrix::from_fn(9, 3, |k, i| rows[k][i]);
     let known = covariance(&locals, &readings, &NOISE).cholesky().unwrap();
     let found = whitened.tr_mul(&whitened);
@@ -101,12 +101,12 @@ fn white_noise_alone_leaves_nothing_behind() {
     let locals = locals(9);
     let readings = readings(9);
     let columns = columns(9);
-    let noise = EffortNoise::white(0.3);
+    let noise = EffortNoise::white_noise(0.3);
     let (gains, log_variance) = gains_of(&locals, &readings, &noise);
     assert!(gains.iter().all(|g| g.kd == 0.0 && g.kept == 0.0));
     let mut rows = vec![[0.0; 16]; 9];
     rows.iter_mut().enumerate().for_each(|(k, row)| row[0] = columns[(k, 1)]);
-    whiten::<1>(&mut rows, &locals, &gains);
+    whiten_rows::<1>(&mut rows, &locals, &gains);
     let never = EffortNoise { memory_s: 1.0, ..noise };
     let known = covariance(&locals, &readings, &never).cholesky().unwrap();
     let column = DVector::from_column_slice(columns.column(1).as_slice());
@@ -118,7 +118,7 @@ fn white_noise_alone_leaves_nothing_behind() {
 #[test]
 fn variances_of_any_size_add_up_in_the_logarithm() {
     for scale in [1e-14, 1e14] {
-        let noise = NOISE.scaled(scale);
+        let noise = NOISE.scaled_by(scale);
         let locals = locals(40);
         let readings = vec![0.01 * scale * scale; 40];
         let (gains, log_variance) = gains_of(&locals, &readings, &noise);
@@ -140,7 +140,7 @@ fn a_response_is_the_whitened_motion_under_the_efforts() {
         let expected: Vec<f64> = (0..9)
             .map(|k| {
                 let mut row = [state[0] + if with_direct { direct[k] } else { 0.0 }];
-                filter.pass(&mut row, &locals[k], &gains[k]);
+                filter.pass_row(&mut row, &locals[k], &gains[k]);
                 let Local { a, g, .. } = locals[k];
                 state = [
                     a[0] * state[0] + a[1] * state[1] + g[0] * effort[k],
@@ -150,7 +150,7 @@ fn a_response_is_the_whitened_motion_under_the_efforts() {
             })
             .collect();
         let mut found = vec![0.0; 9];
-        respond(&effort, with_direct.then_some(&direct), &locals, &gains, &mut found);
+        effort_response(&effort, with_direct.then_some(&direct), &locals, &gains, &mut found);
         for (a, b) in found.iter().zip(&expected) {
             assert!((a - b).abs() < 1e-12, "{found:?} {expected:?}");
         }
@@ -179,7 +179,7 @@ fn along(states: &[(f64, f64, f64)]) -> (JointLog, Trace) {
 
 fn linearized(model: &JointModel, states: &[(f64, f64, f64)]) -> Vec<Local> {
     let (log, trace) = along(states);
-    linearize(model, &catalogue(1), &log, 0, &trace)
+    linearized_joint(model, &catalogue(1), &log, 0, &trace)
 }
 
 fn assert_near(local: &Local, a: [f64; 4], g: [f64; 2], tolerance: f64) {
@@ -208,7 +208,7 @@ fn a_moving_joint_is_linearized_as_its_equation_says() {
     // The plant's own damping and load.
     let plant = Plant { damping: 0.05, ..pendulum(0.6) };
     let (a, g) = exact(0.05, 0.6 * 0.4f64.cos(), 0.05);
-    assert_near(&linearized(&JointModel::of(&plant), &state)[0], a, g, 1e-4);
+    assert_near(&linearized(&JointModel::of_plant(&plant), &state)[0], a, g, 1e-4);
     // Effects add to the inertia and to the stiffness.
     let heavier = with(&effects, &plant, &[("inertia", &[0.03]), ("spring_return", &[0.5, 0.1])]);
     let (a, g) = exact(0.08, 0.6 * 0.4f64.cos() + 0.5, 0.05);
@@ -252,7 +252,7 @@ fn sticks(model: &JointModel, q: f64, v: f64, u: f64) -> bool {
 fn a_joint_at_rest_sticks_under_less_than_its_friction() {
     let effects = catalogue(1);
     let rough = Plant { friction: 0.5, damping: 0.0, ..pendulum(0.0) };
-    let model = JointModel::of(&rough);
+    let model = JointModel::of_plant(&rough);
     assert!(sticks(&model, 0.0, 0.0, 0.49) && !sticks(&model, 0.0, 0.0, 0.51));
     assert!(sticks(&model, 0.0, 0.0, -0.49) && !sticks(&model, 0.0, 0.0, -0.51));
     // At 0.3 % of the top speed or less, either way.
@@ -263,7 +263,7 @@ fn a_joint_at_rest_sticks_under_less_than_its_friction() {
     assert_near(&stuck, [1.0, 0.0, 0.0, 0.0], [0.0; 2], 1e-12);
     assert!((stuck.interval_s - 0.01).abs() < 1e-12);
     // Load, gain and another joint act beside the effort.
-    let loaded = JointModel::of(&Plant { friction: 0.5, ..pendulum(0.6) });
+    let loaded = JointModel::of_plant(&Plant { friction: 0.5, ..pendulum(0.6) });
     let load = 0.6 * 0.8f64.sin();
     assert!(sticks(&loaded, 0.8, 0.0, load + 0.49) && !sticks(&loaded, 0.8, 0.0, load + 0.51));
     let gained = with(&effects, &rough, &[("torque_gain", &[2.0])]);
@@ -280,7 +280,7 @@ fn a_joint_at_rest_sticks_under_less_than_its_friction() {
 #[test]
 fn friction_that_settles_also_brakes() {
     let rough = Plant { friction: 0.5, damping: 0.0, ..pendulum(0.0) };
-    let model = JointModel { settle_s: 0.02, ..JointModel::of(&rough) };
+    let model = JointModel { settle_s: 0.02, ..JointModel::of_plant(&rough) };
     let of = |v: f64, u: f64| linearized(&model, &[(0.0, v, u), (0.0, 1.0, u)])[0];
     // docs/method.md (14.8): what is kept of the velocity, and the creep under a tenth of the load.
     let keep = (-0.5f64).exp();

@@ -31,7 +31,7 @@ pub struct Witness {
 /// start and the run (heat). Effects beyond any catalog repeat there: such windows are one witness of a
 /// parameter, not many: cluster-robust errors (Liang and Zeger 1986) with the clusters of the discrepancy.
 #[must_use]
-pub fn alike(problem: &Problem) -> Vec<Vec<usize>> {
+pub fn alike_windows(problem: &Problem) -> Vec<Vec<usize>> {
     let windows = &problem.windows;
     let coordinates: [&dyn Fn(&Span) -> f64; 4] = [
         &|w| window_mean(problem, w, |t| &t.position, |q| *q),
@@ -42,12 +42,12 @@ pub fn alike(problem: &Problem) -> Vec<Vec<usize>> {
     // 1 where the position falls over the window.
     let mut back = Vec::with_capacity(windows.len());
     for w in windows {
-        let positions = own(problem, w, |t| &t.position);
+        let positions = window_samples(problem, w, |t| &t.position);
         back.push(usize::from(positions.last() < positions.first()));
     }
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for coordinate in coordinates {
-        let ranks = ranks(&windows.iter().map(coordinate).collect::<Vec<_>>());
+        let ranks = value_ranks(&windows.iter().map(coordinate).collect::<Vec<_>>());
         let group = |count: usize, w: usize| 2 * (ranks[w] * count / windows.len()) + back[w];
         groups.extend(RANKS.map(|count| (0..windows.len()).map(|w| group(count, w)).collect()));
     }
@@ -58,17 +58,17 @@ pub fn alike(problem: &Problem) -> Vec<Vec<usize>> {
 }
 
 /// Samples of a trace within a window.
-fn own<'p>(problem: &'p Problem, w: &Span, of: fn(&Trace) -> &Vec<f64>) -> &'p [f64] {
+fn window_samples<'p>(problem: &'p Problem, w: &Span, of: fn(&Trace) -> &Vec<f64>) -> &'p [f64] {
     &of(&problem.traces[w.log])[w.start..w.start + w.len]
 }
 
 /// Mean over a window of a quantity of its trace.
 fn window_mean(problem: &Problem, w: &Span, of: fn(&Trace) -> &Vec<f64>, size: fn(&f64) -> f64) -> f64 {
-    own(problem, w, of).iter().map(size).sum::<f64>() / w.len.max(1) as f64
+    window_samples(problem, w, of).iter().map(size).sum::<f64>() / w.len.max(1) as f64
 }
 
 /// Rank of every value, the first of equal ones lowest.
-fn ranks(values: &[f64]) -> Vec<usize> {
+fn value_ranks(values: &[f64]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..values.len()).collect();
     order.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
     let mut ranks = vec![0; order.len()];
@@ -82,7 +82,7 @@ fn ranks(values: &[f64]) -> Vec<usize> {
 /// where errors are known to `repeat` or these move the parameters by more than chance. The largest widening
 /// counts.
 #[must_use]
-pub fn covariance(
+pub fn jackknife_covariance(
     mut matrix: DMatrix<f64>,
     windows: &[Witness],
     groups: &[Vec<usize>],
@@ -99,11 +99,11 @@ pub fn covariance(
     };
     // (14.13): residuals other than white noise move a parameter by more than its variance.
     let width = |moved: &[f64], i: usize| Some((moved[i] / c[(i, i)]).sqrt()).filter(|w| w.is_finite());
-    let (moved, mut witnesses) = moves(&matrix, &c, windows);
+    let (moved, mut witnesses) = squared_moves(&matrix, &c, windows);
     let mut wider: Vec<f64> = (0..n).map(|i| width(&moved, i).unwrap_or(1.0).max(1.0)).collect();
     let by_windows = wider.clone();
     for group in groups {
-        let (moved, count) = moves(&matrix, &c, &pooled(windows, group));
+        let (moved, count) = squared_moves(&matrix, &c, &pooled_witnesses(windows, group));
         for i in 0..n {
             // Few groups determine a variance badly: beyond the quantile it is surely another one. Leaving
             // out one of k moves a mean by k / (k - 1) times its weight.
@@ -134,7 +134,7 @@ pub(super) fn effective_count(sum: f64, squares: f64) -> f64 {
 }
 
 /// The witnesses of a group as one.
-fn pooled(windows: &[Witness], groups: &[usize]) -> Vec<Witness> {
+fn pooled_witnesses(windows: &[Witness], groups: &[usize]) -> Vec<Witness> {
     let mut pools: Vec<Option<Witness>> = vec![None; groups.iter().max().map_or(0, |m| m + 1)];
     for (window, &group) in windows.iter().zip(groups) {
         match &mut pools[group] {
@@ -150,7 +150,7 @@ fn pooled(windows: &[Witness], groups: &[usize]) -> Vec<Witness> {
 
 /// Squared moves of the parameters without each witness, summed, and the number of witnesses of each
 /// parameter; `c` is the inverse of `matrix`.
-fn moves(matrix: &DMatrix<f64>, c: &DMatrix<f64>, witnesses: &[Witness]) -> (Vec<f64>, Vec<f64>) {
+fn squared_moves(matrix: &DMatrix<f64>, c: &DMatrix<f64>, witnesses: &[Witness]) -> (Vec<f64>, Vec<f64>) {
     let n = matrix.nrows();
     let mut moved = vec![0.0; n];
     let mut shares = vec![(0.0, 0.0); n];
@@ -189,18 +189,21 @@ mod tests {
         let errors: Vec<f64> = (0..40).map(|k| if k / 10 % 2 == 0 { 1.0 } else { -1.0 }).collect();
         let groups: Vec<usize> = (0..40).map(|k| k / 10).collect();
         let (matrix, windows) = mean(&errors);
-        let variance =
-            |groups: &[Vec<usize>]| covariance(matrix.clone(), &windows, groups, false, &[false]).0[(0, 0)];
+        let variance = |groups: &[Vec<usize>]| {
+            jackknife_covariance(matrix.clone(), &windows, groups, false, &[false]).0[(0, 0)]
+        };
         // As 40 independent readings: 1 / 40. As four of the size 1: 1 / 4, times (4 / 3)^2 of the jackknife.
         assert!((variance(&[]) * 40.0 - 1.0).abs() < 0.1, "{}", variance(&[]));
         let wide = variance(std::slice::from_ref(&groups));
         assert!((wide - 0.25 * 16.0 / 9.0).abs() < 1e-9, "{wide}");
-        let count = covariance(matrix.clone(), &windows, std::slice::from_ref(&groups), true, &[false]).1[0];
+        let count =
+            jackknife_covariance(matrix.clone(), &windows, std::slice::from_ref(&groups), true, &[false]).1
+                [0];
         assert!((count - 4.0).abs() < 1e-9, "{count}");
         // Errors that differ within a place are no more than those of windows.
         let within: Vec<f64> = (0..40).map(|k| if k % 2 == 0 { 1.0 } else { -1.0 }).collect();
         let (matrix, windows) = mean(&within);
-        let narrow = covariance(matrix, &windows, &[groups], true, &[false]).0[(0, 0)];
+        let narrow = jackknife_covariance(matrix, &windows, &[groups], true, &[false]).0[(0, 0)];
         assert!((narrow * 40.0 - 1.0).abs() < 0.1, "{narrow}");
     }
 }

@@ -8,7 +8,7 @@ use crate::{
         problem::{Problem, Weighing},
         rollout::{Rollout, Start},
         whiten::{Filter, Gains, Local},
-        whitening::{SIDE_BY_SIDE, Whitening, pass_windows, predict, residual_column, start_ridge},
+        whitening::{SIDE_BY_SIDE, Whitening, pass_windows, predict_window, residual_column, start_ridge},
     },
     model::joint_model::JointModel,
 };
@@ -39,12 +39,12 @@ pub fn most_likely_noise(
     whitening: &Whitening,
     around: EffortNoise,
 ) -> EffortNoise {
-    let drives = problem.drives(model);
+    let drives = problem.model_drives(model);
     let mut rollouts = Vec::with_capacity(starts.len());
     for (w, start) in starts.iter().enumerate() {
         let mut rollout = Rollout::default();
-        predict(problem, model, &drives, w, *start, &mut rollout);
-        let residual = residual_column(model.free());
+        predict_window(problem, model, &drives, w, *start, &mut rollout);
+        let residual = residual_column(model.free_count());
         // Rollouts do not depend on the noise and are made once; of their columns the likelihood needs
         // three.
         let compact: Vec<[f64; 3]> = rollout.rows.iter().map(|r| [r[0], r[1], r[residual]]).collect();
@@ -52,31 +52,31 @@ pub fn most_likely_noise(
     }
     if let Weighing::Predictions { .. } = problem.weighing {
         return EffortNoise {
-            deflection: deflection(problem, &rollouts),
-            ..EffortNoise::white(problem.min_sigma_u)
+            deflection: likely_deflection(problem, &rollouts),
+            ..EffortNoise::white_noise(problem.min_sigma_u)
         };
     }
     let residuals = Residuals { problem, whitening, rollouts };
-    let white = residuals.white(EffortNoise { wander: 0.0, ..around });
+    let white = residuals.likely_white(EffortNoise { wander: 0.0, ..around });
     residuals.with_wander(white, around)
 }
 
 /// Most probable deflection of whole windows: of their squares beyond the start states, the share of each
 /// independent number.
-fn deflection(problem: &Problem, rollouts: &[Vec<[f64; 3]>]) -> f64 {
+fn likely_deflection(problem: &Problem, rollouts: &[Vec<[f64; 3]>]) -> f64 {
     let ridge = start_ridge(problem);
     let squares: f64 = rollouts.iter().map(|rows| square_beyond_start(rows, &ridge)).sum();
     // Two of the independent numbers of a window go to its start state.
-    let free = problem.independent() - 2.0 * rollouts.len() as f64;
+    let free = problem.independent_count() - 2.0 * rollouts.len() as f64;
     (squares / free.max(1.0)).sqrt().max(problem.noise_floor())
 }
 
 /// Sum of the squared residuals of a window with its best start state.
 fn square_beyond_start(rows: &[[f64; 3]], ridge: &Matrix2<f64>) -> f64 {
     let mut sums = Products::default();
-    rows.iter().for_each(|row| sums.add(row));
-    let inverse = (sums.start() + ridge).try_inverse().unwrap_or_else(Matrix2::zeros);
-    sums.cost() - sums.gradient().dot(&(inverse * sums.gradient()))
+    rows.iter().for_each(|row| sums.add_row(row));
+    let inverse = (sums.start_matrix() + ridge).try_inverse().unwrap_or_else(Matrix2::zeros);
+    sums.residual_square() - sums.start_gradient().dot(&(inverse * sums.start_gradient()))
 }
 
 /// Residuals of all windows under a model, ready to be weighed under any noise.
@@ -95,25 +95,26 @@ impl Residuals<'_, '_, '_> {
         let ridge = start_ridge(self.problem);
         let groups = self.problem.windows.chunks(SIDE_BY_SIDE).zip(self.rollouts.chunks(SIDE_BY_SIDE));
         for (windows, rollouts) in groups {
-            let mut ways: Vec<WindowPass> = rollouts.iter().map(|rows| WindowPass::of(noise, rows)).collect();
-            pass_windows(self.problem, &self.whitening.locals, windows, &mut ways, WindowPass::pass);
+            let mut ways: Vec<WindowPass> =
+                rollouts.iter().map(|rows| WindowPass::of_noise(noise, rows)).collect();
+            pass_windows(self.problem, &self.whitening.locals, windows, &mut ways, WindowPass::pass_sample);
             for WindowPass { gains, sums, .. } in &ways {
                 log_variance += gains.log_variance();
-                let start = sums.start() + ridge;
-                let gradient = sums.gradient();
+                let start = sums.start_matrix() + ridge;
+                let gradient = sums.start_gradient();
                 let inverse = start.try_inverse().unwrap_or_else(Matrix2::zeros);
                 let determinant = start.determinant().max(1e-300);
-                rest.push(sums.cost() - gradient.dot(&(inverse * gradient)) + determinant.ln());
+                rest.push(sums.residual_square() - gradient.dot(&(inverse * gradient)) + determinant.ln());
             }
         }
-        -0.5 * rest.iter().fold(log_variance * self.problem.weighing.share(), |sum, x| sum + x)
+        -0.5 * rest.iter().fold(log_variance * self.problem.weighing.counting_share(), |sum, x| sum + x)
     }
 
     /// The likeliest white noise beside a wander, and its log likelihood.
-    fn white(&self, from: EffortNoise) -> (f64, EffortNoise) {
+    fn likely_white(&self, from: EffortNoise) -> (f64, EffortNoise) {
         let least = self.problem.min_sigma_u;
         let (reached, white) =
-            top(from.white, least, |white| self.log_likelihood(&EffortNoise { white, ..from }));
+            top_of_likelihood(from.white, least, |white| self.log_likelihood(&EffortNoise { white, ..from }));
         (reached, EffortNoise { white, ..from })
     }
 
@@ -127,9 +128,11 @@ impl Residuals<'_, '_, '_> {
             let mut now = EffortNoise { memory_s: intervals * interval_s, wander, ..best.1 };
             let mut reached = f64::NEG_INFINITY;
             for _ in 0..SWEEPS {
-                now.wander =
-                    top(now.wander, least, |wander| self.log_likelihood(&EffortNoise { wander, ..now })).1;
-                (reached, now) = self.white(now);
+                now.wander = top_of_likelihood(now.wander, least, |wander| {
+                    self.log_likelihood(&EffortNoise { wander, ..now })
+                })
+                .1;
+                (reached, now) = self.likely_white(now);
             }
             wander = now.wander;
             if reached > best.0 {
@@ -143,7 +146,7 @@ impl Residuals<'_, '_, '_> {
 }
 
 /// The largest value of a function of a standard deviation, and where it is; on a logarithmic scale.
-fn top(around: f64, least: f64, mut score: impl FnMut(f64) -> f64) -> (f64, f64) {
+fn top_of_likelihood(around: f64, least: f64, mut score: impl FnMut(f64) -> f64) -> (f64, f64) {
     let mut best = (score(around), around);
     // Most searches begin near the top. Where they do not, steps grow while a side is better.
     let mut factor = FINE;
@@ -183,15 +186,15 @@ struct WindowPass<'a> {
 }
 
 impl<'a> WindowPass<'a> {
-    fn of(noise: &'a EffortNoise, rows: &'a [[f64; 3]]) -> Self {
-        Self { rows, gains: Gains::of(noise), filter: Filter::default(), sums: Products::default() }
+    fn of_noise(noise: &'a EffortNoise, rows: &'a [[f64; 3]]) -> Self {
+        Self { rows, gains: Gains::of_noise(noise), filter: Filter::default(), sums: Products::default() }
     }
 
     #[inline]
-    fn pass(&mut self, local: &Local, reading: f64, at: usize) {
+    fn pass_sample(&mut self, local: &Local, reading: f64, at: usize) {
         let mut white = self.rows[at];
-        self.filter.pass(&mut white, local, &self.gains.next(local, reading));
-        self.sums.add(&white);
+        self.filter.pass_row(&mut white, local, &self.gains.next(local, reading));
+        self.sums.add_row(&white);
     }
 }
 
@@ -201,22 +204,22 @@ struct Products([f64; 6]);
 
 impl Products {
     #[inline]
-    fn add(&mut self, row: &[f64; 3]) {
+    fn add_row(&mut self, row: &[f64; 3]) {
         let [x, y, e] = *row;
         for (sum, term) in self.0.iter_mut().zip([x * x, x * y, y * y, x * e, y * e, e * e]) {
             *sum += term;
         }
     }
 
-    fn cost(&self) -> f64 {
+    fn residual_square(&self) -> f64 {
         self.0[5]
     }
 
-    fn start(&self) -> Matrix2<f64> {
+    fn start_matrix(&self) -> Matrix2<f64> {
         Matrix2::new(self.0[0], self.0[1], self.0[1], self.0[2])
     }
 
-    fn gradient(&self) -> Vector2<f64> {
+    fn start_gradient(&self) -> Vector2<f64> {
         Vector2::new(self.0[3], self.0[4])
     }
 }

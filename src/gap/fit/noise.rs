@@ -19,13 +19,13 @@ pub struct EffortNoise {
 impl EffortNoise {
     /// White noise alone.
     #[must_use]
-    pub fn white(white: f64) -> Self {
+    pub fn white_noise(white: f64) -> Self {
         Self { white, ..Self::default() }
     }
 
     /// A multiple of it.
     #[must_use]
-    pub fn scaled(self, by: f64) -> Self {
+    pub fn scaled_by(self, by: f64) -> Self {
         Self { white: self.white * by, wander: self.wander * by, deflection: self.deflection * by, ..self }
     }
 
@@ -38,25 +38,25 @@ impl EffortNoise {
     /// Share of another noise's size left by this one.
     #[must_use]
     pub fn share_of(&self, other: &Self) -> f64 {
-        let size = |n: &Self| if other.deflection > 0.0 { n.deflection } else { n.size() };
+        let size = |n: &Self| if other.deflection > 0.0 { n.deflection } else { n.total_deviation() };
         size(self) / size(other).max(1e-300)
     }
 
     /// Whether it has a part beyond the noise of a sensor: a lasting one, or a deflection.
     #[must_use]
-    pub fn remains(&self) -> bool {
+    pub fn has_remainder(&self) -> bool {
         self.wander > 0.0 || self.deflection > 0.0
     }
 
     /// Standard deviation of the effort at one time.
     #[must_use]
-    pub fn size(&self) -> f64 {
+    pub fn total_deviation(&self) -> f64 {
         self.white.hypot(self.wander)
     }
 
     /// Share of the wander left after `interval_s`.
     #[must_use]
-    pub fn kept(&self, interval_s: f64) -> f64 {
+    pub fn wander_share_after(&self, interval_s: f64) -> f64 {
         if self.wander > 0.0 { (-interval_s / self.memory_s).exp() } else { 0.0 }
     }
 }

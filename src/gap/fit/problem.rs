@@ -4,7 +4,7 @@ use crate::{
     fit::{
         noise::EffortNoise,
         rollout::Start,
-        smooth::{Trace, smooth},
+        smooth::{Trace, smoothed_traces},
     },
     model::{
         effect::{Coverage, Place},
@@ -14,7 +14,7 @@ use crate::{
     record::{
         drive::{Drive, Hold, MAX_STEP_S},
         jitter::reading_noise,
-        log::{JointLog, Span, windows},
+        log::{JointLog, Span, shooting_windows},
         motion::SmoothMotion,
         reading_noise::ReadingNoise,
     },
@@ -60,7 +60,7 @@ pub enum Weighing {
 impl Weighing {
     /// Counting share of the samples.
     #[must_use]
-    pub fn share(self) -> f64 {
+    pub fn counting_share(self) -> f64 {
         match self {
             Self::Innovations => 1.0,
             Self::Predictions { independent } => independent,
@@ -69,13 +69,13 @@ impl Weighing {
 
     /// Noise at the begin of a fit, before there are residuals.
     #[must_use]
-    pub fn begin(self, noise: EffortNoise, problem: &Problem) -> EffortNoise {
+    pub fn first_noise(self, noise: EffortNoise, problem: &Problem) -> EffortNoise {
         match self {
             Self::Innovations => noise.at_least(problem.min_sigma_u),
             Self::Predictions { .. } if noise.deflection > 0.0 => noise,
             Self::Predictions { .. } => EffortNoise {
                 deflection: problem.coverage.travel.max(problem.noise_floor()),
-                ..EffortNoise::white(problem.min_sigma_u)
+                ..EffortNoise::white_noise(problem.min_sigma_u)
             },
         }
     }
@@ -173,11 +173,11 @@ impl<'c> Problem<'c> {
         hold: Hold,
         noise: ReadingNoise,
     ) -> Self {
-        let readings: Vec<Vec<f64>> = logs.iter().map(|l| variances(l, &noise)).collect();
-        let steps = logs.iter().map(|l| steps(l, plant)).collect();
-        let traces = smooth(&logs, hold, plant, &readings);
-        let windows = windows(&logs, window_length_s(plant));
-        let coverage = cover(plant, turns, &logs, &traces, noise.at_rest);
+        let readings: Vec<Vec<f64>> = logs.iter().map(|l| reading_variances(l, &noise)).collect();
+        let steps = logs.iter().map(|l| rollout_steps(l, plant)).collect();
+        let traces = smoothed_traces(&logs, hold, plant, &readings);
+        let windows = shooting_windows(&logs, window_length_s(plant));
+        let coverage = motion_coverage(plant, turns, &logs, &traces, noise.at_rest);
         let interval = coverage.interval_s;
         let min_sigma_u = MIN_EFFORT_NOISE * coverage.effort_rms.max(plant.load.amplitude()).max(1e-12);
         Self {
@@ -208,28 +208,32 @@ impl<'c> Problem<'c> {
 
     /// The same logs for the prediction of whole windows: no finer than those need.
     #[must_use]
-    pub fn predicting(&self) -> Self {
+    pub fn for_prediction(&self) -> Self {
         self.predicting_over(window_length_s(&self.plant))
     }
 
     /// The same where windows are of another length.
     #[must_use]
     pub fn predicting_over(&self, length_s: f64) -> Self {
-        let coarse = self.coarser(length_s / SAMPLES_OF_PREDICTION);
+        let coarse = self.with_interval(length_s / SAMPLES_OF_PREDICTION);
         let windows = coarse.windows.len() as f64;
-        let independent = FREEDOM_OF_WINDOW * windows / coarse.samples().max(1) as f64;
+        let independent = FREEDOM_OF_WINDOW * windows / coarse.sample_count().max(1) as f64;
         Self { weighing: Weighing::Predictions { independent: independent.min(1.0) }, ..coarse }
     }
 
     /// The same logs no finer than the steps of a rollout.
     #[must_use]
     pub fn at_steps(self) -> Self {
-        if self.logs.iter().any(|l| l.samples_in(MAX_STEP_S) > 1) { self.coarser(MAX_STEP_S) } else { self }
+        if self.logs.iter().any(|l| l.samples_in(MAX_STEP_S) > 1) {
+            self.with_interval(MAX_STEP_S)
+        } else {
+            self
+        }
     }
 
     /// The same logs with samples of about `interval_s`, where those recorded lie closer.
-    fn coarser(&self, interval_s: f64) -> Self {
-        let logs = self.logs.iter().map(|l| l.coarser(interval_s, self.hold)).collect();
+    fn with_interval(&self, interval_s: f64) -> Self {
+        let logs = self.logs.iter().map(|l| l.with_interval(interval_s, self.hold)).collect();
         // Means of the effort act from sample to sample.
         Self::with_noise(self.catalogue, &self.plant, self.turns, logs, Hold::Zero, self.noise)
     }
@@ -243,11 +247,11 @@ impl<'c> Problem<'c> {
     /// The runs without each of them, and it alone (cross-validation; of more than `FOLDS` runs several
     /// together); of a single run its halves.
     #[must_use]
-    pub fn folds(&self) -> Vec<[Self; 2]> {
+    pub fn cross_validation_folds(&self) -> Vec<[Self; 2]> {
         if let [log] = self.logs.as_slice() {
             let n = log.time_s.len();
-            let first = self.of_logs(vec![log.part(0, n / 2)]);
-            let second = self.of_logs(vec![log.part(n / 2, n)]);
+            let first = self.of_logs(vec![log.part_between(0, n / 2)]);
+            let second = self.of_logs(vec![log.part_between(n / 2, n)]);
             return vec![[first.clone(), second.clone()], [second, first]];
         }
         let count = self.logs.len().min(FOLDS);
@@ -263,19 +267,19 @@ impl<'c> Problem<'c> {
     /// The same with windows of a share of their length.
     #[must_use]
     pub fn with_windows(&self, share: f64) -> Self {
-        Self { windows: windows(&self.logs, share * window_length_s(&self.plant)), ..self.clone() }
+        Self { windows: shooting_windows(&self.logs, share * window_length_s(&self.plant)), ..self.clone() }
     }
 
     /// The same with the small steps of reported parameters.
     #[must_use]
-    pub fn refined(&self) -> Self {
+    pub fn with_small_steps(&self) -> Self {
         Self { finer: FINER, ..self.clone() }
     }
 
     /// Start states of all windows from the smoothed motion, as the model's sensor sees it.
     #[must_use]
-    pub fn starts(&self, model: &JointModel) -> Vec<Start> {
-        let sensor = model.sensor(self.catalogue);
+    pub fn smoothed_starts(&self, model: &JointModel) -> Vec<Start> {
+        let sensor = model.position_sensor(self.catalogue);
         let mut starts = Vec::with_capacity(self.windows.len());
         for w in &self.windows {
             let trace = &self.traces[w.log];
@@ -289,7 +293,7 @@ impl<'c> Problem<'c> {
 
     /// The effort of every log, acting as late as the model has it.
     #[must_use]
-    pub fn drives(&self, model: &JointModel) -> Vec<Drive> {
+    pub fn model_drives(&self, model: &JointModel) -> Vec<Drive> {
         let delay = model.delay_s(self.catalogue);
         self.drives_late(delay)
     }
@@ -303,7 +307,7 @@ impl<'c> Problem<'c> {
 
     /// Sought effects: without those found with the actuator anyway.
     #[must_use]
-    pub fn sought(&self) -> Vec<usize> {
+    pub fn sought_effects(&self) -> Vec<usize> {
         (0..self.catalogue.len()).filter(|e| self.is_sought(*e)).collect()
     }
 
@@ -323,39 +327,45 @@ impl<'c> Problem<'c> {
     #[must_use]
     pub fn noise_floor(&self) -> f64 {
         let variances = self.windows.iter().map(|w| self.readings[w.log][w.start..w.start + w.len].iter());
-        (variances.map(|v| v.sum::<f64>()).sum::<f64>() / self.samples().max(1) as f64).sqrt()
+        (variances.map(|v| v.sum::<f64>()).sum::<f64>() / self.sample_count().max(1) as f64).sqrt()
     }
 
     /// Number of independent measurements in the windows.
     #[must_use]
-    pub fn independent(&self) -> f64 {
-        (self.weighing.share() * self.samples() as f64).max(2.0)
+    pub fn independent_count(&self) -> f64 {
+        (self.weighing.counting_share() * self.sample_count() as f64).max(2.0)
     }
 
     /// Number of measurements in the windows.
     #[must_use]
-    pub fn samples(&self) -> usize {
+    pub fn sample_count(&self) -> usize {
         self.windows.iter().map(|w| w.len).sum()
     }
 }
 
 /// Steps of a rollout between two samples: as many as a fast servo needs.
-fn steps(log: &JointLog, plant: &Plant) -> usize {
+fn rollout_steps(log: &JointLog, plant: &Plant) -> usize {
     let swings = plant.actuator.servo.map_or(0.0, |s| (s.stiffness / plant.inertia).sqrt());
     let of_servo = log.interval_s().map_or(1.0, |dt| (dt * swings / MAX_TURN).ceil());
-    Drive::steps(log).max(of_servo.min(MAX_SERVO_STEPS) as usize)
+    Drive::usual_steps(log).max(of_servo.min(MAX_SERVO_STEPS) as usize)
 }
 
 /// Variance of every reading of a log.
-fn variances(log: &JointLog, noise: &ReadingNoise) -> Vec<f64> {
+fn reading_variances(log: &JointLog, noise: &ReadingNoise) -> Vec<f64> {
     // Without jitter the speeds do not matter, and a smooth motion is dear.
     if noise.jitter_s == 0.0 {
-        return vec![noise.variance(0.0); log.position.len()];
+        return vec![noise.variance_at_speed(0.0); log.position.len()];
     }
-    SmoothMotion::of(&log.time_s, &log.position, noise, &[]).variances(noise)
+    SmoothMotion::of_positions(&log.time_s, &log.position, noise, &[]).reading_variances(noise)
 }
 
-fn cover(plant: &Plant, turns: bool, logs: &[JointLog], traces: &[Trace], sigma_y: f64) -> Coverage {
+fn motion_coverage(
+    plant: &Plant,
+    turns: bool,
+    logs: &[JointLog],
+    traces: &[Trace],
+    sigma_y: f64,
+) -> Coverage {
     let positions = || traces.iter().flat_map(|t| t.position.iter().copied());
     let mut speeds: Vec<f64> = traces.iter().flat_map(|t| t.velocity.iter().map(|v| v.abs())).collect();
     speeds.sort_by(f64::total_cmp);
@@ -375,7 +385,7 @@ fn cover(plant: &Plant, turns: bool, logs: &[JointLog], traces: &[Trace], sigma_
     let slope = slopes.fold(0.0f64, |m, s| m.max(s.abs()));
     Coverage {
         position: (low, high),
-        travel: traces.iter().map(Trace::travel).fold(0.0, f64::max),
+        travel: traces.iter().map(Trace::position_range).fold(0.0, f64::max),
         speed: (at(SPEED_QUANTILES[0]), at(SPEED_QUANTILES[1])),
         effort_rms: (efforts.iter().map(|u| u * u).sum::<f64>() / efforts.len().max(1) as f64).sqrt(),
         interval_s: logs.iter().filter_map(JointLog::interval_s).fold(0.0, f64::max),

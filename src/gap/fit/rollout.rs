@@ -51,12 +51,12 @@ pub struct Start {
 
 /// Computed columns for a number of free parameters: start state, parameters, and one for the caller.
 #[must_use]
-pub fn width(free: usize) -> usize {
+pub fn column_count(free: usize) -> usize {
     (3 + free).next_multiple_of(4).min(MAX_COLUMNS)
 }
 
 /// Simulates a window from a start state.
-pub fn roll(
+pub fn roll_window(
     model: &JointModel,
     catalogue: &Catalogue,
     log: &JointLog,
@@ -68,7 +68,7 @@ pub fn roll(
     out.position.clear();
     out.rows.clear();
     let keep = |q: f64, row: &Row| out.push(q, row);
-    match width(model.free()) {
+    match column_count(model.free_count()) {
         4 => roll_columns::<4>(model, catalogue, log, drive, span, start, keep),
         8 => roll_columns::<8>(model, catalogue, log, drive, span, start, keep),
         12 => roll_columns::<12>(model, catalogue, log, drive, span, start, keep),
@@ -105,9 +105,9 @@ struct Layout {
 }
 
 impl Layout {
-    fn of(model: &JointModel, catalogue: &Catalogue) -> Self {
+    fn of_model(model: &JointModel, catalogue: &Catalogue) -> Self {
         // The first two columns are the start state.
-        let scalar = |place| model.scalar(catalogue, place).map(|(x, at)| (x, at + 2));
+        let scalar = |place| model.scalar_of(catalogue, place).map(|(x, at)| (x, at + 2));
         let column = |place| scalar(place).map(|s| s.1);
         let inertia = scalar(Place::Inertia);
         let gain = scalar(Place::Gain);
@@ -182,7 +182,7 @@ struct Moving {
 impl Moving {
     /// Moves the position at a constant velocity.
     #[inline]
-    fn drift<const W: usize>(&mut self, h: f64) {
+    fn drift_by<const W: usize>(&mut self, h: f64) {
         self.q += h * self.v;
         for c in 0..W {
             self.dq[c] += h * self.dv[c];
@@ -191,7 +191,7 @@ impl Moving {
 
     /// A contact begins at the position of the given column, with a leap of the acceleration by `leap`: any
     /// move of the joint or of this position moves its time. See docs/method.md (14.9).
-    fn meet<const W: usize>(&mut self, column: usize, leap: f64) {
+    fn meet_contact<const W: usize>(&mut self, column: usize, leap: f64) {
         let rate = leap / self.v;
         for c in 0..W {
             // (14.9), with the contact's own position against the joint's.
@@ -214,7 +214,7 @@ impl Kicks<'_> {
     /// Changes the velocity by the efforts at a state over `h` seconds; `acted` is the actuator's, and
     /// `by_delay` the derivative of its signal.
     #[inline]
-    fn kick<const W: usize>(
+    fn kick_by<const W: usize>(
         &mut self,
         moving: &mut Moving,
         at: &At,
@@ -267,9 +267,9 @@ impl Kicks<'_> {
 
     /// Leap of the acceleration where a contact begins, at a state before it, as a kick of `h` seconds has
     /// it.
-    fn leap(&self, at: &At, position: f64, h: f64) -> f64 {
+    fn acceleration_leap(&self, at: &At, position: f64, h: f64) -> f64 {
         // A contact's damping sets in at once: the effort differs on both sides of its position.
-        let side = |by: f64| self.acting.at(&At { q: position + by * at.direction, ..*at });
+        let side = |by: f64| self.acting.efforts_at(&At { q: position + by * at.direction, ..*at });
         let before = side(-BESIDE);
         let after = side(BESIDE);
         let implicit = (1.0 - 0.5 * h * after.v * self.inverse).max(0.5);
@@ -291,15 +291,15 @@ fn roll_columns<const W: usize>(
     start: Start,
     mut each: impl FnMut(f64, &Row),
 ) -> Start {
-    let sensor = model.sensor(catalogue);
-    let layout = Layout::of(model, catalogue);
+    let sensor = model.position_sensor(catalogue);
+    let layout = Layout::of_model(model, catalogue);
     let gain = layout.gain;
     let added = layout.added;
     let sensors = layout.sensors;
     let inverse = inverse_inertia(model.plant.inertia, added);
     let row = [0.0; MAX_COLUMNS];
     let mut kicks =
-        Kicks { acting: Acting::of(model, catalogue), layout, inverse, effort_p: row, friction_p: row };
+        Kicks { acting: Acting::of_model(model, catalogue), layout, inverse, effort_p: row, friction_p: row };
     let mut moving = Moving { q: start.position, v: start.velocity, dq: row, dv: row };
     (moving.dq[0], moving.dv[1]) = (1.0, 1.0);
     let mut gauge = moving.q + start.play * sensor.half_gap;
@@ -310,7 +310,7 @@ fn roll_columns<const W: usize>(
     let mut settled_h = f64::NAN;
     let mut settling = Settling::default();
     for k in span.start..span.start + span.len {
-        measure::<W>(moving.q, &moving.dq, &sensor, sensors, &mut gauge, &mut dgauge, &mut each);
+        measure_position::<W>(moving.q, &moving.dq, &sensor, sensors, &mut gauge, &mut dgauge, &mut each);
         if k + 1 == span.start + span.len {
             break;
         }
@@ -326,7 +326,7 @@ fn roll_columns<const W: usize>(
             let signal = drive.signal[index];
             let by_delay = drive.by_delay[index];
             // A step across the begin of a contact is split: else the contact would act too long or too late.
-            let meeting = kicks.acting.meeting(moving.q, moving.v, step);
+            let meeting = kicks.acting.first_meeting(moving.q, moving.v, step);
             let before = meeting.map_or(step, |m| m.after_s);
             for (h, meeting) in [(before, None), (step - before, meeting)]
                 .into_iter()
@@ -334,7 +334,7 @@ fn roll_columns<const W: usize>(
             {
                 // Most steps are equally long, and an exponential costs time.
                 if h != settled_h {
-                    (settled_h, settling) = (h, Settling::over(model.settle_s, h));
+                    (settled_h, settling) = (h, Settling::over_step(model.settle_s, h));
                 }
                 // At rest either side will do: the kick looks up the side of the motion.
                 let direction = if moving.v != 0.0 { moving.v.signum() } else { 1.0 };
@@ -343,7 +343,7 @@ fn roll_columns<const W: usize>(
                 // step.
                 let q = moving.q + 0.5 * h * moving.v;
                 let v = moving.v;
-                let acted = model.plant.actuator.act(signal, q, v, (sensor.scale, sensor.bias));
+                let acted = model.plant.actuator.effort_under(signal, q, v, (sensor.scale, sensor.bias));
                 let at = At {
                     q,
                     v,
@@ -356,11 +356,11 @@ fn roll_columns<const W: usize>(
                     carried,
                 };
                 if let Some(m) = meeting {
-                    moving.meet::<W>(m.column, kicks.leap(&at, m.position, h));
+                    moving.meet_contact::<W>(m.column, kicks.acceleration_leap(&at, m.position, h));
                 }
-                moving.drift::<W>(0.5 * h);
-                kicks.kick::<W>(&mut moving, &at, h, &settling, &acted, by_delay);
-                moving.drift::<W>(0.5 * h);
+                moving.drift_by::<W>(0.5 * h);
+                kicks.kick_by::<W>(&mut moving, &at, h, &settling, &acted, by_delay);
+                moving.drift_by::<W>(0.5 * h);
             }
         }
     }
@@ -371,7 +371,7 @@ fn roll_columns<const W: usize>(
 
 /// Passes the position through play, scale and offset of the sensor.
 #[inline]
-fn measure<const W: usize>(
+fn measure_position<const W: usize>(
     q: f64,
     dq: &Row,
     sensor: &Sensor,

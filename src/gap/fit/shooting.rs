@@ -7,14 +7,14 @@ use crate::{
     fit::{
         acting::{MAX_COLUMNS, Row},
         damping,
-        jackknife::{Witness, alike, covariance},
+        jackknife::{Witness, alike_windows, jackknife_covariance},
         likely_noise::most_likely_noise,
         noise::EffortNoise,
         problem::Problem,
-        rollout::{MAX_FREE, Rollout, Start, width},
-        starts::improve,
-        whiten::whiten,
-        whitening::{Whitening, predict, residual_column, start_ridge},
+        rollout::{MAX_FREE, Rollout, Start, column_count},
+        starts::improve_starts,
+        whiten::whiten_rows,
+        whitening::{Whitening, predict_window, residual_column, start_ridge},
     },
     model::{
         effect::{LARGEST_RATIO, Place},
@@ -47,7 +47,7 @@ pub struct Fit {
 impl Fit {
     /// Standard deviation of a free parameter.
     #[must_use]
-    pub fn deviation(&self, parameter: usize) -> f64 {
+    pub fn parameter_deviation(&self, parameter: usize) -> f64 {
         self.covariance[(parameter, parameter)].max(0.0).sqrt()
     }
 }
@@ -86,7 +86,7 @@ struct Evaluation {
 }
 
 /// Whitened normal equations at a model and start states; `frozen` parameters have no columns.
-fn evaluate(
+fn normal_equations(
     problem: &Problem,
     model: &JointModel,
     starts: &[Start],
@@ -94,7 +94,7 @@ fn evaluate(
     frozen: &[bool],
 ) -> Evaluation {
     // A constant number of columns lets the compiler unroll and vectorize the loops over them.
-    match width(model.free()) {
+    match column_count(model.free_count()) {
         4 => evaluate_columns::<4>(problem, model, starts, whitening, frozen),
         8 => evaluate_columns::<8>(problem, model, starts, whitening, frozen),
         12 => evaluate_columns::<12>(problem, model, starts, whitening, frozen),
@@ -109,18 +109,18 @@ fn evaluate_columns<const W: usize>(
     whitening: &Whitening,
     frozen: &[bool],
 ) -> Evaluation {
-    let drives = problem.drives(model);
-    let free = model.free();
+    let drives = problem.model_drives(model);
+    let free = model.free_count();
     let mut rollout = Rollout::default();
     let mut blocks = Vec::with_capacity(starts.len());
     let ridge = start_ridge(problem);
     let residual = residual_column(free);
     for (w, start) in starts.iter().enumerate() {
-        predict(problem, model, &drives, w, *start, &mut rollout);
+        predict_window(problem, model, &drives, w, *start, &mut rollout);
         let span = problem.windows[w];
         // The residual stands behind the sensitivities: one filter whitens both alike (14.10).
-        whiten::<W>(&mut rollout.rows, &whitening.locals[span.log][span.start..], &whitening.gains[w]);
-        let sums = products::<W>(&rollout.rows);
+        whiten_rows::<W>(&mut rollout.rows, &whitening.locals[span.log][span.start..], &whitening.gains[w]);
+        let sums = upper_products::<W>(&rollout.rows);
         // A frozen parameter keeps its place with zeros: indices stay those of the model.
         blocks.push(Block {
             cost: sums[residual][residual],
@@ -133,12 +133,17 @@ fn evaluate_columns<const W: usize>(
             gradient: DVector::from_fn(free, |i, _| if frozen[i] { 0.0 } else { sums[2 + i][residual] }),
         });
     }
-    total(problem, model, blocks, frozen)
+    total_of_windows(problem, model, blocks, frozen)
 }
 
 /// Adds the windows up, with the prior of the lag.
-fn total(problem: &Problem, model: &JointModel, blocks: Vec<Block>, frozen: &[bool]) -> Evaluation {
-    let free = model.free();
+fn total_of_windows(
+    problem: &Problem,
+    model: &JointModel,
+    blocks: Vec<Block>,
+    frozen: &[bool],
+) -> Evaluation {
+    let free = model.free_count();
     let mut hessian = DMatrix::zeros(free, free);
     let mut gradient = DVector::zeros(free);
     for b in &blocks {
@@ -157,7 +162,7 @@ fn total(problem: &Problem, model: &JointModel, blocks: Vec<Block>, frozen: &[bo
 }
 
 /// `rows' * rows` over the first `W` columns; from the diagonal on.
-fn products<const W: usize>(rows: &[Row]) -> [[f64; W]; W] {
+fn upper_products<const W: usize>(rows: &[Row]) -> [[f64; W]; W] {
     let mut sums = [[0.0; W]; W];
     for row in rows {
         for i in 0..W {
@@ -177,7 +182,7 @@ struct Step {
     starts: Vec<Vector2<f64>>,
 }
 
-fn solve(normal: &Normal, frozen: &[bool], damping: f64) -> Option<Step> {
+fn damped_step(normal: &Normal, frozen: &[bool], damping: f64) -> Option<Step> {
     let mut s = normal.hessian.clone();
     let mut g = normal.gradient.clone();
     let inverses: Vec<Matrix2<f64>> =
@@ -219,14 +224,14 @@ const MOST_LAG: f64 = 5.0;
 
 /// Parameters moved by a step, kept inside their bounds.
 #[must_use]
-pub fn moved(problem: &Problem, model: &JointModel, step: &DVector<f64>) -> JointModel {
-    let mut parameters = model.parameters();
+pub fn moved_model(problem: &Problem, model: &JointModel, step: &DVector<f64>) -> JointModel {
+    let mut parameters = model.free_parameters();
     let mut at = 1;
     parameters[0] =
         (parameters[0] + step[0]).clamp(-MOST_LAG * problem.lag_sigma_s, MOST_LAG * problem.lag_sigma_s);
     for term in &model.terms {
         for i in 0..term.p.len() {
-            let (low, high) = problem.catalogue[term.effect].bounds(i, &problem.coverage);
+            let (low, high) = problem.catalogue[term.effect].parameter_bounds(i, &problem.coverage);
             parameters[at] = (parameters[at] + step[at]).clamp(low, high);
             at += 1;
         }
@@ -294,7 +299,7 @@ impl Pace {
 
 /// Fits from a starting model; `starts` may come from an earlier fit of a similar model.
 #[must_use]
-pub fn fit(
+pub fn shooting_fit(
     problem: &Problem,
     model: &JointModel,
     starts: Option<&[Start]>,
@@ -342,12 +347,12 @@ fn fit_settled(
     pace: Pace,
 ) -> Fit {
     let mut model = model.clone();
-    let mut starts = starts.map_or_else(|| problem.starts(&model), <[Start]>::to_vec);
-    let mut noise = problem.weighing.begin(noise, problem);
-    let mut frozen = vec![free == Free::Starts; model.free()];
+    let mut starts = starts.map_or_else(|| problem.smoothed_starts(&model), <[Start]>::to_vec);
+    let mut noise = problem.weighing.first_noise(noise, problem);
+    let mut frozen = vec![free == Free::Starts; model.free_count()];
     // Lag and delay add up to one shift of the effort; with both free, neither would be determined.
-    frozen[0] |= model.scalar(problem.catalogue, Place::Delay).is_some();
-    let has_play = model.sensor(problem.catalogue).half_gap > 0.0;
+    frozen[0] |= model.scalar_of(problem.catalogue, Place::Delay).is_some();
+    let has_play = model.position_sensor(problem.catalogue).half_gap > 0.0;
     let mut whitening = Whitening::new(problem, &model, &noise);
     let has_contact = model.terms.iter().any(|t| problem.catalogue[t.effect].place() == Place::Contact);
     let anneal = if free == Free::All && pace.searches && (has_play || (has_contact && pace.settles)) {
@@ -357,9 +362,9 @@ fn fit_settled(
     };
     // Annealing: little noise first, to keep the misfit of windows out of the noise.
     for share in anneal {
-        whitening = Whitening::new(problem, &model, &noise.scaled(*share).at_least(problem.min_sigma_u));
-        improve(problem, &model, &mut starts, &whitening, true);
-        let now = evaluate(problem, &model, &starts, &whitening, &frozen);
+        whitening = Whitening::new(problem, &model, &noise.scaled_by(*share).at_least(problem.min_sigma_u));
+        improve_starts(problem, &model, &mut starts, &whitening, true);
+        let now = normal_equations(problem, &model, &starts, &whitening, &frozen);
         iterate(problem, &mut model, &mut starts, &whitening, &frozen, pace, now);
     }
     let mut end = None;
@@ -371,14 +376,15 @@ fn fit_settled(
             whitening = Whitening::new(problem, &model, &noise);
         }
         // Gauss-Newton cannot move a start across the play: with play every round searches all windows.
-        improve(problem, &model, &mut starts, &whitening, (round == 0 && pace.searches) || has_play);
-        let now = evaluate(problem, &model, &starts, &whitening, &frozen);
+        improve_starts(problem, &model, &mut starts, &whitening, (round == 0 && pace.searches) || has_play);
+        let now = normal_equations(problem, &model, &starts, &whitening, &frozen);
         end = Some(iterate(problem, &mut model, &mut starts, &whitening, &frozen, pace, now));
     }
-    let end = end.unwrap_or_else(|| evaluate(problem, &model, &starts, &whitening, &frozen));
-    let log_likelihood = restricted(problem, &model, &end, &whitening);
-    let (matrix, windows) = witnesses(&end.normal);
-    let (covariance, witnesses) = covariance(matrix, &windows, &alike(problem), noise.remains(), &frozen);
+    let end = end.unwrap_or_else(|| normal_equations(problem, &model, &starts, &whitening, &frozen));
+    let log_likelihood = restricted_likelihood(problem, &model, &end, &whitening);
+    let (matrix, windows) = window_witnesses(&end.normal);
+    let (covariance, witnesses) =
+        jackknife_covariance(matrix, &windows, &alike_windows(problem), noise.has_remainder(), &frozen);
     let costs = end.normal.blocks.iter().map(|b| b.cost).collect();
     Fit { model, starts, noise, log_likelihood, covariance, witnesses, costs }
 }
@@ -395,27 +401,27 @@ fn iterate(
 ) -> Evaluation {
     let mut damping = FIRST_DAMPING;
     for _ in 0..pace.steps {
-        let Some(step) = solve(&now.normal, frozen, damping) else {
+        let Some(step) = damped_step(&now.normal, frozen, damping) else {
             damping = (damping * 10.0).max(FIRST_DAMPING);
             continue;
         };
-        let trial_model = moved(problem, model, &step.parameters);
+        let trial_model = moved_model(problem, model, &step.parameters);
         let mut trial_starts: Vec<Start> = starts
             .iter()
             .zip(&step.starts)
             .map(|(s, d)| Start { position: s.position + d[0], velocity: s.velocity + d[1], play: s.play })
             .collect();
-        let mut trial = evaluate(problem, &trial_model, &trial_starts, whitening, frozen);
+        let mut trial = normal_equations(problem, &trial_model, &trial_starts, whitening, frozen);
         if !(trial.cost < now.cost) {
             // Window by window, the better start state for the new parameters.
-            let kept = evaluate(problem, &trial_model, starts, whitening, frozen).normal.blocks;
+            let kept = normal_equations(problem, &trial_model, starts, whitening, frozen).normal.blocks;
             let mut blocks = trial.normal.blocks;
             for (w, own) in kept.into_iter().enumerate() {
                 if !(blocks[w].cost <= own.cost) {
                     (blocks[w], trial_starts[w]) = (own, starts[w]);
                 }
             }
-            trial = total(problem, &trial_model, blocks, frozen);
+            trial = total_of_windows(problem, &trial_model, blocks, frozen);
         }
         if trial.cost < now.cost {
             let gained = now.cost - trial.cost;
@@ -435,7 +441,7 @@ fn iterate(
 }
 
 /// Witness of every window, the start states eliminated, and the matrix of all.
-fn witnesses(normal: &Normal) -> (DMatrix<f64>, Vec<Witness>) {
+fn window_witnesses(normal: &Normal) -> (DMatrix<f64>, Vec<Witness>) {
     let mut matrix = normal.hessian.clone();
     let mut windows = Vec::with_capacity(normal.blocks.len());
     for b in &normal.blocks {
@@ -457,7 +463,12 @@ fn witnesses(normal: &Normal) -> (DMatrix<f64>, Vec<Witness>) {
 }
 
 /// Log likelihood with the start states integrated out, up to a constant. See docs/method.md (14.12).
-fn restricted(problem: &Problem, model: &JointModel, at: &Evaluation, whitening: &Whitening) -> f64 {
+fn restricted_likelihood(
+    problem: &Problem,
+    model: &JointModel,
+    at: &Evaluation,
+    whitening: &Whitening,
+) -> f64 {
     let lag = model.lag_s / problem.lag_sigma_s;
     let mut twice = whitening.log_variance + lag * lag;
     for b in &at.normal.blocks {

@@ -36,7 +36,7 @@ pub struct Trace {
 
 impl Trace {
     /// Range of its positions, rad or m.
-    pub(super) fn travel(&self) -> f64 {
+    pub(super) fn position_range(&self) -> f64 {
         let ends = [f64::INFINITY, f64::NEG_INFINITY];
         let [low, high] = self.position.iter().fold(ends, |[low, high], p| [low.min(*p), high.max(*p)]);
         high - low
@@ -60,7 +60,7 @@ struct Predict<'a> {
 
 impl Predict<'_> {
     /// Transition matrix and effect of an effort over `dt` at a position.
-    fn matrices(&self, carried: Option<&Carried>, q: f64, dt: f64) -> ([f64; 4], [f64; 2]) {
+    fn transition_and_input(&self, carried: Option<&Carried>, q: f64, dt: f64) -> ([f64; 4], [f64; 2]) {
         let (inertia, rate) = self.plant.inertia_at(carried);
         let i = 1.0 / inertia;
         let k = self.plant.load_at(carried, q).1 * i;
@@ -70,14 +70,14 @@ impl Predict<'_> {
         ([1.0 - 0.5 * k * dt * dt, dt * (1.0 - 0.5 * lost), -k * dt, 1.0 - lost], [0.5 * dt * dt * i, dt * i])
     }
 
-    fn step(
+    fn predicted_after(
         &self,
         carried: Option<&Carried>,
         s: &FilterEstimate,
         effort: f64,
         dt: f64,
     ) -> (FilterEstimate, [f64; 4]) {
-        let (a, g) = self.matrices(carried, s.q, dt);
+        let (a, g) = self.transition_and_input(carried, s.q, dt);
         let (load, slope) = self.plant.load_at(carried, s.q);
         // The transition carries the load's linear part about this position; the push carries the rest.
         let push = effort - load + slope * s.q;
@@ -100,8 +100,8 @@ impl Predict<'_> {
 /// Smooths logs with the most probable effort noise of the grid; `readings` holds the variance of every
 /// position.
 #[must_use]
-pub fn smooth(logs: &[JointLog], hold: Hold, plant: &Plant, readings: &[Vec<f64>]) -> Vec<Trace> {
-    let effort: Vec<Vec<f64>> = logs.iter().map(|l| means(l, &l.effort, hold)).collect();
+pub fn smoothed_traces(logs: &[JointLog], hold: Hold, plant: &Plant, readings: &[Vec<f64>]) -> Vec<Trace> {
+    let effort: Vec<Vec<f64>> = logs.iter().map(|l| interval_means(l, &l.effort, hold)).collect();
     let count: usize = effort.iter().map(Vec::len).sum();
     let rms = (effort.iter().flatten().map(|u| u * u).sum::<f64>() / count.max(1) as f64).sqrt();
     // A released joint has no effort; then the load sets the scale.
@@ -111,7 +111,8 @@ pub fn smooth(logs: &[JointLog], hold: Hold, plant: &Plant, readings: &[Vec<f64>
         let noise = scale * LEAST_NOISE * NOISE_RATIO.powi(i);
         let predict = Predict { plant, noise };
         let each = logs.iter().enumerate();
-        let likelihood = each.map(|(i, log)| forward(log, i, &effort[i], &predict, &readings[i]).1).sum();
+        let likelihood =
+            each.map(|(i, log)| filter_forward(log, i, &effort[i], &predict, &readings[i]).1).sum();
         trials.push((likelihood, noise));
     }
     let best = trials.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
@@ -119,9 +120,9 @@ pub fn smooth(logs: &[JointLog], hold: Hold, plant: &Plant, readings: &[Vec<f64>
     let predict = Predict { plant, noise };
     let mut traces = Vec::with_capacity(logs.len());
     for (i, log) in logs.iter().enumerate() {
-        let mut trace = backward(log, i, &effort[i], &predict, &readings[i]);
+        let mut trace = smooth_backward(log, i, &effort[i], &predict, &readings[i]);
         if !log.commanded.is_empty() {
-            trace.signal = means(log, &log.commanded, hold);
+            trace.signal = interval_means(log, &log.commanded, hold);
         }
         traces.push(trace);
     }
@@ -129,14 +130,15 @@ pub fn smooth(logs: &[JointLog], hold: Hold, plant: &Plant, readings: &[Vec<f64>
 }
 
 /// Mean of a signal of a log from each sample to the next.
-fn means(log: &JointLog, values: &[f64], hold: Hold) -> Vec<f64> {
-    Drive::of(&log.time_s, values, hold, 0.0, Drive::steps(log)).means(values.last().copied())
+fn interval_means(log: &JointLog, values: &[f64], hold: Hold) -> Vec<f64> {
+    Drive::of_signal(&log.time_s, values, hold, 0.0, Drive::usual_steps(log))
+        .means_by_sample(values.last().copied())
 }
 
 type Passed = (FilterEstimate, FilterEstimate, [f64; 4]);
 
 /// Filters; returns (predicted, updated, transition to here) of every sample, and the log likelihood.
-fn forward(
+fn filter_forward(
     log: &JointLog,
     index: usize,
     effort: &[f64],
@@ -145,7 +147,7 @@ fn forward(
 ) -> (Vec<(Span, Vec<Passed>)>, f64) {
     let mut all = Vec::new();
     let mut likelihood = 0.0;
-    for span in log.segments(index) {
+    for span in log.gapless_segments(index) {
         let first = log.position[span.start];
         // Nothing is known of the motion within a gap: each segment begins anew.
         let mut belief =
@@ -154,7 +156,7 @@ fn forward(
         let mut passed = Vec::with_capacity(span.len);
         for k in span.start..span.start + span.len {
             if k > span.start {
-                (belief, transition) = predict.step(
+                (belief, transition) = predict.predicted_after(
                     log.carried.get(k - 1),
                     &belief,
                     effort[k - 1],
@@ -184,7 +186,13 @@ fn forward(
     (all, likelihood)
 }
 
-fn backward(log: &JointLog, index: usize, effort: &[f64], predict: &Predict, readings: &[f64]) -> Trace {
+fn smooth_backward(
+    log: &JointLog,
+    index: usize,
+    effort: &[f64],
+    predict: &Predict,
+    readings: &[f64],
+) -> Trace {
     let n = log.time_s.len();
     let mut trace = Trace {
         position: log.position.clone(),
@@ -194,7 +202,7 @@ fn backward(log: &JointLog, index: usize, effort: &[f64], predict: &Predict, rea
         acceleration: vec![0.0; n],
         direction: vec![0.0; n],
     };
-    for (span, passed) in forward(log, index, effort, predict, readings).0 {
+    for (span, passed) in filter_forward(log, index, effort, predict, readings).0 {
         let mut later: Option<(f64, f64)> = None;
         for k in (0..span.len).rev() {
             let (_, updated, _) = passed[k];

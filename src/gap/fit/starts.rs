@@ -44,7 +44,7 @@ struct StartTrial {
 
 impl StartTrial {
     /// The promised cost after one step of the start state.
-    fn reach(&self) -> f64 {
+    fn promised_cost(&self) -> f64 {
         // A state in the right basin may begin with the higher cost: trials are ranked by the cost after a
         // step.
         let step = self.normal.try_inverse().map_or(0.0, |i| self.gradient.dot(&(i * self.gradient)));
@@ -83,7 +83,7 @@ impl Bench<'_, '_> {
             |predicted: f64, row: &Row| {
                 let Some(((measured, local), gain)) = whitening.next() else { return };
                 let mut white = [row[0], row[1], measured - predicted];
-                filter.pass(&mut white, local, gain);
+                filter.pass_row(&mut white, local, gain);
                 let [a, b, e] = white;
                 cost += e * e;
                 (aa, ab, bb, ae, be) = (aa + a * a, ab + a * b, bb + b * b, ae + a * e, be + b * e);
@@ -99,7 +99,7 @@ impl Bench<'_, '_> {
     }
 
     /// Damped Gauss-Newton on the start state alone.
-    fn polish(&self, window: usize, from: StartTrial) -> StartTrial {
+    fn polished_start(&self, window: usize, from: StartTrial) -> StartTrial {
         let mut now = from;
         let mut damping = FIRST_DAMPING;
         for _ in 0..POLISH_STEPS {
@@ -153,16 +153,16 @@ impl Bench<'_, '_> {
 /// The best start states for the model: those given, those of the smoothed motion, the ends of preceding
 /// windows; for windows without a fit among them, states over the play and over the recorded slopes. `all`
 /// compares the given states with the others in every window, not only in badly fitting ones.
-pub fn improve(
+pub fn improve_starts(
     problem: &Problem,
     model: &JointModel,
     starts: &mut [Start],
     whitening: &Whitening,
     all: bool,
 ) {
-    let drives = problem.drives(model);
-    let fresh = problem.starts(model);
-    let half_gap = model.sensor(problem.catalogue).half_gap;
+    let drives = problem.model_drives(model);
+    let fresh = problem.smoothed_starts(model);
+    let half_gap = model.position_sensor(problem.catalogue).half_gap;
     let ridge = start_ridge(problem);
     let bench = Bench { problem, model, drives: &drives, whitening, ridge };
     let mut carried = None;
@@ -181,11 +181,11 @@ pub fn improve(
                     .flat_map(|s| PLAY.map(|p| (p != s.play).then(|| at_play(s, p, half_gap))));
                 trials.extend(more.flatten().map(|s| bench.try_start(w, s)).collect::<Vec<_>>());
             }
-            trials.sort_by(|a, b| a.reach().total_cmp(&b.reach()));
+            trials.sort_by(|a, b| a.promised_cost().total_cmp(&b.promised_cost()));
         }
         let mut best = trials[0];
         if !fits(&best) {
-            best = searched(&bench, w, trials, &fresh[w], half_gap, &fits);
+            best = searched_start(&bench, w, trials, &fresh[w], half_gap, &fits);
         }
         starts[w] = best.start;
         // Motion is continuous: where one window ends well, the next begins well.
@@ -194,7 +194,7 @@ pub fn improve(
 }
 
 /// The best start state of a badly fitting window.
-fn searched(
+fn searched_start(
     bench: &Bench,
     w: usize,
     mut trials: Vec<StartTrial>,
@@ -203,13 +203,13 @@ fn searched(
     fits: &dyn Fn(&StartTrial) -> bool,
 ) -> StartTrial {
     // One polish costs less than the search below and often is enough.
-    let quick = bench.polish(w, trials[0]);
+    let quick = bench.polished_start(w, trials[0]);
     if fits(&quick) {
         return quick;
     }
     let span = bench.problem.windows[w];
     let log = &bench.problem.logs[span.log];
-    let scale = bench.model.sensor(bench.problem.catalogue).scale;
+    let scale = bench.model.position_sensor(bench.problem.catalogue).scale;
     let last = log.time_s.len() as i64 - 1;
     let places: &[f64] = if half_gap > 0.0 { &PLAY } else { &[0.0] };
     // The smoothed motion knows no contact and no catch: near one its velocity is wrong, and slopes of
@@ -228,11 +228,11 @@ fn searched(
         }
     }
     trials.push(quick);
-    trials.sort_by(|a, b| a.reach().total_cmp(&b.reach()));
+    trials.sort_by(|a, b| a.promised_cost().total_cmp(&b.promised_cost()));
     trials.truncate(POLISHED);
     // Whatever the ranking says, the quick polish stays a candidate.
     trials.push(quick);
-    let polished: Vec<StartTrial> = trials.into_iter().map(|t| bench.polish(w, t)).collect();
+    let polished: Vec<StartTrial> = trials.into_iter().map(|t| bench.polished_start(w, t)).collect();
     polished.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).unwrap_or(quick)
 }
 
@@ -271,8 +271,8 @@ mod tests {
             most_load: 4.0,
             actuator: Actuator::default(),
         };
-        let stop = JointModel::of(&plant).with(of("end_stop"), &[220.0, 7.0, 0.2, 0.9]);
-        let play = JointModel::of(&plant).with(of("backlash"), &[0.02]);
+        let stop = JointModel::of_plant(&plant).with_effect(of("end_stop"), &[220.0, 7.0, 0.2, 0.9]);
+        let play = JointModel::of_plant(&plant).with_effect(of("backlash"), &[0.02]);
         for model in [stop, play] {
             let time_s: Vec<f64> = (0..800).map(|k| 0.005 * f64::from(k)).collect();
             let effort: Vec<f64> =
@@ -297,15 +297,15 @@ mod tests {
                 .map(|(k, q)| q + 1e-4 * f64::from((k * 37 % 11) as u32) - 5e-4)
                 .collect();
             let problem = Problem::new(&effects, &plant, true, vec![log], Hold::Zero);
-            let whitening = Whitening::new(&problem, &model, &EffortNoise::white(problem.min_sigma_u));
+            let whitening = Whitening::new(&problem, &model, &EffortNoise::white_noise(problem.min_sigma_u));
             let far: Vec<Start> = problem
-                .starts(&model)
+                .smoothed_starts(&model)
                 .iter()
                 .map(|s| Start { position: s.position + 0.05, velocity: s.velocity - 2.0, ..*s })
                 .collect();
             let mut starts = far.clone();
-            improve(&problem, &model, &mut starts, &whitening, true);
-            let drives = problem.drives(&model);
+            improve_starts(&problem, &model, &mut starts, &whitening, true);
+            let drives = problem.model_drives(&model);
             let ridge = start_ridge(&problem);
             let bench =
                 Bench { problem: &problem, model: &model, drives: &drives, whitening: &whitening, ridge };

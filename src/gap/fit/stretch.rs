@@ -49,7 +49,7 @@ fn width_s(run: &RunMotion) -> f64 {
 
 /// Stretches of motion in one direction, without a gap in the stamps.
 #[must_use]
-pub fn stretches(runs: &[RunMotion], joint: usize) -> Vec<Stretch> {
+pub fn one_way_stretches(runs: &[RunMotion], joint: usize) -> Vec<Stretch> {
     let of = |run: usize| runs[run][joint].as_ref().and_then(|m| Some((m, m.log.as_ref()?)));
     let speeds = (0..runs.len()).filter_map(of).flat_map(|(m, _)| m.motion.state.iter().map(|s| s[1].abs()));
     let top = speeds.fold(0.0, f64::max);
@@ -57,16 +57,16 @@ pub fn stretches(runs: &[RunMotion], joint: usize) -> Vec<Stretch> {
     for run in 0..runs.len() {
         let Some((moved, log)) = of(run) else { continue };
         let width = width_s(&runs[run]);
-        for span in log.segments(run) {
+        for span in log.gapless_segments(run) {
             let first = log.time_s[span.start];
             let last = log.time_s[span.start + span.len - 1];
             let from = (first / width).ceil().max(0.0) as usize;
             for index in from..(last / width).floor().max(0.0) as usize {
                 let time_s = (width * index as f64, width * (index + 1) as f64);
-                let ends = [time_s.0, time_s.1].map(|t| moved.motion.at(t)[1]);
+                let ends = [time_s.0, time_s.1].map(|t| moved.motion.state_at(t)[1]);
                 // Where it turns back friction has two signs, and at rest any value.
                 if ends[0] * ends[1] > 0.0 && 0.5 * (ends[0] + ends[1]).abs() >= SLOW * top {
-                    found.push(means(&runs[run], (run, index), time_s));
+                    found.push(stretch_means(&runs[run], (run, index), time_s));
                 }
             }
         }
@@ -75,11 +75,12 @@ pub fn stretches(runs: &[RunMotion], joint: usize) -> Vec<Stretch> {
 }
 
 /// Means of all joints; unrecorded ones stand at 0.
-fn means(run: &RunMotion, key: (usize, usize), time_s: (f64, f64)) -> Stretch {
+fn stretch_means(run: &RunMotion, key: (usize, usize), time_s: (f64, f64)) -> Stretch {
     let mut stretch =
         Stretch { key, time_s, position: Vec::new(), velocity: Vec::new(), acceleration: Vec::new() };
     for moved in run {
-        let at = |t: f64| moved.as_ref().map_or([0.0; 2], |m| [m.motion.at(t)[0], m.motion.at(t)[1]]);
+        let at =
+            |t: f64| moved.as_ref().map_or([0.0; 2], |m| [m.motion.state_at(t)[0], m.motion.state_at(t)[1]]);
         let [q0, v0] = at(time_s.0);
         let [q1, v1] = at(time_s.1);
         let width = time_s.1 - time_s.0;
@@ -99,7 +100,7 @@ pub fn mean_signal(
     hold: Hold,
     delay_s: f64,
 ) -> Vec<Option<f64>> {
-    let spans = log.segments(0);
+    let spans = log.gapless_segments(0);
     let mut signal = Signal::new(&log.time_s, values, hold);
     let mut means = Vec::with_capacity(stretches.len());
     for s in stretches {
@@ -108,8 +109,8 @@ pub fn mean_signal(
             .iter()
             .any(|p| log.time_s[p.start] <= from + 1e-9 && to <= log.time_s[p.start + p.len - 1] + 1e-9);
         means.push(has_no_gap.then(|| {
-            let before = signal.at(from - delay_s).1;
-            (signal.at(to - delay_s).1 - before) / (to - from)
+            let before = signal.value_and_integral(from - delay_s).1;
+            (signal.value_and_integral(to - delay_s).1 - before) / (to - from)
         }));
     }
     means
@@ -125,10 +126,10 @@ mod tests {
         let time_s: Vec<f64> = (0..2000).map(|k| 0.005 * f64::from(k)).collect();
         let position: Vec<f64> = time_s.iter().map(|t| 0.5 * (3.0 * t).sin()).collect();
         let effort: Vec<f64> = time_s.iter().map(|t| -4.5 * (3.0 * t).sin()).collect();
-        let motion = SmoothMotion::of(&time_s, &position, &ReadingNoise::at_rest(1e-6), &[]);
+        let motion = SmoothMotion::of_positions(&time_s, &position, &ReadingNoise::at_rest(1e-6), &[]);
         let log = JointLog { time_s, position, effort: effort.clone(), ..JointLog::default() };
         let runs = vec![vec![Some(Moved { log: Some(log.clone()), motion }), None]];
-        let found = stretches(&runs, 0);
+        let found = one_way_stretches(&runs, 0);
         assert!(found.len() > 100);
         let all: Vec<&Stretch> = found.iter().collect();
         let efforts = mean_signal(&log, &effort, &all, Hold::Linear, 0.0);

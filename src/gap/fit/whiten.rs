@@ -40,7 +40,7 @@ pub struct Local {
 impl Local {
     /// (Position, velocity, wander) at the next sample; `kept` is the share of the wander left then.
     #[inline]
-    fn moved(&self, q: f64, v: f64, d: f64, kept: f64) -> [f64; 3] {
+    fn moved_by(&self, q: f64, v: f64, d: f64, kept: f64) -> [f64; 3] {
         let a = &self.a;
         let g = &self.g;
         [a[0] * q + a[1] * v + g[0] * d, a[2] * q + a[3] * v + g[1] * d, kept * d]
@@ -49,7 +49,7 @@ impl Local {
 
 /// Linearizes a model along the smoothed motion of a log.
 #[must_use]
-pub fn linearize(
+pub fn linearized_joint(
     model: &JointModel,
     catalogue: &Catalogue,
     log: &JointLog,
@@ -57,12 +57,12 @@ pub fn linearize(
     trace: &Trace,
 ) -> Vec<Local> {
     let n = log.time_s.len();
-    let added = model.scalar(catalogue, Place::Inertia).map_or(0.0, |(x, _)| x);
-    let gain = model.scalar(catalogue, Place::Gain).map_or(1.0, |(x, _)| x);
+    let added = model.scalar_of(catalogue, Place::Inertia).map_or(0.0, |(x, _)| x);
+    let gain = model.scalar_of(catalogue, Place::Gain).map_or(1.0, |(x, _)| x);
     let others: Vec<&[f64]> = log.others.iter().map(Vec::as_slice).collect();
     let mut now = [0.0; 8];
     let still = STILL * trace.velocity.iter().fold(0.0f64, |m, v| m.max(v.abs()));
-    let acting = Acting::of(model, catalogue);
+    let acting = Acting::of_model(model, catalogue);
     let mut locals = Vec::with_capacity(n);
     for k in 0..n {
         let dt = if k + 1 < n { log.time_s[k + 1] - log.time_s[k] } else { 0.0 };
@@ -72,7 +72,7 @@ pub fn linearize(
         let q = trace.position[k];
         let v = trace.velocity[k];
         // A servo reads the recorded position.
-        let acted = model.plant.actuator.act(trace.signal[k], q, v, (1.0, 0.0));
+        let acted = model.plant.actuator.effort_under(trace.signal[k], q, v, (1.0, 0.0));
         let u = gain * acted.effort;
         let carried = log.carried.get(k);
         let inverse = inverse_inertia(model.plant.inertia_at(carried).0, added);
@@ -87,8 +87,8 @@ pub fn linearize(
             load: 0.0,
             carried,
         };
-        let sum = acting.at(&at);
-        let settling = Settling::over(model.settle_s, dt);
+        let sum = acting.efforts_at(&at);
+        let settling = Settling::over_step(model.settle_s, dt);
         // Settling friction must also brake the velocity within its settle time.
         let held = if settling.keep > 0.0 {
             v / (model.settle_s * inverse) + u + sum.effort
@@ -149,7 +149,7 @@ struct StateCovariance {
 
 impl StateCovariance {
     /// After a measurement with these gains.
-    fn updated(&self, gain: &Gain) -> Self {
+    fn after_update(&self, gain: &Gain) -> Self {
         let Self { qq, qv, qd, vv, vd, dd } = *self;
         Self {
             qq: qq * (1.0 - gain.kq),
@@ -162,9 +162,9 @@ impl StateCovariance {
     }
 
     /// At the next sample; the wander acts as an effort does.
-    fn next(&self, local: &Local, noise: &EffortNoise, kept: f64) -> Self {
+    fn after_step(&self, local: &Local, noise: &EffortNoise, kept: f64) -> Self {
         let g = &local.g;
-        let moved = |q: f64, v: f64, d: f64| local.moved(q, v, d, kept);
+        let moved = |q: f64, v: f64, d: f64| local.moved_by(q, v, d, kept);
         // The transition times the covariance by columns, then times the transition by rows.
         let [qq, vq, dq] = moved(self.qq, self.qv, self.qd);
         let [qv, vv, dv] = moved(self.qv, self.vv, self.vd);
@@ -202,7 +202,7 @@ pub struct Gains<'a> {
 impl<'a> Gains<'a> {
     /// At the start of a window.
     #[must_use]
-    pub fn of(noise: &'a EffortNoise) -> Self {
+    pub fn of_noise(noise: &'a EffortNoise) -> Self {
         Self {
             noise,
             deflection: noise.deflection * noise.deflection,
@@ -210,7 +210,7 @@ impl<'a> Gains<'a> {
             log_variance: 0.0,
             product: 1.0,
             interval_s: 0.0,
-            kept: noise.kept(0.0),
+            kept: noise.wander_share_after(0.0),
         }
     }
 
@@ -219,7 +219,8 @@ impl<'a> Gains<'a> {
     pub fn next(&mut self, local: &Local, reading: f64) -> Gain {
         // Most intervals are alike, and exponentials are dear, too.
         if local.interval_s != self.interval_s {
-            (self.interval_s, self.kept) = (local.interval_s, self.noise.kept(local.interval_s));
+            (self.interval_s, self.kept) =
+                (local.interval_s, self.noise.wander_share_after(local.interval_s));
         }
         let s = self.belief.qq + reading + self.deflection;
         self.product *= s;
@@ -229,7 +230,7 @@ impl<'a> Gains<'a> {
         }
         let [kq, kv, kd] = [self.belief.qq, self.belief.qv, self.belief.qd].map(|x| x / s);
         let gain = Gain { scale: 1.0 / s.sqrt(), kq, kv, kd, kept: self.kept };
-        self.belief = self.belief.updated(&gain).next(local, self.noise, self.kept);
+        self.belief = self.belief.after_update(&gain).after_step(local, self.noise, self.kept);
         gain
     }
 
@@ -257,7 +258,7 @@ impl<const W: usize> Default for Filter<W> {
 impl<const W: usize> Filter<W> {
     /// Whitens the first `W` columns of the next row.
     #[inline]
-    pub fn pass(&mut self, row: &mut [f64], local: &Local, gain: &Gain) {
+    pub fn pass_row(&mut self, row: &mut [f64], local: &Local, gain: &Gain) {
         let a = &local.a;
         let g = &local.g;
         for i in 0..W {
@@ -274,15 +275,21 @@ impl<const W: usize> Filter<W> {
 }
 
 /// Passes the first `W` columns of rows through the filter.
-pub fn whiten<const W: usize>(rows: &mut [Row], locals: &[Local], gains: &[Gain]) {
+pub fn whiten_rows<const W: usize>(rows: &mut [Row], locals: &[Local], gains: &[Gain]) {
     let mut filter = Filter::<W>::default();
     for ((row, local), gain) in rows.iter_mut().zip(locals).zip(gains) {
-        filter.pass(row, local, gain);
+        filter.pass_row(row, local, gain);
     }
 }
 
 /// Whitened response of the position to efforts (one a sample) and to a direct change of the measurement.
-pub fn respond(effort: &[f64], direct: Option<&[f64]>, locals: &[Local], gains: &[Gain], out: &mut [f64]) {
+pub fn effort_response(
+    effort: &[f64],
+    direct: Option<&[f64]>,
+    locals: &[Local],
+    gains: &[Gain],
+    out: &mut [f64],
+) {
     // Differences between the true and the predicted states; the wander is predicted, and not there.
     let mut q = 0.0;
     let mut v = 0.0;
@@ -311,7 +318,7 @@ mod tests {
     use rand_core::SeedableRng;
 
     use super::*;
-    use numeric::random::normal;
+    use numeric::random::standard_normal;
 
     /// A free mass under an effort that lasts, read with noise: whitened residuals against the motion without
     /// that effort.
@@ -325,16 +332,16 @@ mod tests {
         let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(7);
         let mut q = 0.0;
         let mut v = 0.0;
-        let mut d = normal(&mut rng);
-        let mut gains = Gains::of(noise);
+        let mut d = standard_normal(&mut rng);
+        let mut gains = Gains::of_noise(noise);
         let mut filter = Filter::<1>::default();
-        let kept = truth.kept(h);
+        let kept = truth.wander_share_after(h);
         let one = |k: usize| {
-            let mut row = [q + 1e-4 * normal(&mut rng)];
-            filter.pass(&mut row, &locals[k], &gains.next(&locals[k], 1e-8));
-            let effort = truth.wander * d + truth.white * normal(&mut rng);
+            let mut row = [q + 1e-4 * standard_normal(&mut rng)];
+            filter.pass_row(&mut row, &locals[k], &gains.next(&locals[k], 1e-8));
+            let effort = truth.wander * d + truth.white * standard_normal(&mut rng);
             (q, v) = (q + h * v + g[0] * effort, v + g[1] * effort);
-            d = kept * d + (1.0 - kept * kept).sqrt() * normal(&mut rng);
+            d = kept * d + (1.0 - kept * kept).sqrt() * standard_normal(&mut rng);
             row[0]
         };
         (0..count).map(one).collect()
@@ -350,7 +357,7 @@ mod tests {
             moments(&whitened(&EffortNoise { white: 0.3, wander: 1.0, memory_s: 0.1, deflection: 0.0 }));
         // Standard deviations of both over so many samples: 0.01 and 0.007.
         assert!((variance - 1.0).abs() < 0.04 && next.abs() < 0.03, "{variance} {next}");
-        let (_, next) = moments(&whitened(&EffortNoise::white(1.0)));
+        let (_, next) = moments(&whitened(&EffortNoise::white_noise(1.0)));
         assert!(next.abs() > 0.2, "{next}");
     }
 }

@@ -6,8 +6,8 @@ use crate::{
     fit::{
         noise::EffortNoise,
         problem::Problem,
-        rollout::{Rollout, Start, roll},
-        whiten::{Gain, Gains, Local, linearize},
+        rollout::{Rollout, Start, roll_window},
+        whiten::{Gain, Gains, Local, linearized_joint},
     },
     model::joint_model::JointModel,
     record::{drive::Drive, log::Span},
@@ -35,11 +35,11 @@ impl Whitening {
     pub fn new(problem: &Problem, model: &JointModel, noise: &EffortNoise) -> Self {
         let each = problem.logs.iter().enumerate();
         let locals: Vec<Vec<Local>> =
-            each.map(|(i, l)| linearize(model, problem.catalogue, l, i, &problem.traces[i])).collect();
+            each.map(|(i, l)| linearized_joint(model, problem.catalogue, l, i, &problem.traces[i])).collect();
         let mut log_variance = 0.0;
         let mut gains = Vec::with_capacity(problem.windows.len());
         for windows in problem.windows.chunks(SIDE_BY_SIDE) {
-            let each = windows.iter().map(|w| (Gains::of(noise), Vec::with_capacity(w.len)));
+            let each = windows.iter().map(|w| (Gains::of_noise(noise), Vec::with_capacity(w.len)));
             let mut ways: Vec<(Gains, Vec<Gain>)> = each.collect();
             pass_windows(problem, &locals, windows, &mut ways, |(gains, out), local, reading, _| {
                 out.push(gains.next(local, reading));
@@ -49,7 +49,7 @@ impl Whitening {
                 gains.push(out);
             }
         }
-        Self { locals, gains, log_variance: log_variance * problem.weighing.share() }
+        Self { locals, gains, log_variance: log_variance * problem.weighing.counting_share() }
     }
 }
 
@@ -81,7 +81,7 @@ pub fn pass_windows<T>(
 }
 
 /// Residuals and sensitivities of a window, not yet whitened.
-pub fn predict(
+pub fn predict_window(
     problem: &Problem,
     model: &JointModel,
     drives: &[Drive],
@@ -91,8 +91,8 @@ pub fn predict(
 ) {
     let span = problem.windows[window];
     let log = &problem.logs[span.log];
-    roll(model, problem.catalogue, log, &drives[span.log], span, start, out);
-    let residual = residual_column(model.free());
+    roll_window(model, problem.catalogue, log, &drives[span.log], span, start, out);
+    let residual = residual_column(model.free_count());
     for (k, row) in out.rows.iter_mut().enumerate() {
         row[residual] = log.position[span.start + k] - out.position[k];
     }

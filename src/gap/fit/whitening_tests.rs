@@ -38,9 +38,14 @@ fn windows_side_by_side_are_filtered_as_one_by_one() {
     assert_eq!(whole.gains.len(), problem.windows.len());
     let mut log_variance = 0.0;
     for (window, found) in problem.windows.iter().zip(&whole.gains) {
-        let locals =
-            linearize(&model, &effects, &problem.logs[window.log], window.log, &problem.traces[window.log]);
-        let mut gains = Gains::of(&noise);
+        let locals = linearized_joint(
+            &model,
+            &effects,
+            &problem.logs[window.log],
+            window.log,
+            &problem.traces[window.log],
+        );
+        let mut gains = Gains::of_noise(&noise);
         assert_eq!(found.len(), window.len);
         for (k, gain) in found.iter().enumerate() {
             let at = window.start + k;
@@ -61,14 +66,14 @@ fn residuals_stand_behind_the_sensitivities() {
     let effects = catalogue(0);
     let problem = problem(&effects);
     let model = with(&effects, &problem.plant, &[("coulomb_friction", &[0.05])]);
-    let starts = problem.starts(&model);
-    let drives = problem.drives(&model);
+    let starts = problem.smoothed_starts(&model);
+    let drives = problem.model_drives(&model);
     let mut rolled = Rollout::default();
     for (w, window) in problem.windows.iter().enumerate() {
-        predict(&problem, &model, &drives, w, starts[w], &mut rolled);
+        predict_window(&problem, &model, &drives, w, starts[w], &mut rolled);
         assert_eq!(rolled.rows.len(), window.len);
         // Start position, start velocity, lag, friction; then the residual.
-        assert_eq!(residual_column(model.free()), 4);
+        assert_eq!(residual_column(model.free_count()), 4);
         for (k, row) in rolled.rows.iter().enumerate() {
             let measured = problem.logs[window.log].position[window.start + k];
             assert_eq!(row[4], measured - rolled.position[k]);

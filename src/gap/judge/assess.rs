@@ -7,13 +7,13 @@ use crate::{
         noise::EffortNoise,
         problem::Problem,
         rollout::Start,
-        shooting::{Free, Pace, fit},
+        shooting::{Free, Pace, shooting_fit},
     },
     judge::{
         cross_validation::{Unseen, is_surely_worse, predicts_better},
         format_model::{format_models, stand_ins},
-        law::laws,
-        proof::{Gap, WindowGap, left_of, prove, windowed_rmse},
+        law::laws_of_diagnosis,
+        proof::{Gap, WindowGap, left_of, proven_gap, windowed_rmse},
         report::{JointReport, REPORTED_NOISES, ReplayWindow, Track},
         verdict::{Diagnosis, Verdict, diagnose},
     },
@@ -69,19 +69,19 @@ impl Examined<'_> {
 /// Diagnoses a joint and proves the result.
 #[cfg(test)]
 pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &mut impl Rng) -> JointReport {
-    conclude(examine(effects, plant, name, runs, rng), rng)
+    proven_report(examined_joint(effects, plant, name, runs, rng), rng)
 }
 
 /// Diagnoses a joint by its fitted runs.
 #[must_use]
-pub fn examine<'c>(
+pub fn examined_joint<'c>(
     effects: &'c Catalogue,
     plant: &Plant,
     name: &str,
     runs: Runs,
     rng: &mut impl Rng,
 ) -> Examined<'c> {
-    let tracks = tracks(&runs);
+    let tracks = all_tracks(&runs);
     let recorded = Problem::new(effects, plant, runs.turns, runs.fitted, runs.hold);
     let held_out = Problem::held_out(&recorded, runs.held_out);
     let problem = recorded.at_steps();
@@ -92,11 +92,11 @@ pub fn examine<'c>(
 
 /// Proves the findings at a joint on held-out runs.
 #[must_use]
-pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
+pub fn proven_report(examined: Examined, rng: &mut impl Rng) -> JointReport {
     let Examined { name, problem, held_out, mut diagnosis, given, tracks } = examined;
     let effects = problem.catalogue;
     let mut report =
-        unproven(name.clone(), problem.turns, diagnosis.clone(), tracks, problem.coverage.clone());
+        unproven_report(name.clone(), problem.turns, diagnosis.clone(), tracks, problem.coverage.clone());
     if diagnosis.verdict == Verdict::Insufficient || held_out.logs.is_empty() {
         return report;
     }
@@ -105,10 +105,10 @@ pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
     // A push belongs to its own run.
     let mut updated = diagnosis.model.clone();
     updated.terms.retain(|t| !effects[t.effect].is_of_one_run());
-    let mut proof = prove(&held_out, &twin, &updated);
+    let mut proof = proven_gap(&held_out, &twin, &updated);
     // A lasting effort with a motion above the noise is something, without an effect to name it.
     if diagnosis.verdict == Verdict::None
-        && diagnosis.noise.remains()
+        && diagnosis.noise.has_remainder()
         && proof.0.before > REPORTED_NOISES * proof.0.noise_floor
     {
         diagnosis.verdict = Verdict::Unknown;
@@ -117,21 +117,21 @@ pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
     if !updated.terms.is_empty()
         && !is_borne_out(&problem, &held_out, [&updated, &twin], &proof.0, diagnosis.noise)
     {
-        diagnosis.withdraw();
+        diagnosis.withdraw_names();
         updated = twin.clone();
-        proof = prove(&held_out, &twin, &twin);
+        proof = proven_gap(&held_out, &twin, &twin);
     }
     if let Some(nearest) = diagnosis.nearest.clone() {
-        let whole = prove(&held_out, &twin, &nearest.model);
-        let fewer = if given.is_empty() { fewer(&problem, &nearest.model) } else { None };
+        let whole = proven_gap(&held_out, &twin, &nearest.model);
+        let fewer = if given.is_empty() { fewer_effects(&problem, &nearest.model) } else { None };
         // A smaller set is diagnosed and proven like any other.
         let smaller = fewer.map(|effects| {
             let mut diagnosis = diagnose(&problem, &effects, &[], rng);
-            diagnosis.ask(problem.catalogue);
+            diagnosis.mark_sure_effects(problem.catalogue);
             diagnosis
         });
-        let smaller = smaller.filter(|d| d.named().next().is_some());
-        let proven = smaller.map(|d| (prove(&held_out, &twin, &d.model), d));
+        let smaller = smaller.filter(|d| d.sure_findings().next().is_some());
+        let proven = smaller.map(|d| (proven_gap(&held_out, &twin, &d.model), d));
         match proven.filter(|(p, d)| is_borne_out(&problem, &held_out, [&d.model, &twin], &p.0, d.noise)) {
             Some((proved, found)) => {
                 (updated, proof) = (found.model.clone(), proved);
@@ -145,8 +145,8 @@ pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
     } else if diagnosis.verdict == Verdict::Unknown {
         report.in_format = stand_ins(&problem, &held_out, &diagnosis, &proof.0);
     }
-    report.laws = laws(&problem, &held_out, &diagnosis);
-    report.replay = replay(&name, &held_out, &updated, &proof.2);
+    report.laws = laws_of_diagnosis(&problem, &held_out, &diagnosis);
+    report.replay = replay_windows(&name, &held_out, &updated, &proof.2);
     (report.gap, report.series, report.diagnosis) = (Some(proof.0), proof.1, diagnosis);
     report
 }
@@ -163,18 +163,18 @@ fn is_borne_out(
     let closes = is_proven(gap);
     let may_better = !is_surely_worse(gap);
     // Beside a lasting effort, and where little is to be explained, one held-out run shows little.
-    if closes && !noise.remains() && gap.before > REPORTED_NOISES * gap.noise_floor {
+    if closes && !noise.has_remainder() && gap.before > REPORTED_NOISES * gap.noise_floor {
         return true;
     }
     if !closes && !may_better {
         return false;
     }
-    let unseen = Unseen::of(problem, held_out, [model, twin], noise);
-    (closes && unseen.agree()) || (may_better && unseen.bear_out())
+    let unseen = Unseen::of_models(problem, held_out, [model, twin], noise);
+    (closes && unseen.surely_agree()) || (may_better && unseen.bear_out())
 }
 
 /// The report of an unproven diagnosis.
-pub(super) fn unproven(
+pub(super) fn unproven_report(
     joint: String,
     turns: bool,
     diagnosis: Diagnosis,
@@ -199,12 +199,12 @@ pub(super) fn unproven(
 }
 
 /// Measured positions of all runs.
-pub(super) fn tracks(runs: &Runs) -> Vec<Track> {
-    let fitted = runs.fitted.iter().map(|log| track(log, false));
-    fitted.chain(runs.held_out.iter().map(|log| track(log, true))).collect()
+pub(super) fn all_tracks(runs: &Runs) -> Vec<Track> {
+    let fitted = runs.fitted.iter().map(|log| track_of(log, false));
+    fitted.chain(runs.held_out.iter().map(|log| track_of(log, true))).collect()
 }
 
-fn track(log: &JointLog, is_held_out: bool) -> Track {
+fn track_of(log: &JointLog, is_held_out: bool) -> Track {
     let run = log.run.clone();
     Track { run, is_held_out, time_s: log.time_s.clone(), position: log.position.clone() }
 }
@@ -219,11 +219,11 @@ fn by_prediction(
     rng: &mut impl Rng,
 ) -> Diagnosis {
     // A lasting effort, or one as large as a share of the recorded effort, is no noise.
-    let is_loud = found.noise.size() > MAX_LEFT * problem.coverage.effort_rms;
+    let is_loud = found.noise.total_deviation() > MAX_LEFT * problem.coverage.effort_rms;
     if found.verdict == Verdict::Insufficient || !(found.noise.wander > 0.0 || is_loud) {
         return found;
     }
-    let predicting = problem.predicting();
+    let predicting = problem.for_prediction();
     if windowed_rmse(&predicting, &found.model) < REPORTED_NOISES * problem.noise_floor() {
         return found;
     }
@@ -239,13 +239,13 @@ fn by_prediction(
 /// Of effects with too little explanation, those with clearly better predictions of each fitted run from the
 /// others without the rest: effects of single runs alone are taken away, the worst first. `None` where
 /// nothing can be.
-fn fewer(problem: &Problem, nearest: &JointModel) -> Option<Vec<usize>> {
+fn fewer_effects(problem: &Problem, nearest: &JointModel) -> Option<Vec<usize>> {
     // The halves of a single run share its conditions.
     if nearest.terms.len() < 2 || problem.logs.len() < 2 {
         return None;
     }
-    let folds = problem.folds();
-    let noise = EffortNoise::white(FIRST_NOISE * problem.coverage.effort_rms);
+    let folds = problem.cross_validation_folds();
+    let noise = EffortNoise::white_noise(FIRST_NOISE * problem.coverage.effort_rms);
     let whole = predicted_rmse(&folds, nearest, noise);
     let mut model = nearest.clone();
     let mut rmse = whole;
@@ -274,7 +274,7 @@ fn predicted_rmse(folds: &[[Problem; 2]], model: &JointModel, noise: EffortNoise
     let mut squares = Vec::with_capacity(folds.len());
     for [fitted, other] in folds {
         // Parameters come from the other runs; a run's own samples give its start states alone.
-        let known = fit(fitted, model, None, noise, Free::All, Pace::thorough(2)).model;
+        let known = shooting_fit(fitted, model, None, noise, Free::All, Pace::thorough(2)).model;
         squares.push(windowed_rmse(other, &known).powi(2));
     }
     squares.iter().sum::<f64>().sqrt()
@@ -311,8 +311,8 @@ fn is_closed(before: f64, after: f64, floor: f64) -> bool {
 }
 
 /// The windows with their start states as the sensor sees them.
-fn replay(name: &str, held_out: &Problem, model: &JointModel, starts: &[Start]) -> Vec<ReplayWindow> {
-    let sensor = model.sensor(held_out.catalogue);
+fn replay_windows(name: &str, held_out: &Problem, model: &JointModel, starts: &[Start]) -> Vec<ReplayWindow> {
+    let sensor = model.position_sensor(held_out.catalogue);
     let mut windows = Vec::with_capacity(starts.len());
     for (span, start) in held_out.windows.iter().zip(starts) {
         let log = &held_out.logs[span.log];

@@ -42,20 +42,20 @@ const MILLI: f64 = 1e-3;
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
 /// A convention of the twin: factors of lengths, masses and inertia tensors.
-const fn twin(lengths: f64, masses: f64, tensors: f64, looks: &'static str) -> Convention {
+const fn twin_convention(lengths: f64, masses: f64, tensors: f64, looks: &'static str) -> Convention {
     let remedy = "give the twin in kg, m and kg m^2";
     Convention { lengths, masses, tensors, looks, remedy, ..AS_GIVEN }
 }
 
 /// Tried conventions. Each is a single change.
 pub const CONVENTIONS: &[Convention] = &[
-    twin(MILLI, 1.0, 1.0, "the twin's lengths look like millimeters"),
-    twin(1.0, MILLI, 1.0, "the twin's masses look like grams"),
-    twin(MILLI, MILLI, 1.0, "the twin's lengths look like millimeters and its masses like grams"),
-    twin(1.0, 1.0, MILLI * MILLI, "the twin's inertia tensors look like kg mm^2"),
-    twin(1.0, 1.0, MILLI * MILLI * MILLI, "the twin's inertia tensors look like g mm^2"),
-    twin(1.0 / MILLI, 1.0, 1.0, "the twin's lengths look like kilometers"),
-    twin(1.0, 1.0 / MILLI, 1.0, "the twin's masses look like tonnes"),
+    twin_convention(MILLI, 1.0, 1.0, "the twin's lengths look like millimeters"),
+    twin_convention(1.0, MILLI, 1.0, "the twin's masses look like grams"),
+    twin_convention(MILLI, MILLI, 1.0, "the twin's lengths look like millimeters and its masses like grams"),
+    twin_convention(1.0, 1.0, MILLI * MILLI, "the twin's inertia tensors look like kg mm^2"),
+    twin_convention(1.0, 1.0, MILLI * MILLI * MILLI, "the twin's inertia tensors look like g mm^2"),
+    twin_convention(1.0 / MILLI, 1.0, 1.0, "the twin's lengths look like kilometers"),
+    twin_convention(1.0, 1.0 / MILLI, 1.0, "the twin's masses look like tonnes"),
     Convention {
         effort: -1.0,
         looks: "its efforts have the sign of the opposite axis",
@@ -97,7 +97,7 @@ impl Convention {
 
     /// Whether a joint with this motion shows it at all.
     #[must_use]
-    pub fn concerns(&self, motion: Motion) -> bool {
+    pub fn concerns_motion(&self, motion: Motion) -> bool {
         match motion {
             Motion::Turn => self.ways == 1.0,
             Motion::Slide => self.angles == 1.0,
@@ -107,7 +107,7 @@ impl Convention {
 
     /// The twin in SI units, if it was written so.
     #[must_use]
-    pub fn twin(&self, tree: &TwinTree) -> TwinTree {
+    pub fn converted_twin(&self, tree: &TwinTree) -> TwinTree {
         let mut tree = tree.clone();
         for link in &mut tree.links {
             link.mass_kg *= self.masses;

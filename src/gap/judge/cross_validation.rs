@@ -6,12 +6,12 @@ use crate::{
     fit::{
         noise::EffortNoise,
         problem::Problem,
-        shooting::{Free, Pace, fit},
+        shooting::{Free, Pace, shooting_fit},
     },
     judge::{
-        proof::{Gap, WindowGap, residuals, started},
+        proof::{Gap, WindowGap, started_model, window_residuals},
         search::{Candidate, Search},
-        simplify::{refitted, replaced, special_terms},
+        simplify::{fit_with_replacement, refitted_set, special_terms},
     },
     model::joint_model::JointModel,
     record::log::rms,
@@ -45,34 +45,35 @@ const CONTENDERS: usize = 5;
 /// cases in place of general effects of as little use; and in its place the smallest set of a search with
 /// predictions not surely worse: with no more effects, and of these with the fewest parameters.
 #[must_use]
-pub fn predictive(problem: &Problem, found: &Search, chosen: &Candidate) -> Candidate {
-    let folds = problem.folds();
-    let predicted = |model: &JointModel| crossed(&folds, model, chosen.fit.noise);
+pub fn predictive_set(problem: &Problem, found: &Search, chosen: &Candidate) -> Candidate {
+    let folds = problem.cross_validation_folds();
+    let predicted = |model: &JointModel| crossed_residuals(&folds, model, chosen.fit.noise);
     let mut model = chosen.fit.model.clone();
     let mut with = predicted(&model);
-    while let Some((simpler, residuals)) = least_worse(fewer(problem, &model), &with, predicted)
-        .or_else(|| least_worse(special(problem, &model, chosen), &with, predicted))
+    while let Some((simpler, residuals)) =
+        least_worse(models_with_one_less(problem, &model), &with, predicted)
+            .or_else(|| least_worse(models_with_special_case(problem, &model, chosen), &with, predicted))
     {
         (model, with) = (simpler, residuals);
     }
-    let own = assumes(&model);
+    let own = model_richness(&model);
     let mut contenders: Vec<&Candidate> =
         found.by_size.iter().skip(1).flat_map(|sets| sets.iter().take(CONTENDERS)).collect();
-    contenders.retain(|c| assumes(&c.fit.model) < own);
-    contenders.sort_by_key(|c| assumes(&c.fit.model));
-    for alike in contenders.chunk_by(|a, b| assumes(&a.fit.model) == assumes(&b.fit.model)) {
+    contenders.retain(|c| model_richness(&c.fit.model) < own);
+    contenders.sort_by_key(|c| model_richness(&c.fit.model));
+    for alike in contenders.chunk_by(|a, b| model_richness(&a.fit.model) == model_richness(&b.fit.model)) {
         let as_good = alike.iter().filter_map(|set| {
-            let errors = surest(&with, &predicted(&set.fit.model));
+            let errors = errors_better_at_best(&with, &predicted(&set.fit.model));
             (errors <= SURELY).then_some((errors, set))
         });
         if let Some((_, smaller)) = as_good.min_by(|a, b| a.0.total_cmp(&b.0)) {
-            return refitted(problem, smaller, &smaller.fit.model);
+            return refitted_set(problem, smaller, &smaller.fit.model);
         }
     }
     if model == chosen.fit.model {
         return chosen.clone();
     }
-    refitted(problem, chosen, &model)
+    refitted_set(problem, chosen, &model)
 }
 
 /// The model with the least worse predictions than `with`, and its residuals; `None` where all are surely
@@ -84,7 +85,7 @@ fn least_worse(
 ) -> Option<(JointModel, Residuals)> {
     let tried = models.into_iter().map(|model| {
         let residuals = predicted(&model);
-        (surest(with, &residuals), model, residuals)
+        (errors_better_at_best(with, &residuals), model, residuals)
     });
     let (errors, model, residuals) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
     // Negated: NaN passes.
@@ -93,7 +94,7 @@ fn least_worse(
 
 /// How much a model assumes: its effects, and their parameters.
 #[must_use]
-pub fn assumes(model: &JointModel) -> (usize, usize) {
+pub fn model_richness(model: &JointModel) -> (usize, usize) {
     (model.terms.len(), model.terms.iter().map(|t| t.p.len()).sum())
 }
 
@@ -101,11 +102,11 @@ pub fn assumes(model: &JointModel) -> (usize, usize) {
 /// probability of better predictions of unfitted windows, over the contrary.
 #[must_use]
 pub fn predicted_weights(problem: &Problem, chosen: &Candidate, others: &[&Candidate]) -> Vec<f64> {
-    let folds = problem.folds();
-    let own = crossed(&folds, &chosen.fit.model, chosen.fit.noise);
+    let folds = problem.cross_validation_folds();
+    let own = crossed_residuals(&folds, &chosen.fit.model, chosen.fit.noise);
     let contenders = others.iter().take(CONTENDERS);
-    let predicted = contenders.map(|c| crossed(&folds, &c.fit.model, chosen.fit.noise));
-    predicted.map(|residuals| (-LOGISTIC * surest(&own, &residuals)).exp()).collect()
+    let predicted = contenders.map(|c| crossed_residuals(&folds, &c.fit.model, chosen.fit.noise));
+    predicted.map(|residuals| (-LOGISTIC * errors_better_at_best(&own, &residuals)).exp()).collect()
 }
 
 /// Slope of the logistic function next to the normal distribution's.
@@ -113,16 +114,16 @@ pub fn predicted_weights(problem: &Problem, chosen: &Candidate, others: &[&Candi
 const LOGISTIC: f64 = 1.702;
 
 /// Standard errors by which windows are better with a model, where it changes them, in the best length.
-fn surest(with: &Residuals, without: &Residuals) -> f64 {
+fn errors_better_at_best(with: &Residuals, without: &Residuals) -> f64 {
     let errors = with.iter().zip(without).map(|(with, without)| {
-        let [with, without] = both(&acting(&compared(with, without)));
+        let [with, without] = with_and_without(&acting_windows(&compared_windows(with, without)));
         errors_better(&with, &without)
     });
     errors.fold(f64::NEG_INFINITY, f64::max)
 }
 
 /// A model without each of its effects.
-fn fewer(problem: &Problem, model: &JointModel) -> Vec<JointModel> {
+fn models_with_one_less(problem: &Problem, model: &JointModel) -> Vec<JointModel> {
     let mut all = Vec::new();
     for (i, term) in model.terms.iter().enumerate() {
         // A push of one run predicts no other run.
@@ -136,11 +137,11 @@ fn fewer(problem: &Problem, model: &JointModel) -> Vec<JointModel> {
 }
 
 /// A model with each special case in the place of its general effect.
-fn special(problem: &Problem, model: &JointModel, chosen: &Candidate) -> Vec<JointModel> {
+fn models_with_special_case(problem: &Problem, model: &JointModel, chosen: &Candidate) -> Vec<JointModel> {
     let mut all = Vec::new();
     for (i, term) in model.terms.iter().enumerate() {
         for special in special_terms(problem, term) {
-            all.push(replaced(problem, model, i, special, &chosen.fit).model);
+            all.push(fit_with_replacement(problem, model, i, special, &chosen.fit).model);
         }
     }
     all
@@ -150,7 +151,7 @@ fn special(problem: &Problem, model: &JointModel, chosen: &Candidate) -> Vec<Joi
 /// its squared residuals.
 #[must_use]
 pub fn predicts_better(problem: &Problem, model: &JointModel, other: &JointModel) -> bool {
-    is_better(&sizes(problem, model), &sizes(problem, other), problem.noise_floor())
+    is_better(&window_sizes_of(problem, model), &window_sizes_of(problem, other), problem.noise_floor())
 }
 
 /// Whether held-out windows are surely worse with the findings than with the twin.
@@ -186,20 +187,20 @@ const ACTING: f64 = 0.9;
 impl Unseen {
     /// Of a model against another one.
     #[must_use]
-    pub fn of(
+    pub fn of_models(
         problem: &Problem,
         held_out: &Problem,
         [model, other]: [&JointModel; 2],
         noise: EffortNoise,
     ) -> Self {
-        let folds = problem.predicting().folds();
+        let folds = problem.for_prediction().cross_validation_folds();
         let [with, without] = [model, other].map(|model| {
-            let mut all = crossed(&folds, model, noise);
-            let held_out = left(held_out, model);
+            let mut all = crossed_residuals(&folds, model, noise);
+            let held_out = window_residuals_of(held_out, model);
             all.iter_mut().zip(held_out).for_each(|(all, more)| all.extend(more));
             all
         });
-        let windows = std::array::from_fn(|i| compared(&with[i], &without[i]));
+        let windows = std::array::from_fn(|i| compared_windows(&with[i], &without[i]));
         Self { windows, floor: problem.noise_floor() }
     }
 
@@ -207,16 +208,16 @@ impl Unseen {
     /// betters it, and leaves little of the squared residuals.
     #[must_use]
     pub fn bear_out(&self) -> bool {
-        let mut acting = self.windows.iter().map(|windows| both(&acting(windows)));
+        let mut acting = self.windows.iter().map(|windows| with_and_without(&acting_windows(windows)));
         acting.any(|[with, without]| surely_leaves(&with, &without, self.floor, MOST_LEFT))
     }
 
     /// Whether they surely are better with the model, in windows of some length.
     #[must_use]
-    pub fn agree(&self) -> bool {
+    pub fn surely_agree(&self) -> bool {
         self.windows
             .iter()
-            .map(|windows| both(windows))
+            .map(|windows| with_and_without(windows))
             .any(|[with, without]| errors_better(&with, &without) > SURELY)
     }
 
@@ -224,7 +225,7 @@ impl Unseen {
     /// windows in the mean, in most of them, in the median and in the sum of squares.
     #[must_use]
     pub fn serve_better(&self) -> bool {
-        let [with, without] = both(&self.windows[0]);
+        let [with, without] = with_and_without(&self.windows[0]);
         errors_better(&with, &without) > SURELY
             && mostly_smaller(&with, &without)
             && median(with.clone()) < median(without.clone())
@@ -233,7 +234,7 @@ impl Unseen {
 }
 
 /// Windows of two models.
-fn compared(with: &[Vec<f64>], without: &[Vec<f64>]) -> Vec<Compared> {
+fn compared_windows(with: &[Vec<f64>], without: &[Vec<f64>]) -> Vec<Compared> {
     let mut windows = Vec::with_capacity(with.len());
     for (with, without) in with.iter().zip(without) {
         let change: Vec<f64> = with.iter().zip(without).map(|(a, b)| a - b).collect();
@@ -243,7 +244,7 @@ fn compared(with: &[Vec<f64>], without: &[Vec<f64>]) -> Vec<Compared> {
 }
 
 /// The windows with the largest differences of predictions, for most of their sum.
-fn acting(windows: &[Compared]) -> Vec<Compared> {
+fn acting_windows(windows: &[Compared]) -> Vec<Compared> {
     let mut sorted = windows.to_vec();
     sorted.sort_by(|a, b| b.change.total_cmp(&a.change));
     let total: f64 = sorted.iter().map(|w| w.change * w.change).sum();
@@ -258,15 +259,17 @@ fn acting(windows: &[Compared]) -> Vec<Compared> {
 }
 
 /// Residuals with and without.
-fn both(windows: &[Compared]) -> [Vec<f64>; 2] {
+fn with_and_without(windows: &[Compared]) -> [Vec<f64>; 2] {
     [windows.iter().map(|w| w.with).collect(), windows.iter().map(|w| w.without).collect()]
 }
 
 /// Residuals of the windows of each part under a model with the parameters of its complement.
-fn crossed(folds: &[[Problem; 2]], model: &JointModel, noise: EffortNoise) -> Residuals {
+fn crossed_residuals(folds: &[[Problem; 2]], model: &JointModel, noise: EffortNoise) -> Residuals {
     let parts: Vec<Residuals> = folds
         .par_iter()
-        .map(|[fitted, other]| left(other, &fit(fitted, model, None, noise, Free::All, Pace::WARM).model))
+        .map(|[fitted, other]| {
+            window_residuals_of(other, &shooting_fit(fitted, model, None, noise, Free::All, Pace::WARM).model)
+        })
         .collect();
     std::array::from_fn(|length| parts.iter().flat_map(|p| p[length].iter().cloned()).collect())
 }
@@ -290,8 +293,8 @@ fn surely_leaves(with: &[f64], without: &[f64], floor: f64, share: f64) -> bool 
 }
 
 /// Root mean square residuals of windows of each length under a model.
-fn sizes(problem: &Problem, model: &JointModel) -> Sizes {
-    sizes_of(&left(problem, model))
+fn window_sizes_of(problem: &Problem, model: &JointModel) -> Sizes {
+    sizes_of(&window_residuals_of(problem, model))
 }
 
 fn sizes_of(residuals: &Residuals) -> Sizes {
@@ -299,11 +302,11 @@ fn sizes_of(residuals: &Residuals) -> Sizes {
 }
 
 /// Residuals of windows of each length under a model.
-fn left(problem: &Problem, model: &JointModel) -> Residuals {
+fn window_residuals_of(problem: &Problem, model: &JointModel) -> Residuals {
     LENGTHS.map(|share| {
         let problem = problem.with_windows(share);
-        let (model, starts) = started(&problem, model);
-        residuals(&problem, &model, &starts).into_iter().map(|(_, r)| r).collect()
+        let (model, starts) = started_model(&problem, model);
+        window_residuals(&problem, &model, &starts).into_iter().map(|(_, r)| r).collect()
     })
 }
 
@@ -329,10 +332,10 @@ mod tests {
     fn windows_that_a_model_does_not_change_have_no_say() {
         let with = windows(&[1.0, 1.1, 0.9, 1.0, 5.0, 7.0, 3.0]);
         let without = windows(&[2.0, 2.1, 2.1, 2.0, 5.0, 7.0, 3.0]);
-        let surely = surest(&with, &without);
+        let surely = errors_better_at_best(&with, &without);
         assert!(surely > 10.0, "{surely}");
-        assert!((surest(&without, &with) + surely).abs() < 1e-9);
-        assert_eq!(surest(&with, &with), 0.0);
+        assert!((errors_better_at_best(&without, &with) + surely).abs() < 1e-9);
+        assert_eq!(errors_better_at_best(&with, &with), 0.0);
     }
 
     #[test]

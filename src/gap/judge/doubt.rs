@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use crate::{
     fit::{
         evidence::{Explained, Regression, SeenStretch, independent_share},
-        stretch::{RunMotion, Stretch, mean_signal, stretches},
+        stretch::{RunMotion, Stretch, mean_signal, one_way_stretches},
     },
     judge::{
         convention::{AS_GIVEN, CONVENTIONS, Convention},
@@ -129,7 +129,7 @@ fn about_one() -> Gains {
 }
 
 /// Factors of the inertia, each as likely as any other.
-fn inertias(largest: f64) -> Vec<f64> {
+fn inertia_factors(largest: f64) -> Vec<f64> {
     let count = (largest / LEAST_INERTIA).ln() / INERTIA_RATIO.ln();
     (0..=count.ceil() as i32).map(|i| LEAST_INERTIA * INERTIA_RATIO.powi(i)).collect()
 }
@@ -146,11 +146,11 @@ fn log_mean(values: &[f64]) -> f64 {
 impl<'a> JointScene<'a> {
     /// Of a joint.
     #[must_use]
-    pub fn of(scene: &'a Scene<'a>, joint: usize) -> Self {
-        let own = Self { scene, joint, stretches: stretches(scene.runs, joint), share: 1.0 };
+    pub fn of_joint(scene: &'a Scene<'a>, joint: usize) -> Self {
+        let own = Self { scene, joint, stretches: one_way_stretches(scene.runs, joint), share: 1.0 };
         let all: Vec<&Stretch> = own.stretches.iter().collect();
-        let seen = own.seen(&all, &AS_GIVEN);
-        let efforts = own.efforts(joint, &all, 0.0);
+        let seen = own.seen_stretches(&all, &AS_GIVEN);
+        let efforts = own.recorded_efforts(joint, &all, 0.0);
         own.with_share(&all, &seen, &efforts)
     }
 
@@ -163,18 +163,18 @@ impl<'a> JointScene<'a> {
         let keys: Vec<(usize, usize)> = known.iter().map(|i| stretches[*i].key).collect();
         let follows: Vec<bool> =
             (0..keys.len()).map(|k| k > 0 && keys[k] == (keys[k - 1].0, keys[k - 1].1 + 1)).collect();
-        let share = independent_share(&rows, &effort, self.turns(), &follows);
+        let share = independent_share(&rows, &effort, self.is_turning(), &follows);
         Self { scene: self.scene, joint: self.joint, stretches: self.stretches.clone(), share }
     }
 
-    fn turns(&self) -> bool {
+    fn is_turning(&self) -> bool {
         self.scene.tree.joints[self.joint].motion == Motion::Turn
     }
 
     /// The twin's efforts for each stretch, positions taken by a convention.
     #[must_use]
-    pub fn seen(&self, stretches: &[&Stretch], convention: &Convention) -> Vec<SeenStretch> {
-        let tree = convention.twin(self.scene.tree);
+    pub fn seen_stretches(&self, stretches: &[&Stretch], convention: &Convention) -> Vec<SeenStretch> {
+        let tree = convention.converted_twin(self.scene.tree);
         let n = tree.joints.len();
         let joint = self.joint;
         let factor: Vec<f64> = tree.joints.iter().map(|j| convention.of_position(j.motion)).collect();
@@ -184,9 +184,9 @@ impl<'a> JointScene<'a> {
         let spec = &tree.joints[joint];
         let mut seen = Vec::with_capacity(stretches.len());
         for s in stretches {
-            let q = products(&s.position, &factor);
-            let v = products(&s.velocity, &factor);
-            let a = products(&s.acceleration, &factor);
+            let q = scaled_values(&s.position, &factor);
+            let v = scaled_values(&s.velocity, &factor);
+            let a = scaled_values(&s.acceleration, &factor);
             let inertia = tree.inverse_dynamics(&q, &zero, &unit, false)[joint];
             let whole = tree.inverse_dynamics(&q, &v, &a, true)[joint];
             let inertial = inertia * a[joint];
@@ -204,7 +204,7 @@ impl<'a> JointScene<'a> {
 
     /// Recorded efforts of a joint over stretches, late by a delay.
     #[must_use]
-    pub fn efforts(&self, of: usize, stretches: &[&Stretch], delay_s: f64) -> Vec<Option<f64>> {
+    pub fn recorded_efforts(&self, of: usize, stretches: &[&Stretch], delay_s: f64) -> Vec<Option<f64>> {
         let hold = self.scene.hold;
         let mut found = Vec::with_capacity(stretches.len());
         // Stretches come run by run.
@@ -229,22 +229,23 @@ impl<'a> JointScene<'a> {
     }
 
     /// A regression over the stretches with an effort.
-    fn regression(&self, seen: &[SeenStretch], efforts: &[Option<f64>]) -> Regression {
+    fn effort_regression_of(&self, seen: &[SeenStretch], efforts: &[Option<f64>]) -> Regression {
         let known: Vec<usize> = (0..seen.len()).filter(|i| efforts[*i].is_some()).collect();
         let rows: Vec<SeenStretch> = known.iter().map(|i| seen[*i]).collect();
         let effort: Vec<f64> = known.iter().filter_map(|i| efforts[*i]).collect();
         let weight = self.share * rows.len() as f64;
-        Regression::of(&rows, &effort, self.turns(), weight)
+        Regression::of_rows(&rows, &effort, self.is_turning(), weight)
     }
 
     /// Evidence as given, over some stretches. `None` where they do not tell.
     #[must_use]
-    pub fn baseline(&self, stretches: &[&Stretch], gains: &Gains) -> Option<Baseline> {
-        let seen = self.seen(stretches, &AS_GIVEN);
-        let inertias = inertias(LARGEST_INERTIA);
+    pub fn baseline_evidence(&self, stretches: &[&Stretch], gains: &Gains) -> Option<Baseline> {
+        let seen = self.seen_stretches(stretches, &AS_GIVEN);
+        let inertias = inertia_factors(LARGEST_INERTIA);
         let mut best = Baseline { motion: f64::NEG_INFINITY, effort: f64::NEG_INFINITY, left: 1.0 };
         for delay_s in DELAYS_S {
-            let regression = self.regression(&seen, &self.efforts(self.joint, stretches, delay_s));
+            let regression =
+                self.effort_regression_of(&seen, &self.recorded_efforts(self.joint, stretches, delay_s));
             if !regression.is_telling() {
                 return None;
             }
@@ -266,7 +267,7 @@ impl<'a> JointScene<'a> {
     /// the two regressions: the truth lies between them, whether motion or efforts err (Frisch 1934).
     /// `prices` come off: for each independent number, those of the motion and of the efforts.
     #[must_use]
-    pub fn odds(
+    pub fn log_odds_of(
         &self,
         seen: &[SeenStretch],
         efforts: &dyn Fn(f64) -> Vec<Option<f64>>,
@@ -275,10 +276,10 @@ impl<'a> JointScene<'a> {
         prices: (f64, f64),
     ) -> Option<Odds> {
         // A twin in other units and with an inertia far off is two changes.
-        let inertias = inertias(LARGEST_RATIO);
+        let inertias = inertia_factors(LARGEST_RATIO);
         let mut best: Option<Odds> = None;
         for delay_s in DELAYS_S {
-            let regression = self.regression(seen, &efforts(delay_s));
+            let regression = self.effort_regression_of(seen, &efforts(delay_s));
             if !regression.is_telling() {
                 return None;
             }
@@ -306,21 +307,22 @@ impl<'a> JointScene<'a> {
     /// Log odds of a convention.
     fn of_convention(&self, convention: &Convention, given: &Baseline) -> Option<Odds> {
         let stretches: Vec<&Stretch> = self.stretches.iter().collect();
-        let seen = self.seen(&stretches, convention);
-        let taken = self.seen(&stretches, &AS_GIVEN);
+        let seen = self.seen_stretches(&stretches, convention);
+        let taken = self.seen_stretches(&stretches, &AS_GIVEN);
         if seen == taken && convention.effort == 1.0 {
             // A slide knows nothing of lengths.
             return None;
         }
         let efforts = |delay_s: f64| self.scaled_efforts(&stretches, delay_s, convention.effort);
-        let odds = self.odds(&seen, &efforts, given, &about_one(), (0.0, -convention.effort.abs().ln()))?;
+        let odds =
+            self.log_odds_of(&seen, &efforts, given, &about_one(), (0.0, -convention.effort.abs().ln()))?;
         let inertia_ratio = odds.inertia_ratio * inertial_size(&taken) / inertial_size(&seen).max(1e-300);
         Some(Odds { inertia_ratio, ..odds })
     }
 
     /// Recorded efforts of the joint over stretches, late by a delay, times a factor.
     fn scaled_efforts(&self, stretches: &[&Stretch], delay_s: f64, factor: f64) -> Vec<Option<f64>> {
-        let own = self.efforts(self.joint, stretches, delay_s);
+        let own = self.recorded_efforts(self.joint, stretches, delay_s);
         own.into_iter().map(|u| u.map(|u| u * factor)).collect()
     }
 
@@ -336,21 +338,21 @@ impl<'a> JointScene<'a> {
         let both: Vec<&Stretch> = self.stretches.iter().filter(|s| keys.contains(&s.key)).collect();
         let keys: BTreeSet<_> = both.iter().map(|s| s.key).collect();
         let theirs: Vec<&Stretch> = other.stretches.iter().filter(|s| keys.contains(&s.key)).collect();
-        let seen = self.seen(&both, &AS_GIVEN);
-        let efforts = |delay_s: f64| self.efforts(other.joint, &both, delay_s);
+        let seen = self.seen_stretches(&both, &AS_GIVEN);
+        let efforts = |delay_s: f64| self.recorded_efforts(other.joint, &both, delay_s);
         // The rest of a motion beside wrong efforts is correlated for long: the better explanation decides
         // the weight of each stretch.
         let share = self.share.max(self.with_share(&both, &seen, &efforts(0.0)).share);
         let gains = all_gains();
-        let own = self.with_new_share(share).baseline(&both, &gains)?;
-        let their = other.with_new_share(share).baseline(&theirs, &gains)?;
+        let own = self.with_new_share(share).baseline_evidence(&both, &gains)?;
+        let their = other.with_new_share(share).baseline_evidence(&theirs, &gains)?;
         let given = Baseline { motion: own.motion, ..their };
-        self.with_new_share(share).odds(&seen, &efforts, &given, &about_one(), (0.0, 0.0))
+        self.with_new_share(share).log_odds_of(&seen, &efforts, &given, &about_one(), (0.0, 0.0))
     }
 }
 
 /// Values times factors, one by one.
-fn products(values: &[f64], factors: &[f64]) -> Vec<f64> {
+fn scaled_values(values: &[f64], factors: &[f64]) -> Vec<f64> {
     values.iter().zip(factors).map(|(x, f)| x * f).collect()
 }
 
@@ -361,18 +363,18 @@ fn inertial_size(seen: &[SeenStretch]) -> f64 {
 
 /// Doubts about the input, by joint of the twin.
 #[must_use]
-pub fn doubts(scene: &Scene) -> BTreeMap<usize, Doubt> {
-    let joints: Vec<JointScene> = scene.joints.iter().map(|j| JointScene::of(scene, *j)).collect();
+pub fn doubts_of_scene(scene: &Scene) -> BTreeMap<usize, Doubt> {
+    let joints: Vec<JointScene> = scene.joints.iter().map(|j| JointScene::of_joint(scene, *j)).collect();
     let mut found = BTreeMap::new();
     let mut undecided: Vec<(usize, Vec<(Convention, f64)>)> = Vec::new();
     for own in &joints {
         let stretches: Vec<&Stretch> = own.stretches.iter().collect();
         // Efforts of another joint leave so much lasting residual: these stretches alone determine nothing.
-        let given = own.baseline(&stretches, &all_gains());
+        let given = own.baseline_evidence(&stretches, &all_gains());
         let motion = scene.tree.joints[own.joint].motion;
         let mut all: Vec<(Looks, Odds)> = Vec::new();
         if let Some(given) = &given {
-            for convention in CONVENTIONS.iter().filter(|c| c.concerns(motion)) {
+            for convention in CONVENTIONS.iter().filter(|c| c.concerns_motion(motion)) {
                 let odds = own.of_convention(convention, given);
                 all.extend(odds.map(|odds| (Looks::Convention(*convention), odds)));
             }
@@ -390,16 +392,16 @@ pub fn doubts(scene: &Scene) -> BTreeMap<usize, Doubt> {
             undecided.push((own.joint, of_twin.collect()));
         }
         let left = given.map_or(1.0, |g| g.left);
-        if let Some(doubt) = doubt(&scene.tree.joints[own.joint].name, all, left) {
+        if let Some(doubt) = doubt_of_joint(&scene.tree.joints[own.joint].name, all, left) {
             found.insert(own.joint, doubt);
         }
     }
-    shared(scene, &undecided, &mut found);
+    share_conventions(scene, &undecided, &mut found);
     found
 }
 
 /// The doubt about one joint, where there is one.
-fn doubt(joint: &str, mut all: Vec<(Looks, Odds)>, left: f64) -> Option<Doubt> {
+fn doubt_of_joint(joint: &str, mut all: Vec<(Looks, Odds)>, left: f64) -> Option<Doubt> {
     all.sort_by(|a, b| b.1.log.total_cmp(&a.1.log));
     let best = all.first()?.1;
     let logs: Vec<f64> = all.iter().map(|a| a.1.log).collect();
@@ -429,12 +431,16 @@ fn doubt(joint: &str, mut all: Vec<(Looks, Odds)>, left: f64) -> Option<Doubt> {
 }
 
 /// A convention of the twin shown by one joint counts for joints without contradiction.
-fn shared(scene: &Scene, all: &[(usize, Vec<(Convention, f64)>)], found: &mut BTreeMap<usize, Doubt>) {
+fn share_conventions(
+    scene: &Scene,
+    all: &[(usize, Vec<(Convention, f64)>)],
+    found: &mut BTreeMap<usize, Doubt>,
+) {
     let shown = found.values().filter(|d| d.looks.iter().all(is_of_twin));
     let Some(sure) = shown.max_by(|a, b| a.log_odds.total_cmp(&b.log_odds)).cloned() else { return };
     for j in scene.joints.iter().filter(|j| !found.contains_key(j)).copied().collect::<Vec<_>>() {
         let own = all.iter().find(|(joint, _)| *joint == j).map(|(_, odds)| odds.as_slice());
-        if !own.is_some_and(|own| sure.looks.iter().all(|looks| contradicts(own, looks))) {
+        if !own.is_some_and(|own| sure.looks.iter().all(|looks| contradicts_convention(own, looks))) {
             let joint = scene.tree.joints[j].name.clone();
             found.insert(j, Doubt { joint, by: Some(sure.joint.clone()), ..sure.clone() });
         }
@@ -442,7 +448,7 @@ fn shared(scene: &Scene, all: &[(usize, Vec<(Convention, f64)>)], found: &mut BT
 }
 
 /// Whether the log odds of a joint's conventions contradict one, or do not depend on it.
-fn contradicts(own: &[(Convention, f64)], looks: &Looks) -> bool {
+fn contradicts_convention(own: &[(Convention, f64)], looks: &Looks) -> bool {
     let known = own.iter().find(|(c, _)| *looks == Looks::Convention(*c));
     known.is_none_or(|(_, log)| *log < LOG_PRIOR)
 }

@@ -27,17 +27,17 @@ pub struct DoubtJson {
 impl DoubtJson {
     /// Of a doubt.
     #[must_use]
-    pub fn of(doubt: &Doubt) -> Self {
+    pub fn of_doubt(doubt: &Doubt) -> Self {
         Self {
             joint: doubt.joint.clone(),
-            code: doubt.code(),
-            looks: doubt.looks.iter().map(Looks::words).collect(),
+            code: doubt.note_code(),
+            looks: doubt.looks.iter().map(Looks::in_words).collect(),
             log_odds: doubt.log_odds,
             inertia_ratio: doubt.inertia_ratio,
             left: doubt.left.0,
             left_as_given: doubt.left.1,
             by: doubt.by.clone(),
-            remedy: doubt.remedy(),
+            remedy: doubt.remedy_text(),
         }
     }
 }

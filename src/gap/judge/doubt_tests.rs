@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use rand_core::SeedableRng;
 
 use super::{
-    doubt::{Doubt, JointScene, LOG_ODDS, Looks, Scene, doubts},
+    doubt::{Doubt, JointScene, LOG_ODDS, Looks, Scene, doubts_of_scene},
     simulated::{beside, simulated, with},
     unsigned::magnitude_odds,
 };
@@ -49,14 +49,14 @@ fn pendulums(count: usize) -> TwinTree {
 
 fn moved(log: JointLog) -> Option<Moved> {
     let noise = reading_noise(std::slice::from_ref(&log));
-    let motion = SmoothMotion::of(&log.time_s, &log.position, &noise, &[]);
+    let motion = SmoothMotion::of_positions(&log.time_s, &log.position, &noise, &[]);
     Some(Moved { log: Some(log), motion })
 }
 
 /// Runs of joints with effects.
 fn logs(truth: &[(&str, &[f64])], runs: std::ops::Range<usize>) -> Vec<JointLog> {
     let effects = catalogue(0);
-    let model = with(&effects, &Plant::of(&pendulums(1), 0).unwrap(), truth);
+    let model = with(&effects, &Plant::of_joint(&pendulums(1), 0).unwrap(), truth);
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(5);
     runs.map(|run| simulated(&effects, &model, run, &mut rng)).collect()
 }
@@ -64,7 +64,7 @@ fn logs(truth: &[(&str, &[f64])], runs: std::ops::Range<usize>) -> Vec<JointLog>
 fn found(tree: &TwinTree, runs: Vec<RunMotion>) -> Vec<Doubt> {
     let joints: Vec<usize> = (0..tree.joints.len()).collect();
     let scene = Scene { tree, runs: &runs, joints: &joints, hold: Hold::Zero };
-    doubts(&scene).into_values().collect()
+    doubts_of_scene(&scene).into_values().collect()
 }
 
 fn of_one(tree: &TwinTree, logs: Vec<JointLog>) -> Vec<Doubt> {
@@ -78,7 +78,7 @@ fn written(tree: &TwinTree, lengths: f64, masses: f64) -> TwinTree {
     let c = looks.unwrap();
     let inverse =
         crate::judge::convention::Convention { lengths: 1.0 / c.lengths, masses: 1.0 / c.masses, ..*c };
-    inverse.twin(tree)
+    inverse.converted_twin(tree)
 }
 
 const BRAKED: &[(&str, &[f64])] = &[("coulomb_friction", &[0.08]), ("viscous_friction", &[0.05])];
@@ -94,9 +94,9 @@ fn a_twin_in_millimeters_or_grams_is_said() {
         let doubts = of_one(&twin, logs(BRAKED, 0..2));
         let [doubt] = &doubts[..] else { panic!("{words}: {doubts:?}") };
         println!("{}", doubt.note());
-        assert_eq!(doubt.code(), NoteCode::UnitsDoubtful);
+        assert_eq!(doubt.note_code(), NoteCode::UnitsDoubtful);
         assert_eq!(doubt.looks.len(), 1, "{doubt:?}");
-        assert!(doubt.words().contains(words), "{}", doubt.words());
+        assert!(doubt.in_words().contains(words), "{}", doubt.in_words());
         assert!((0.5..2.0).contains(&(doubt.inertia_ratio / ratio)), "{doubt:?}");
     }
 }
@@ -108,7 +108,7 @@ fn efforts_of_the_opposite_sign_are_said() {
     let doubts = of_one(&pendulums(1), runs);
     let [doubt] = &doubts[..] else { panic!("{doubts:?}") };
     println!("{}", doubt.note());
-    assert_eq!(doubt.code(), NoteCode::EffortSignTurned);
+    assert_eq!(doubt.note_code(), NoteCode::EffortSignTurned);
 }
 
 #[test]
@@ -168,7 +168,7 @@ fn magnitudes_are_told_from_efforts_of_one_sense() {
     let odds = |logs: Vec<JointLog>| {
         let runs: Vec<RunMotion> = logs.into_iter().map(|log| vec![moved(log)]).collect();
         let scene = Scene { tree: &twin, runs: &runs, joints: &[0], hold: Hold::Zero };
-        magnitude_odds(&JointScene::of(&scene, 0))
+        magnitude_odds(&JointScene::of_joint(&scene, 0))
     };
     let mut magnitudes = logs(BRAKED, 0..2);
     // Counts of a servo's load, which know no sign.
@@ -177,7 +177,7 @@ fn magnitudes_are_told_from_efforts_of_one_sense() {
     assert!(said > 20.0, "{said}");
     // A joint that a motor only ever pushes one way, against a spring.
     let effects = catalogue(0);
-    let plant = Plant::of(&twin, 0).unwrap();
+    let plant = Plant::of_joint(&twin, 0).unwrap();
     let truth = with(&effects, &plant, &[("spring_return", &[1.0, -1.0])]);
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(6);
     let pushed = (0..2).map(|run| beside(&effects, &truth, run, &mut rng, |_| 1.0));

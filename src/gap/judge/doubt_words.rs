@@ -6,7 +6,7 @@ use common::note::{Note, NoteCode};
 impl Looks {
     /// Appearance of the input.
     #[must_use]
-    pub fn words(&self) -> String {
+    pub fn in_words(&self) -> String {
         match self {
             Self::Convention(c) => c.looks.to_owned(),
             Self::EffortsOf(other) => format!("the efforts of joint '{other}' move it, its own do not"),
@@ -15,14 +15,14 @@ impl Looks {
 
     /// Remedy.
     #[must_use]
-    pub fn remedy(&self) -> &'static str {
+    pub fn remedy_text(&self) -> &'static str {
         match self {
             Self::Convention(c) => c.remedy,
             Self::EffortsOf(_) => "check that names and efforts have one order in the recording",
         }
     }
 
-    fn code(&self) -> NoteCode {
+    fn note_code(&self) -> NoteCode {
         match self {
             Self::EffortsOf(_) => NoteCode::EffortsOfOtherJoint,
             Self::Convention(c) if c.is_of_sign() => NoteCode::EffortSignTurned,
@@ -34,24 +34,24 @@ impl Looks {
 impl Doubt {
     /// Its code.
     #[must_use]
-    pub fn code(&self) -> NoteCode {
-        self.looks.first().map_or(NoteCode::UnitsDoubtful, Looks::code)
+    pub fn note_code(&self) -> NoteCode {
+        self.looks.first().map_or(NoteCode::UnitsDoubtful, Looks::note_code)
     }
 
     /// Appearances of the input.
     #[must_use]
-    pub fn looks(&self) -> String {
-        self.list(&Looks::words)
+    pub fn looks_text(&self) -> String {
+        self.distinct_texts(&Looks::in_words)
     }
 
     /// Remedies.
     #[must_use]
-    pub fn remedy(&self) -> String {
-        self.list(&|looks| looks.remedy().to_owned())
+    pub fn remedy_text(&self) -> String {
+        self.distinct_texts(&|looks| looks.remedy_text().to_owned())
     }
 
     /// Different words of the class.
-    fn list(&self, of: &dyn Fn(&Looks) -> String) -> String {
+    fn distinct_texts(&self, of: &dyn Fn(&Looks) -> String) -> String {
         let mut all: Vec<String> = Vec::new();
         for words in self.looks.iter().map(of) {
             if !all.contains(&words) {
@@ -63,13 +63,13 @@ impl Doubt {
 
     /// It and its evidence, without the joint.
     #[must_use]
-    pub fn words(&self) -> String {
-        let looks = self.looks();
-        let remedy = self.remedy();
+    pub fn in_words(&self) -> String {
+        let looks = self.looks_text();
+        let remedy = self.remedy_text();
         if let Some(by) = &self.by {
             return format!("{looks}, as joint '{by}' shows: no name is given on such numbers; {remedy}");
         }
-        let inertia = match self.code() {
+        let inertia = match self.note_code() {
             NoteCode::UnitsDoubtful => {
                 format!("the twin's inertia is {:.1e} times what they show; ", self.inertia_ratio)
             }
@@ -87,6 +87,6 @@ impl Doubt {
     /// It as a warning.
     #[must_use]
     pub fn note(&self) -> Note {
-        Note::new(self.code(), format!("joint '{}': {}", self.joint, self.words()))
+        Note::new(self.note_code(), format!("joint '{}': {}", self.joint, self.in_words()))
     }
 }

@@ -9,26 +9,27 @@ use crate::{
 /// A set with each of its effects in exchange for each of `others`, acting alone; parameters are those of
 /// both. Without overlapping sets, sets too large to be fitted, and `known` sets.
 #[must_use]
-pub fn exchanged(
+pub fn exchanged_sets(
     catalogue: &Catalogue,
     set: &JointModel,
     others: &[&JointModel],
     known: impl Fn(&[usize]) -> bool,
 ) -> Vec<JointModel> {
-    let spec = |effect: usize| catalogue[effect].spec();
+    let spec = |effect: usize| catalogue[effect].effect_spec();
     let mut found: Vec<JointModel> = Vec::new();
     for i in 0..set.terms.len() {
         for new in others.iter().filter_map(|other| other.terms.first()) {
             let mut model = set.clone();
             model.terms.remove(i);
-            if model.terms.iter().any(|t| spec(t.effect).overlaps(spec(new.effect))) {
+            if model.terms.iter().any(|t| spec(t.effect).overlaps_with(spec(new.effect))) {
                 continue;
             }
             model.terms.push(new.clone());
-            let effects = model.effects();
-            let is_new =
-                effects != set.effects() && !known(&effects) && !found.iter().any(|f| f.effects() == effects);
-            if is_new && model.free() <= MAX_FIT_FREE {
+            let effects = model.effect_indices();
+            let is_new = effects != set.effect_indices()
+                && !known(&effects)
+                && !found.iter().any(|f| f.effect_indices() == effects);
+            if is_new && model.free_count() <= MAX_FIT_FREE {
                 found.push(model);
             }
         }
@@ -57,9 +58,9 @@ mod tests {
             most_load: 0.0,
             actuator: Actuator::default(),
         };
-        let nothing = JointModel::of(&plant);
-        let alone = |name: &str, p: &[f64]| nothing.clone().with(of(name), p);
-        let set = alone("encoder_scale", &[1.1]).with(of("viscous_friction"), &[0.2]);
+        let nothing = JointModel::of_plant(&plant);
+        let alone = |name: &str, p: &[f64]| nothing.clone().with_effect(of(name), p);
+        let set = alone("encoder_scale", &[1.1]).with_effect(of("viscous_friction"), &[0.2]);
         let friction = alone("coulomb_friction", &[0.3]);
         let bias = alone("constant_bias", &[0.1]);
         let own = alone("viscous_friction", &[0.4]);
@@ -71,14 +72,16 @@ mod tests {
             effects
         };
         let known = sorted(["encoder_scale", "constant_bias"]);
-        let found: Vec<Vec<usize>> =
-            exchanged(&effects, &set, &others, |e| e == known).iter().map(JointModel::effects).collect();
+        let found: Vec<Vec<usize>> = exchanged_sets(&effects, &set, &others, |e| e == known)
+            .iter()
+            .map(JointModel::effect_indices)
+            .collect();
         assert!(found.contains(&sorted(["coulomb_friction", "viscous_friction"])), "{found:?}");
         assert!(found.contains(&sorted(["encoder_scale", "coulomb_friction"])), "{found:?}");
         assert!(found.contains(&sorted(["constant_bias", "viscous_friction"])), "{found:?}");
         assert!(!found.iter().any(|f| f == &known || f.len() != 2), "{found:?}");
         // The set itself is no exchange, and nothing stands beside itself.
-        assert!(!found.contains(&set.effects()) && found.iter().all(|f| f[0] != f[1]), "{found:?}");
+        assert!(!found.contains(&set.effect_indices()) && found.iter().all(|f| f[0] != f[1]), "{found:?}");
         let mut once = found.clone();
         once.sort();
         once.dedup();

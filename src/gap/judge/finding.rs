@@ -44,7 +44,7 @@ pub struct Finding {
 
 /// Weight of the sets with an effect of the set `own`, and its replacements in the others.
 #[must_use]
-pub fn doubts(
+pub fn weight_and_alternatives(
     catalogue: &Catalogue,
     own: &[usize],
     effect: usize,
@@ -66,20 +66,26 @@ pub fn doubts(
 }
 
 /// A reported number of a term with its interval; the term's columns start at `at`.
-fn estimate(problem: &Problem, term: &Term, at: usize, r: &Reported, spread: &Spread) -> ParameterEstimate {
+fn parameter_estimate(
+    problem: &Problem,
+    term: &Term,
+    at: usize,
+    r: &Reported,
+    spread: &Spread,
+) -> ParameterEstimate {
     let effect = &problem.catalogue[term.effect];
     let n = term.p.len();
     let half = spread.half_width(at, &r.gradient[..n]);
     let value = if r.name == "time" { r.value % RUN_SPACING_S } else { r.value };
     // A parameter with a lower bound of zero has no interval below it.
     let positive = (0..n).any(|i| {
-        r.gradient[i] == 1.0 && r.value == term.p[i] && effect.bounds(i, &problem.coverage).0 == 0.0
+        r.gradient[i] == 1.0 && r.value == term.p[i] && effect.parameter_bounds(i, &problem.coverage).0 == 0.0
     });
     let low = if positive { (value - half).max(0.0) } else { value - half };
     ParameterEstimate {
         name: r.name.to_owned(),
         value,
-        unit: r.dimension.unit(problem.turns).to_owned(),
+        unit: r.dimension.unit_name(problem.turns).to_owned(),
         interval: (low, value + half),
     }
 }
@@ -87,27 +93,28 @@ fn estimate(problem: &Problem, term: &Term, at: usize, r: &Reported, spread: &Sp
 /// The effects of a model, each with the weight of its name: `rivals` are other sets of as many effects with
 /// their weights, `total` the sum of all weights with the own.
 #[must_use]
-pub fn findings(
+pub fn findings_of_model(
     problem: &Problem,
     model: &JointModel,
     spread: &Spread,
     rivals: &[(Vec<usize>, f64)],
     total: f64,
 ) -> Vec<Finding> {
-    let own = model.effects();
+    let own = model.effect_indices();
     let mut findings = Vec::new();
-    for (at, term) in model.placed() {
+    for (at, term) in model.placed_terms() {
         let effect = &problem.catalogue[term.effect];
 
-        let reported = effect.reported(&term.p).into_iter();
-        let (weight, alternatives) = doubts(problem.catalogue, &own, term.effect, rivals, total);
+        let reported = effect.reported_parameters(&term.p).into_iter();
+        let (weight, alternatives) =
+            weight_and_alternatives(problem.catalogue, &own, term.effect, rivals, total);
         findings.push(Finding {
             index: term.effect,
             effect: effect.name().to_owned(),
-            parameters: reported.map(|r| estimate(problem, term, at, &r, spread)).collect(),
+            parameters: reported.map(|r| parameter_estimate(problem, term, at, &r, spread)).collect(),
             weight,
             alternatives,
-            experiment: effect.spec().experiment.to_owned(),
+            experiment: effect.effect_spec().experiment.to_owned(),
             is_sure: true,
         });
     }

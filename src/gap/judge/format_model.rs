@@ -4,18 +4,18 @@
 use crate::{
     fit::{
         problem::Problem,
-        shooting::{Free, Pace, fit},
+        shooting::{Free, Pace, shooting_fit},
     },
     judge::{
         cross_validation::Unseen,
         proof::{Gap, windowed_rmse},
-        search::{Breadth, Candidate, Scope, Search, candidate, search},
+        search::{Breadth, Candidate, Scope, Search, scored_candidate, searched_sets},
         simplify::SIMPLER,
         verdict::Diagnosis,
     },
     model::{
         effect::{Effect, Place},
-        expressed::expressed,
+        expressed::expressed_model,
         format::{Expression, Format},
         joint_model::{Catalogue, JointModel, Term},
     },
@@ -106,9 +106,9 @@ pub fn format_models(
     updated: &JointModel,
     gap: &Gap,
 ) -> Vec<FormatModel> {
-    let problem = problem.predicting();
+    let problem = problem.for_prediction();
     let mut maker = Maker { problem, held_out, diagnosis, updated, gap, sought: Vec::new() };
-    Format::ALL.map(|format| maker.make(format)).to_vec()
+    Format::ALL.map(|format| maker.format_model_of(format)).to_vec()
 }
 
 /// The joint in each format with surely better predictions by some expressible effects, where nothing was
@@ -123,20 +123,20 @@ pub fn stand_ins(
     let twin = &diagnosis.model;
     let mut nearest = diagnosis.nearest.as_ref().map_or(twin, |n| &n.model).clone();
     nearest.terms.retain(|t| !problem.catalogue[t.effect].is_of_one_run());
-    let predicting = problem.predicting();
+    let predicting = problem.for_prediction();
     let mut maker =
         Maker { problem: predicting, held_out, diagnosis, updated: &nearest, gap, sought: Vec::new() };
     let mut weighed: Vec<(JointModel, bool)> = Vec::new();
     let mut stand_ins = Vec::new();
     for format in Format::ALL {
-        let model = maker.best(format, &expressed(format, &nearest, problem.catalogue));
+        let model = maker.best_model(format, &expressed_model(format, &nearest, problem.catalogue));
         if model.terms.is_empty() {
             continue;
         }
         // Most formats hold the same.
         let known = weighed.iter().find(|(m, _)| *m == model).map(|(_, serves)| *serves);
         let serves = known.unwrap_or_else(|| {
-            let serves = Unseen::of(problem, held_out, [&model, twin], diagnosis.noise).serve_better();
+            let serves = Unseen::of_models(problem, held_out, [&model, twin], diagnosis.noise).serve_better();
             weighed.push((model.clone(), serves));
             serves
         });
@@ -171,14 +171,14 @@ impl<'c> Maker<'_, 'c> {
         self.problem.catalogue
     }
 
-    fn make(&mut self, format: Format) -> FormatModel {
-        let translated = expressed(format, self.updated, self.catalogue());
+    fn format_model_of(&mut self, format: Format) -> FormatModel {
+        let translated = expressed_model(format, self.updated, self.catalogue());
         let twin = self.updated.without_effects();
         let mut may_help = true;
         let (model, rmse) = if translated.terms == self.updated.terms {
             (translated.clone(), self.gap.after)
         } else {
-            let best = self.best(format, &translated);
+            let best = self.best_model(format, &translated);
             let rmse = windowed_rmse(self.held_out, &best);
             may_help = !best.terms.is_empty();
             // Negated: a residual of NaN is not better.
@@ -193,13 +193,13 @@ impl<'c> Maker<'_, 'c> {
             .updated
             .terms
             .iter()
-            .map(|t| self.held(format, t, &model, is_translated, may_help))
+            .map(|t| self.held_effect(format, t, &model, is_translated, may_help))
             .collect();
         FormatModel { format, model, rmse, twin_rmse: self.gap.before, effects }
     }
 
     /// Fate of a found effect.
-    fn held(
+    fn held_effect(
         &self,
         format: Format,
         term: &Term,
@@ -236,7 +236,7 @@ impl<'c> Maker<'_, 'c> {
 
     /// Whether a format holds an effect of some strength.
     fn can_hold(&self, format: Format, effect: &dyn Effect) -> bool {
-        let shapes = effect.shapes(&self.problem.coverage);
+        let shapes = effect.start_shapes(&self.problem.coverage);
         shapes.first().is_some_and(|p| {
             let mut strong = p.clone();
             // A spring without stiffness and an armature of zero are none.
@@ -248,7 +248,7 @@ impl<'c> Maker<'_, 'c> {
     }
 
     /// The best predicting model among those of a format.
-    fn best(&mut self, format: Format, translated: &JointModel) -> JointModel {
+    fn best_model(&mut self, format: Format, translated: &JointModel) -> JointModel {
         let problem = &self.problem;
         let effects = self.holdable_effects(format);
         let known = self.sought.iter().position(|(e, _)| *e == effects);
@@ -256,27 +256,28 @@ impl<'c> Maker<'_, 'c> {
             let seeds = std::slice::from_ref(translated);
             // A stand-in needs no certainty of a name: it is there to predict.
             let scope = Scope { effects: &effects, seeds, least_gain: 0.0 };
-            let found = search(problem, &BREADTH, &scope);
+            let found = searched_sets(problem, &BREADTH, &scope);
             self.sought.push((effects, found));
             self.sought.len() - 1
         });
         // An armature below zero is none.
         let sets = self.sought[at].1.by_size.iter().flatten().filter(|c| {
             let model = without_pushes(problem.catalogue, &c.fit.model);
-            expressed(format, &model, problem.catalogue).terms == model.terms
+            expressed_model(format, &model, problem.catalogue).terms == model.terms
         });
         let Some(best) = sets.max_by(|a, b| a.score.total_cmp(&b.score)) else {
             return translated.without_effects();
         };
-        let found = finely(problem, best);
+        let found = finely_fitted(problem, best);
         // Found effects have intervals: with as good predictions they stay as they are.
         let starts = Some(found.fit.starts.as_slice());
-        let as_found = fit(problem, translated, starts, found.fit.noise, Free::Starts, Pace::thorough(2));
-        let as_found = candidate(problem, as_found);
+        let as_found =
+            shooting_fit(problem, translated, starts, found.fit.noise, Free::Starts, Pace::thorough(2));
+        let as_found = scored_candidate(problem, as_found);
         if !translated.terms.is_empty() && as_found.score > found.score - SIMPLER {
             return translated.clone();
         }
-        expressed(format, &without_pushes(problem.catalogue, &found.fit.model), problem.catalogue)
+        expressed_model(format, &without_pushes(problem.catalogue, &found.fit.model), problem.catalogue)
     }
 
     /// The sought effects with a place in a file; with the push, fitted beside them and not written, where
@@ -284,7 +285,7 @@ impl<'c> Maker<'_, 'c> {
     fn holdable_effects(&self, format: Format) -> Vec<usize> {
         let catalogue = self.catalogue();
         let has_push = self.diagnosis.model.terms.iter().any(|t| catalogue[t.effect].is_of_one_run());
-        let mut effects = self.problem.sought();
+        let mut effects = self.problem.sought_effects();
         effects.retain(|e| {
             let effect = catalogue[*e].as_ref();
             if effect.is_of_one_run() { has_push } else { self.can_hold(format, effect) }
@@ -308,8 +309,11 @@ fn may_stand_in(other: &dyn Effect, effect: &dyn Effect) -> bool {
 }
 
 /// The set fitted with the small steps of reported parameters.
-fn finely(problem: &Problem, coarse: &Candidate) -> Candidate {
+fn finely_fitted(problem: &Problem, coarse: &Candidate) -> Candidate {
     let fit_ = &coarse.fit;
-    let problem = &problem.refined();
-    candidate(problem, fit(problem, &fit_.model, Some(&fit_.starts), fit_.noise, Free::All, Pace::WARM))
+    let problem = &problem.with_small_steps();
+    scored_candidate(
+        problem,
+        shooting_fit(problem, &fit_.model, Some(&fit_.starts), fit_.noise, Free::All, Pace::WARM),
+    )
 }

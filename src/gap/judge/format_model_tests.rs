@@ -15,7 +15,7 @@ use crate::{
     fit::problem::Problem,
     model::{
         effects::catalogue,
-        expressed::expressed,
+        expressed::expressed_model,
         format::Format,
         joint_model::{Catalogue, Term},
         plant::Plant,
@@ -86,9 +86,9 @@ fn a_friction_that_a_format_lacks_is_replaced_by_what_predicts_better_than_the_t
         assert!(held.rmse < 0.9 * gap.before && held.rmse > gap.after, "{held:?} {gap:?}");
         assert_eq!(held.twin_rmse, gap.before);
         // What is written is what was proven, and the format holds it.
-        assert_eq!(expressed(format, &held.model, &case.effects).terms, held.model.terms);
+        assert_eq!(expressed_model(format, &held.model, &case.effects).terms, held.model.terms);
         assert!((windowed_rmse(&held_out, &held.model) - held.rmse).abs() < 1e-12);
-        let translated = expressed(format, &report.diagnosis.model, &case.effects);
+        let translated = expressed_model(format, &report.diagnosis.model, &case.effects);
         assert!(held.rmse < windowed_rmse(&held_out, &translated), "{held:?}");
     }
     // URDF has no tilt, and no gain of the effort; MJCF has both.

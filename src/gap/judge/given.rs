@@ -6,19 +6,19 @@ use crate::{
         name_weight::least_gain,
         regression::regressed_model,
         screen::Screen,
-        search::{Candidate, Search, baseline, begun, best_of_each_set, grow},
+        search::{Candidate, Search, best_of_each_set, fitted_from_seed, fitted_twin, grown_sets},
     },
 };
 
 /// A given set of effects.
 #[must_use]
-pub fn given(problem: &Problem, effects: &[usize]) -> (Search, Candidate) {
-    let base = baseline(problem);
+pub fn given_set(problem: &Problem, effects: &[usize]) -> (Search, Candidate) {
+    let base = fitted_twin(problem);
     let mut by_size = vec![vec![base.clone()]];
     let mut chosen = base.clone();
     for effect in effects {
-        let hits = Screen::new(problem, &chosen.fit).hits(*effect, 2);
-        let grown = best_of_each_set(grow(problem, &chosen, &[hits]));
+        let hits = Screen::new(problem, &chosen.fit).best_hits(*effect, 2);
+        let grown = best_of_each_set(grown_sets(problem, &chosen, &[hits]));
         // Alone, an effect may show nothing without the others to come.
         let Some(next) = grown.into_iter().next() else { continue };
         chosen = next;
@@ -26,7 +26,9 @@ pub fn given(problem: &Problem, effects: &[usize]) -> (Search, Candidate) {
     }
     // One by one, the first may take the place of later ones.
     let together = regressed_model(problem, &Screen::new(problem, &base.fit), &chosen.fit.model);
-    if let Some(other) = together.map(|m| begun(problem, &base, &m)).filter(|o| o.score > chosen.score) {
+    if let Some(other) =
+        together.map(|m| fitted_from_seed(problem, &base, &m)).filter(|o| o.score > chosen.score)
+    {
         chosen = other;
     }
     (Search { by_size, disturbance: None, least_gain: least_gain(problem.catalogue.len()) }, chosen)

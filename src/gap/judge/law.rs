@@ -7,7 +7,7 @@ use crate::{
     fit::problem::Problem,
     judge::{
         locate::{STILL, Variable},
-        observed::{Observed, observed},
+        observed::{Observed, observed_moments},
         spread::Spread,
         verdict::Diagnosis,
     },
@@ -47,7 +47,7 @@ pub enum Way {
 }
 
 impl Way {
-    fn sign(self) -> f64 {
+    fn sign_of_motion(self) -> f64 {
         if self == Self::Falling { -1.0 } else { 1.0 }
     }
 }
@@ -96,15 +96,15 @@ pub struct Point {
 /// Laws of the findings, or of the nearest effects; without either the twin's missing efforts over velocity
 /// and position, and over the variable with the strongest dependence.
 #[must_use]
-pub fn laws(fitted: &Problem, held_out: &Problem, diagnosis: &Diagnosis) -> Vec<Law> {
+pub fn laws_of_diagnosis(fitted: &Problem, held_out: &Problem, diagnosis: &Diagnosis) -> Vec<Law> {
     let model = diagnosis.nearest.as_ref().map_or(&diagnosis.model, |n| &n.model);
-    let seen = [observed(fitted, model), observed(held_out, model)];
+    let seen = [observed_moments(fitted, model), observed_moments(held_out, model)];
     let all: Vec<&Observed> = seen.iter().flatten().collect();
     if all.is_empty() {
         return Vec::new();
     }
     let mut by_variable: BTreeMap<(Variable, i64), Vec<(usize, &Term)>> = BTreeMap::new();
-    for (at, term) in model.placed() {
+    for (at, term) in model.placed_terms() {
         let effect = fitted.catalogue[term.effect].as_ref();
         if let Some(variable) = variable_of(effect, term, &all) {
             // Pushes of different runs share no axis.
@@ -120,8 +120,8 @@ pub fn laws(fitted: &Problem, held_out: &Problem, diagnosis: &Diagnosis) -> Vec<
     }
     let mut laws = Vec::with_capacity(by_variable.len());
     for ((variable, run), terms) in by_variable {
-        let sum = VariableTerms { problem: fitted, model, terms, variable, run, middle: middle(&all) };
-        laws.push(sum.law(&seen, diagnosis.spread.as_ref()));
+        let sum = VariableTerms { problem: fitted, model, terms, variable, run, middle: middle_state(&all) };
+        laws.push(sum.law_of_terms(&seen, diagnosis.spread.as_ref()));
     }
     laws
 }
@@ -142,8 +142,8 @@ fn variable_of(effect: &dyn Effect, term: &Term, seen: &[&Observed]) -> Option<V
         Place::Effort if effect.is_of_one_run() => Some(Variable::Time),
         Place::Effort if effect.is_of_velocity() => Some(Variable::Velocity),
         Place::Effort | Place::Contact => Some(Variable::Position),
-        Place::Friction if depends(effect, term, seen, |r| r.u) => Some(Variable::Effort),
-        Place::Friction if depends(effect, term, seen, |r| r.q) => Some(Variable::Position),
+        Place::Friction if depends_on(effect, term, seen, |r| r.u) => Some(Variable::Effort),
+        Place::Friction if depends_on(effect, term, seen, |r| r.q) => Some(Variable::Position),
         Place::Friction => Some(Variable::Velocity),
         Place::Inertia => Some(Variable::Acceleration),
         Place::Gain => Some(Variable::Effort),
@@ -152,10 +152,15 @@ fn variable_of(effect: &dyn Effect, term: &Term, seen: &[&Observed]) -> Option<V
 }
 
 /// Whether a derivative of an effect is not zero at any moment.
-fn depends(effect: &dyn Effect, term: &Term, seen: &[&Observed], derivative: fn(&Response) -> f64) -> bool {
+fn depends_on(
+    effect: &dyn Effect,
+    term: &Term,
+    seen: &[&Observed],
+    derivative: fn(&Response) -> f64,
+) -> bool {
     seen.iter().any(|o| {
         let mut r = Response::default();
-        effect.respond(&o.at(), &term.p, &mut r);
+        effect.write_response(&o.effect_state(), &term.p, &mut r);
         derivative(&r) != 0.0
     })
 }
@@ -165,7 +170,7 @@ fn run_of(push: &Term) -> i64 {
 }
 
 /// Where the other variables stand while one of them runs along an axis.
-fn middle(seen: &[&Observed]) -> (f64, [f64; 8]) {
+fn middle_state(seen: &[&Observed]) -> (f64, [f64; 8]) {
     let n = seen.len() as f64;
     let mean = |of: &dyn Fn(&Observed) -> f64| seen.iter().map(|o| of(o)).sum::<f64>() / n;
     (mean(&|o| o.q), std::array::from_fn(|i| mean(&|o| o.others[i])))
@@ -183,23 +188,23 @@ struct VariableTerms<'a> {
 }
 
 impl VariableTerms<'_> {
-    fn law(&self, seen: &[Vec<Observed>; 2], spread: Option<&Spread>) -> Law {
+    fn law_of_terms(&self, seen: &[Vec<Observed>; 2], spread: Option<&Spread>) -> Law {
         let names = self.terms.iter().map(|(_, t)| self.problem.catalogue[t.effect].name().to_owned());
         let mut law =
             Law { variable: self.variable, effects: names.collect(), curves: vec![], points: vec![] };
         let mut x: Vec<f64> =
-            seen.iter().flatten().filter(|o| self.shows(o)).map(|o| self.sorted_by(o)).collect();
+            seen.iter().flatten().filter(|o| self.is_shown(o)).map(|o| self.sorted_by(o)).collect();
         x.sort_by(f64::total_cmp);
         let cut = (OUTLYING * x.len() as f64) as usize;
         let (Some(&low), Some(&high)) = (x.get(cut), x.get(x.len().saturating_sub(1 + cut))) else {
             return law;
         };
-        let edges = self.edges(low, high);
-        for way in self.ways() {
+        let edges = self.bin_edges(low, high);
+        for way in self.shown_ways() {
             for (is_held_out, seen) in [(false, &seen[0]), (true, &seen[1])] {
                 // A push belongs to a fitted run.
                 if !(is_held_out && self.variable == Variable::Time && !self.terms.is_empty()) {
-                    law.points.extend(self.points(way, is_held_out, seen, &edges));
+                    law.points.extend(self.mean_points(way, is_held_out, seen, &edges));
                 }
             }
         }
@@ -209,14 +214,15 @@ impl VariableTerms<'_> {
         let low = low.max(ends.0 - bin);
         let high = high.min(ends.1 + bin);
         if !self.terms.is_empty() && high > low {
-            let curves = self.ways().into_iter().flat_map(|way| self.curves(way, low, high, spread));
+            let curves =
+                self.shown_ways().into_iter().flat_map(|way| self.law_curves(way, low, high, spread));
             law.curves = curves.collect();
         }
         law
     }
 
     /// Friction changes its sign with the way: over anything but the velocity it has two branches.
-    fn ways(&self) -> Vec<Way> {
+    fn shown_ways(&self) -> Vec<Way> {
         let mut effects = self.terms.iter().map(|(_, t)| &self.problem.catalogue[t.effect]);
         let rubs = effects.any(|effect| effect.place() == Place::Friction);
         let bare = self.terms.is_empty() && self.variable == Variable::Position;
@@ -228,11 +234,11 @@ impl VariableTerms<'_> {
     }
 
     /// Whether a sample shows the twin's missing effort: at rest friction takes up any effort.
-    fn shows(&self, o: &Observed) -> bool {
+    fn is_shown(&self, o: &Observed) -> bool {
         let slow = STILL * self.problem.coverage.speed.1;
         let rests = o.v.abs() <= slow
             && (self.variable == Variable::Velocity
-                || self.ways().len() > 1
+                || self.shown_ways().len() > 1
                 || self.model.has_friction(self.problem.catalogue));
         let push = self.terms.first().filter(|_| self.variable == Variable::Time);
         let is_beside = push.is_some_and(|(_, t)| {
@@ -241,7 +247,7 @@ impl VariableTerms<'_> {
         !rests && !is_beside
     }
 
-    fn x(&self, o: &Observed) -> f64 {
+    fn variable_value(&self, o: &Observed) -> f64 {
         match self.variable {
             Variable::Velocity | Variable::Direction => o.v,
             Variable::Effort => o.u,
@@ -254,33 +260,33 @@ impl VariableTerms<'_> {
     /// Variable for the sorting into bins: an acceleration errs as the effort over it does, and large ones
     /// would be those with large errors.
     fn sorted_by(&self, o: &Observed) -> f64 {
-        if self.variable == Variable::Acceleration { o.about } else { self.x(o) }
+        if self.variable == Variable::Acceleration { o.about } else { self.variable_value(o) }
     }
 
     /// Edges of the bins; none reaches over rest.
-    fn edges(&self, low: f64, high: f64) -> Vec<f64> {
+    fn bin_edges(&self, low: f64, high: f64) -> Vec<f64> {
         if self.variable == Variable::Velocity && low < 0.0 && high > 0.0 {
             let below = ((BINS as f64 * -low / (high - low)).round() as usize).clamp(2, BINS - 2);
-            let mut edges = even(low, 0.0, below);
-            edges.extend(&even(0.0, high, BINS - below)[1..]);
+            let mut edges = even_values(low, 0.0, below);
+            edges.extend(&even_values(0.0, high, BINS - below)[1..]);
             return edges;
         }
-        even(low, high, BINS)
+        even_values(low, high, BINS)
     }
 
-    fn curves(&self, way: Way, low: f64, high: f64, spread: Option<&Spread>) -> Vec<Curve> {
+    fn law_curves(&self, way: Way, low: f64, high: f64, spread: Option<&Spread>) -> Vec<Curve> {
         let pieces = if self.variable != Variable::Velocity {
-            vec![(way, even(low, high, GRID))]
+            vec![(way, even_values(low, high, GRID))]
         } else {
             let sides = [(Way::Falling, finer_near(0.0, low)), (Way::Rising, finer_near(0.0, high))];
-            sides.into_iter().filter(|(w, x)| w.sign() * x[GRID] > 0.0).collect()
+            sides.into_iter().filter(|(w, x)| w.sign_of_motion() * x[GRID] > 0.0).collect()
         };
         let mut curves = Vec::with_capacity(pieces.len());
         for (side, x) in pieces {
             let mut effort = Vec::new();
             let mut half = Vec::new();
             for &x in &x {
-                let (value, gradient) = self.value(x, side);
+                let (value, gradient) = self.value_and_gradient(x, side);
                 effort.push(value);
                 half.push(spread.map_or(0.0, |s| s.half_width(0, &gradient)));
             }
@@ -290,10 +296,10 @@ impl VariableTerms<'_> {
     }
 
     /// The law at a value of its variable, with its gradient by all free parameters.
-    fn value(&self, x: f64, way: Way) -> (f64, Vec<f64>) {
-        let mut gradient = vec![0.0; self.model.free()];
+    fn value_and_gradient(&self, x: f64, way: Way) -> (f64, Vec<f64>) {
+        let mut gradient = vec![0.0; self.model.free_count()];
         let (q, others) = &self.middle;
-        let mut at = At { q: *q, others, direction: way.sign(), ..At::default() };
+        let mut at = At { q: *q, others, direction: way.sign_of_motion(), ..At::default() };
         match self.variable {
             Variable::Velocity | Variable::Direction => at.v = x,
             Variable::Effort => at.u = x,
@@ -315,8 +321,8 @@ impl VariableTerms<'_> {
                     1.0
                 }
                 place => {
-                    effect.respond(&at, &term.p, &mut r);
-                    if place == Place::Friction { -way.sign() } else { 1.0 }
+                    effect.write_response(&at, &term.p, &mut r);
+                    if place == Place::Friction { -way.sign_of_motion() } else { 1.0 }
                 }
             };
             sum += factor * r.value;
@@ -327,25 +333,25 @@ impl VariableTerms<'_> {
         (sum, gradient)
     }
 
-    fn points(&self, way: Way, is_held_out: bool, seen: &[Observed], edges: &[f64]) -> Vec<Point> {
+    fn mean_points(&self, way: Way, is_held_out: bool, seen: &[Observed], edges: &[f64]) -> Vec<Point> {
         let mut bins: Vec<BinSums> = vec![BinSums::new(); edges.len() - 1];
-        for o in seen.iter().filter(|o| self.shows(o)) {
+        for o in seen.iter().filter(|o| self.is_shown(o)) {
             let own = if o.v < 0.0 { Way::Falling } else { Way::Rising };
-            let x = self.x(o);
+            let x = self.variable_value(o);
             let bin = edges.partition_point(|e| *e <= self.sorted_by(o));
             if (way != Way::Both && way != own) || bin == 0 || bin >= edges.len() {
                 continue;
             }
             // Efforts of other effects come off; without any this is the twin's missing effort.
-            let effort = o.lacking - o.found + self.value(x, own).0;
+            let effort = o.lacking - o.found + self.value_and_gradient(x, own).0;
             let sums = bins[bin - 1].entry(o.window).or_default();
             sums.iter_mut().zip([1.0, x, effort]).for_each(|(s, x)| *s += x);
         }
-        bins.iter().filter_map(|windows| self.point(way, is_held_out, windows)).collect()
+        bins.iter().filter_map(|windows| self.mean_point(way, is_held_out, windows)).collect()
     }
 
     /// The mean of a bin; `None` of too few samples or windows.
-    fn point(&self, way: Way, is_held_out: bool, windows: &BinSums) -> Option<Point> {
+    fn mean_point(&self, way: Way, is_held_out: bool, windows: &BinSums) -> Option<Point> {
         let total = windows.values().fold([0.0; 3], |t, w| [t[0] + w[0], t[1] + w[1], t[2] + w[2]]);
         let [count, x, effort] = total;
         // Beside a push there are few samples, of one window.
@@ -366,7 +372,7 @@ impl VariableTerms<'_> {
 type BinSums = BTreeMap<usize, [f64; 3]>;
 
 /// `n + 1` values from one end of a range to the other, evenly.
-fn even(from: f64, to: f64, n: usize) -> Vec<f64> {
+fn even_values(from: f64, to: f64, n: usize) -> Vec<f64> {
     (0..=n).map(|i| from + (to - from) * i as f64 / n as f64).collect()
 }
 

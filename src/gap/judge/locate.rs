@@ -75,7 +75,7 @@ impl Variable {
         }
     }
 
-    fn bins(self) -> usize {
+    fn bin_count(self) -> usize {
         match self {
             Self::Direction => 2,
             Self::Position | Self::Velocity => 20,
@@ -118,9 +118,9 @@ const FLIPS: usize = 999;
 
 /// Tests every variable; strongest first.
 #[must_use]
-pub fn locate(problem: &Problem, screen: &Screen, rng: &mut impl Rng) -> Vec<Dependence> {
+pub fn dependences_by_strength(problem: &Problem, screen: &Screen, rng: &mut impl Rng) -> Vec<Dependence> {
     let mut found: Vec<Dependence> =
-        Variable::ALL.iter().filter_map(|v| dependence(problem, screen, *v, rng)).collect();
+        Variable::ALL.iter().filter_map(|v| tested_dependence(problem, screen, *v, rng)).collect();
     // Benjamini-Hochberg: docs/method.md (14.17).
     let mut order: Vec<usize> = (0..found.len()).collect();
     order.sort_by(|&a, &b| found[a].p.total_cmp(&found[b].p));
@@ -136,8 +136,14 @@ pub fn locate(problem: &Problem, screen: &Screen, rng: &mut impl Rng) -> Vec<Dep
 }
 
 /// Value of a variable at a sample; `None` where it does not apply.
-fn value(screen: &Screen, problem: &Problem, variable: Variable, log: usize, k: usize) -> Option<f64> {
-    let m = &screen.middle()[log];
+fn variable_at_sample(
+    screen: &Screen,
+    problem: &Problem,
+    variable: Variable,
+    log: usize,
+    k: usize,
+) -> Option<f64> {
+    let m = &screen.middle_states()[log];
     let still = STILL * problem.coverage.speed.1;
     let q = m.position[k];
     let v = m.velocity[k];
@@ -154,11 +160,13 @@ fn value(screen: &Screen, problem: &Problem, variable: Variable, log: usize, k: 
 }
 
 /// Edges of the bins: equal widths for positions, equal counts for the others.
-fn edges(screen: &Screen, problem: &Problem, variable: Variable) -> Vec<f64> {
-    let n = variable.bins();
+fn bin_edges_of(screen: &Screen, problem: &Problem, variable: Variable) -> Vec<f64> {
+    let n = variable.bin_count();
     let logs = problem.logs.iter().enumerate();
     let mut values: Vec<f64> = logs
-        .flat_map(|(i, l)| (0..l.time_s.len()).filter_map(move |k| value(screen, problem, variable, i, k)))
+        .flat_map(|(i, l)| {
+            (0..l.time_s.len()).filter_map(move |k| variable_at_sample(screen, problem, variable, i, k))
+        })
         .collect();
     values.sort_by(f64::total_cmp);
     let (Some(&low), Some(&high)) = (values.first(), values.last()) else { return Vec::new() };
@@ -180,13 +188,13 @@ fn edges(screen: &Screen, problem: &Problem, variable: Variable) -> Vec<f64> {
     edges
 }
 
-fn dependence(
+fn tested_dependence(
     problem: &Problem,
     screen: &Screen,
     variable: Variable,
     rng: &mut impl Rng,
 ) -> Option<Dependence> {
-    let edges = edges(screen, problem, variable);
+    let edges = bin_edges_of(screen, problem, variable);
     let runs = if variable == Variable::Time { problem.logs.len() } else { 1 };
     let per_run = (edges.len().saturating_sub(1)).min(30 / runs.min(30)).max(1);
     // Time bins of every run stand beside each other; there are fewer of them where there are many runs.
@@ -199,10 +207,12 @@ fn dependence(
     };
     let count = edges.len().checked_sub(1).filter(|c| *c > 0)?;
     let columns = (count * runs).min(30);
-    let score = screen.score(columns, |_, span, filled| {
+    let score = screen.score_columns(columns, |_, span, filled| {
         let first = if runs > 1 { count * span.log } else { 0 };
         for i in 0..span.len - 1 {
-            let Some(x) = value(screen, problem, variable, span.log, span.start + i) else { continue };
+            let Some(x) = variable_at_sample(screen, problem, variable, span.log, span.start + i) else {
+                continue;
+            };
             // The bin with its begin at or below the value.
             let bin = edges.partition_point(|e| *e <= x);
             if bin > 0 && bin < edges.len() && first + bin - 1 < columns {

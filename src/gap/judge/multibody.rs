@@ -5,14 +5,14 @@ use crate::{
     fit::{
         multibody::{
             joints::Joints,
-            shooting::{MultibodyFit, MultibodyPace, fit, window_sizes},
+            shooting::{MultibodyFit, MultibodyPace, multibody_fit, window_sizes},
         },
         problem::Problem,
         shooting::Free,
     },
     judge::{
         assess::Examined,
-        search::price,
+        search::price_of_model,
         simplify::{SIMPLER, special_terms},
         spread::{Spread, with_common},
     },
@@ -31,14 +31,14 @@ pub fn fit_chains(tree: &TwinTree, examined: &mut [Member]) {
         if done.contains(&joint) {
             continue;
         }
-        let chain = connected(tree, joint);
+        let chain = connected_joints(tree, joint);
         done.extend(&chain);
         let mut members: Vec<&mut Member> =
             examined.iter_mut().filter(|(j, e)| chain.contains(j) && e.diagnosis.is_sufficient()).collect();
         if members.len() < 2 {
             continue;
         }
-        let Some(again) = together(tree, &members) else { continue };
+        let Some(again) = fitted_together(tree, &members) else { continue };
         for ((_, examined), (model, spread)) in members.iter_mut().zip(again) {
             let is_given = examined.is_given();
             examined.diagnosis.fit_again(&examined.problem, model, spread, is_given);
@@ -47,11 +47,11 @@ pub fn fit_chains(tree: &TwinTree, examined: &mut [Member]) {
 }
 
 /// A joint and all others to move it or be moved by it, at any distance.
-fn connected(tree: &TwinTree, joint: usize) -> Vec<usize> {
+fn connected_joints(tree: &TwinTree, joint: usize) -> Vec<usize> {
     let mut all = vec![joint];
     let mut next = 0;
     while next < all.len() {
-        let more = tree.chain(all[next]).into_iter().filter(|j| !all.contains(j)).collect::<Vec<_>>();
+        let more = tree.chain_joints(all[next]).into_iter().filter(|j| !all.contains(j)).collect::<Vec<_>>();
         all.extend(more);
         next += 1;
     }
@@ -60,13 +60,14 @@ fn connected(tree: &TwinTree, joint: usize) -> Vec<usize> {
 
 /// Models of joints fitted together, each with its uncertainty; `None` where the joints were not recorded
 /// together, nothing was found at any, or held-out runs are predicted no better.
-fn together(tree: &TwinTree, members: &[&mut Member]) -> Option<Vec<(JointModel, Spread)>> {
-    let models: Vec<JointModel> = members.iter().map(|m| m.1.diagnosis.effects().clone()).collect();
+fn fitted_together(tree: &TwinTree, members: &[&mut Member]) -> Option<Vec<(JointModel, Spread)>> {
+    let models: Vec<JointModel> =
+        members.iter().map(|m| m.1.diagnosis.effects_or_nearest().clone()).collect();
     let indices: Vec<usize> = members.iter().map(|m| m.0).collect();
     let runs: Vec<&Problem> = members.iter().map(|m| &m.1.problem).collect();
-    let fitted = simpler(&Joints::new(tree, indices.clone(), &runs)?, &models)?;
+    let fitted = simplest_fit(&Joints::new(tree, indices.clone(), &runs)?, &models)?;
     let held_out: Vec<&Problem> = members.iter().map(|m| &m.1.held_out).collect();
-    let held_out = Joints::new(tree, indices, &held_out).filter(|j| j.windows() > 0)?;
+    let held_out = Joints::new(tree, indices, &held_out).filter(|j| j.window_count() > 0)?;
     // In units of the fit's residual at each joint.
     let in_units = |w: &Vec<f64>| w.iter().zip(&fitted.size).map(|(x, unit)| (x / unit).powi(2)).sum::<f64>();
     let missed = |models: &[JointModel]| window_sizes(&held_out, models).iter().map(in_units).sum::<f64>();
@@ -76,10 +77,10 @@ fn together(tree: &TwinTree, members: &[&mut Member]) -> Option<Vec<(JointModel,
     let mut first = 0;
     let mut own = Vec::with_capacity(members.len());
     for (model, member) in fitted.models.iter().zip(members) {
-        let n = model.free();
+        let n = model.free_count();
         let mut covariance = fitted.covariance.view((first, first), (n, n)).into_owned();
         let witnesses = fitted.witnesses[first..first + n].to_vec();
-        if member.1.diagnosis.noise.remains() {
+        if member.1.diagnosis.noise.has_remainder() {
             covariance = with_common(&covariance, &witnesses);
         }
         first += n;
@@ -90,20 +91,26 @@ fn together(tree: &TwinTree, members: &[&mut Member]) -> Option<Vec<(JointModel,
 
 /// The members' effects fitted together, without those the chain does not need, and special cases in place of
 /// general ones.
-fn simpler(joints: &Joints, models: &[JointModel]) -> Option<MultibodyFit> {
-    if joints.windows() == 0 || models.iter().all(|m| m.terms.is_empty()) {
+fn simplest_fit(joints: &Joints, models: &[JointModel]) -> Option<MultibodyFit> {
+    if joints.window_count() == 0 || models.iter().all(|m| m.terms.is_empty()) {
         return None;
     }
-    let mut chosen = fit(joints, models, None, Free::All, MultibodyPace::THOROUGH);
+    let mut chosen = multibody_fit(joints, models, None, Free::All, MultibodyPace::THOROUGH);
     loop {
-        let own = score(joints, &chosen);
-        let trials = less(joints, &chosen).into_iter().map(|(models, lead)| {
-            let trial = fit(joints, &models, Some(&chosen.starts), Free::All, MultibodyPace::TRIAL);
-            (score(joints, &trial) - own + lead, trial)
+        let own = fit_score(joints, &chosen);
+        let trials = simpler_models(joints, &chosen).into_iter().map(|(models, lead)| {
+            let trial = multibody_fit(joints, &models, Some(&chosen.starts), Free::All, MultibodyPace::TRIAL);
+            (fit_score(joints, &trial) - own + lead, trial)
         });
         match trials.max_by(|a, b| a.0.total_cmp(&b.0)) {
             Some((ahead, trial)) if ahead > 0.0 => {
-                chosen = fit(joints, &trial.models, Some(&trial.starts), Free::All, MultibodyPace::THOROUGH);
+                chosen = multibody_fit(
+                    joints,
+                    &trial.models,
+                    Some(&trial.starts),
+                    Free::All,
+                    MultibodyPace::THOROUGH,
+                );
             }
             _ => return Some(chosen),
         }
@@ -111,8 +118,8 @@ fn simpler(joints: &Joints, models: &[JointModel]) -> Option<MultibodyFit> {
 }
 
 /// Twice the log likelihood less the prices of the models.
-fn score(joints: &Joints, fitted: &MultibodyFit) -> f64 {
-    let prices = joints.problems.iter().zip(&fitted.models).map(|(p, m)| price(p, m));
+fn fit_score(joints: &Joints, fitted: &MultibodyFit) -> f64 {
+    let prices = joints.problems.iter().zip(&fitted.models).map(|(p, m)| price_of_model(p, m));
     fitted.twice_likelihood - prices.sum::<f64>()
 }
 
@@ -121,12 +128,12 @@ fn score(joints: &Joints, fitted: &MultibodyFit) -> f64 {
 const SURE: f64 = 6.0;
 
 /// The models with one effect less, or a special case in its place; and by how much each may fall behind.
-fn less(joints: &Joints, fitted: &MultibodyFit) -> Vec<(Vec<JointModel>, f64)> {
+fn simpler_models(joints: &Joints, fitted: &MultibodyFit) -> Vec<(Vec<JointModel>, f64)> {
     let models = &fitted.models;
     let mut all = Vec::new();
     let mut first = 0;
     for (i, model) in models.iter().enumerate() {
-        for (t, (at, term)) in model.placed().enumerate() {
+        for (t, (at, term)) in model.placed_terms().enumerate() {
             if !has_sure_strength(&joints.problems[i], fitted, first + at, term) {
                 let mut without = models.clone();
                 without[i].terms.remove(t);
@@ -138,7 +145,7 @@ fn less(joints: &Joints, fitted: &MultibodyFit) -> Vec<(Vec<JointModel>, f64)> {
                 all.push((special, SIMPLER));
             }
         }
-        first += model.free();
+        first += model.free_count();
     }
     all
 }

@@ -41,7 +41,7 @@ pub struct Observed<'a> {
 impl Observed<'_> {
     /// The moment as an effect sees it.
     #[must_use]
-    pub fn at(&self) -> At<'_> {
+    pub fn effect_state(&self) -> At<'_> {
         At {
             q: self.q,
             v: self.v,
@@ -58,10 +58,10 @@ impl Observed<'_> {
 
 /// All moments within the windows of the runs, as a model's sensor sees them.
 #[must_use]
-pub fn observed<'a>(problem: &'a Problem, model: &JointModel) -> Vec<Observed<'a>> {
+pub fn observed_moments<'a>(problem: &'a Problem, model: &JointModel) -> Vec<Observed<'a>> {
     let plant = &problem.plant;
-    let sensor = model.sensor(problem.catalogue);
-    let drives = problem.drives(model);
+    let sensor = model.position_sensor(problem.catalogue);
+    let drives = problem.model_drives(model);
     let mut seen = Vec::new();
     for (window, span) in problem.windows.iter().enumerate() {
         let log = &problem.logs[span.log];
@@ -75,7 +75,11 @@ pub fn observed<'a>(problem: &'a Problem, model: &JointModel) -> Vec<Observed<'a
             let v = 0.5 * (trace.velocity[k] + trace.velocity[k + 1]) / sensor.scale;
             let recorded = (trace.velocity[k + 1] - trace.velocity[k]) / (dt * sensor.scale).max(1e-12);
             // Under a found delay, the efforts as they act.
-            let u = model.plant.actuator.act(drive.mean(k), q, v, (sensor.scale, sensor.bias)).effort;
+            let u = model
+                .plant
+                .actuator
+                .effort_under(drive.mean_after(k), q, v, (sensor.scale, sensor.bias))
+                .effort;
             // (14.3), solved for the effort.
             let inertia = plant.inertia_at(carried).0;
             let smooth = plant.net_effort(carried, q, v, u);
@@ -89,12 +93,12 @@ pub fn observed<'a>(problem: &'a Problem, model: &JointModel) -> Vec<Observed<'a
             let about = 0.0;
             let mut o = Observed { log, window, q, v, a, about, u, t, others, carried, lacking, found };
             let acts = found_beside_inertia(problem, model, &o, smooth);
-            let added = model.scalar(problem.catalogue, Place::Inertia).map_or(0.0, |(x, _)| x);
+            let added = model.scalar_of(problem.catalogue, Place::Inertia).map_or(0.0, |(x, _)| x);
             o.a = (smooth - rubs + acts) / (inertia + added);
             o.found = acts - added * o.a;
             seen.push(o);
         }
-        beside(&mut seen[first..]);
+        set_accelerations_beside(&mut seen[first..]);
     }
     seen
 }
@@ -103,7 +107,7 @@ pub fn observed<'a>(problem: &'a Problem, model: &JointModel) -> Vec<Observed<'a
 const BESIDE: [usize; 2] = [2, 3];
 
 /// Accelerations about the moments of a window.
-fn beside(window: &mut [Observed]) {
+fn set_accelerations_beside(window: &mut [Observed]) {
     let a: Vec<f64> = window.iter().map(|o| o.a).collect();
     for (k, o) in window.iter_mut().enumerate() {
         let others = BESIDE.into_iter().flat_map(|d| [k.checked_sub(d), Some(k + d)]);
@@ -114,9 +118,9 @@ fn beside(window: &mut [Observed]) {
 
 /// Effort of a model's effects at a moment, without an inertia; `smooth` is the effort without them.
 fn found_beside_inertia(problem: &Problem, model: &JointModel, o: &Observed, smooth: f64) -> f64 {
-    let gain = model.scalar(problem.catalogue, Place::Gain).map_or(1.0, |(x, _)| x);
+    let gain = model.scalar_of(problem.catalogue, Place::Gain).map_or(1.0, |(x, _)| x);
     let mut sum = (gain - 1.0) * o.u;
-    let mut at = At { u: gain * o.u, ..o.at() };
+    let mut at = At { u: gain * o.u, ..o.effect_state() };
     let of = |place: Place| model.terms.iter().filter(move |t| problem.catalogue[t.effect].place() == place);
     for term in of(Place::Effort) {
         sum += term.value_at(problem.catalogue, &at);

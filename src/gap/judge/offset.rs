@@ -33,7 +33,7 @@ pub fn with_offset(
         return (model, spread);
     };
     let beside = model.terms.iter().any(|t| t.effect == bias);
-    let Some((at, term)) = model.placed().find(|(_, t)| t.effect == asymmetric && !beside) else {
+    let Some((at, term)) = model.placed_terms().find(|(_, t)| t.effect == asymmetric && !beside) else {
         return (model, spread);
     };
     let mean = 0.5 * (term.p[0] + term.p[1]);
@@ -76,7 +76,7 @@ mod tests {
         let plant = pendulum(0.6);
         let logs = vec![simulated(
             &effects,
-            &JointModel::of(&plant),
+            &JointModel::of_plant(&plant),
             0,
             &mut <rand_pcg::Pcg64Mcg as rand_core::SeedableRng>::seed_from_u64(1),
         )];
@@ -99,7 +99,7 @@ mod tests {
         let slip = |model: &JointModel, direction: f64| {
             let term = |t: &Term| {
                 let mut r = Response::default();
-                effects[t.effect].respond(&At { direction, ..At::default() }, &t.p, &mut r);
+                effects[t.effect].write_response(&At { direction, ..At::default() }, &t.p, &mut r);
                 let resists = effects[t.effect].place() == crate::model::effect::Place::Friction;
                 if resists { -direction * r.value } else { r.value }
             };

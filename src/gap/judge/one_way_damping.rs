@@ -1,7 +1,7 @@
 //! Damping that acts in one direction only, as that of a door closer: `effort = -b v` where `v > 0`.
 
 use crate::model::{
-    effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude},
+    effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude_parameter},
     format::{Expression, Format, NearestEffect},
     plant::Plant,
 };
@@ -10,7 +10,7 @@ use crate::model::{
 #[derive(Debug)]
 pub struct OneWayDamping;
 
-const PARAMETERS: &[Parameter] = &[amplitude("damping", Dimension::Damping, false)];
+const PARAMETERS: &[Parameter] = &[amplitude_parameter("damping", Dimension::Damping, false)];
 
 const SPEC: Spec = Spec {
     name: "one_way_damping",
@@ -21,11 +21,11 @@ const SPEC: Spec = Spec {
 };
 
 impl Effect for OneWayDamping {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
-    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+    fn write_response(&self, at: &At, p: &[f64], out: &mut Response) {
         if at.v > 0.0 {
             out.value = -p[0] * at.v;
             out.v = -p[0];
@@ -39,6 +39,6 @@ impl Effect for OneWayDamping {
 
     fn in_format(&self, _format: Format, p: &[f64], _plant: &Plant) -> Expression {
         // Formats damp both ways alike: half of it errs least over a motion to and fro.
-        Expression::Approximated(vec![NearestEffect::effect("viscous_friction", vec![0.5 * p[0]])])
+        Expression::Approximated(vec![NearestEffect::other_effect("viscous_friction", vec![0.5 * p[0]])])
     }
 }

@@ -4,7 +4,7 @@ use crate::fit::acting::{MAX_COLUMNS, Row};
 
 /// Residual, two orthonormal start columns, and parameter columns orthogonal to them.
 #[must_use]
-pub fn orthogonal(rows: &[Row], free: usize) -> Vec<Row> {
+pub fn orthogonal_columns(rows: &[Row], free: usize) -> Vec<Row> {
     let mut out: Vec<Row> = rows
         .iter()
         .map(|r| {

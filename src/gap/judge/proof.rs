@@ -4,8 +4,8 @@ use crate::{
     fit::{
         noise::EffortNoise,
         problem::Problem,
-        rollout::{Rollout, Start, roll},
-        shooting::{Free, Pace, fit},
+        rollout::{Rollout, Start, roll_window},
+        shooting::{Free, Pace, shooting_fit},
     },
     model::joint_model::JointModel,
     record::log::{JointLog, Span, rms},
@@ -98,35 +98,36 @@ fn series_of(log: &JointLog, index: usize, both: [&[(Span, Vec<f64>)]; 2]) -> Re
 
 /// A model without the nuisance lag, and its start state of each window by plain least squares.
 #[must_use]
-pub fn started(problem: &Problem, model: &JointModel) -> (JointModel, Vec<Start>) {
+pub fn started_model(problem: &Problem, model: &JointModel) -> (JointModel, Vec<Start>) {
     // The lag belongs to the stamps of the fitted runs, the lag of a servo to the servo.
     let lag_s = if model.plant.actuator.is_late { model.lag_s } else { 0.0 };
     let model = JointModel { lag_s, ..model.clone() };
-    let least = EffortNoise::white(problem.min_sigma_u);
+    let least = EffortNoise::white_noise(problem.min_sigma_u);
     // With next to no effort noise, whitened residuals are the residuals up to a factor.
-    let starts = fit(problem, &model, None, least, Free::Starts, Pace::thorough(1)).starts;
+    let starts = shooting_fit(problem, &model, None, least, Free::Starts, Pace::thorough(1)).starts;
     (model, starts)
 }
 
 /// Root mean square residual of a model on held-out runs, window by window, rad or m.
 #[must_use]
 pub fn windowed_rmse(held_out: &Problem, model: &JointModel) -> f64 {
-    let (model, starts) = started(held_out, model);
-    rms(&residuals(held_out, &model, &starts).into_iter().flat_map(|(_, r)| r).collect::<Vec<_>>())
+    let (model, starts) = started_model(held_out, model);
+    rms(&window_residuals(held_out, &model, &starts).into_iter().flat_map(|(_, r)| r).collect::<Vec<_>>())
 }
 
 /// Compares two models on held-out runs. Start states are estimated for each model by plain least squares;
 /// those of the second are given back.
 #[must_use]
-pub fn prove(
+pub fn proven_gap(
     held_out: &Problem,
     before: &JointModel,
     after: &JointModel,
 ) -> (Gap, Vec<RunSeries>, Vec<Start>) {
     // Each model starts where it fits best; else one would pay for start states of the other.
-    let [(before, before_starts), (after, after_starts)] = [before, after].map(|m| started(held_out, m));
-    let one = residuals(held_out, &before, &before_starts);
-    let other = residuals(held_out, &after, &after_starts);
+    let [(before, before_starts), (after, after_starts)] =
+        [before, after].map(|m| started_model(held_out, m));
+    let one = window_residuals(held_out, &before, &before_starts);
+    let other = window_residuals(held_out, &after, &after_starts);
     let full_one = full_residuals(held_out, &before, &before_starts);
     let full_other = full_residuals(held_out, &after, &after_starts);
     let mut runs = Vec::new();
@@ -162,14 +163,14 @@ fn rms_of_log(all: &[(Span, Vec<f64>)], index: usize) -> f64 {
 
 /// Residuals of each window from its start state.
 #[must_use]
-pub fn residuals(problem: &Problem, model: &JointModel, starts: &[Start]) -> Vec<(Span, Vec<f64>)> {
-    let drives = problem.drives(model);
+pub fn window_residuals(problem: &Problem, model: &JointModel, starts: &[Start]) -> Vec<(Span, Vec<f64>)> {
+    let drives = problem.model_drives(model);
     let mut rollout = Rollout::default();
     let windows = problem.windows.iter().enumerate();
     windows
         .map(|(w, span)| {
             let log = &problem.logs[span.log];
-            roll(model, problem.catalogue, log, &drives[span.log], *span, starts[w], &mut rollout);
+            roll_window(model, problem.catalogue, log, &drives[span.log], *span, starts[w], &mut rollout);
             (
                 *span,
                 rollout.position.iter().enumerate().map(|(k, y)| log.position[span.start + k] - y).collect(),
@@ -180,14 +181,22 @@ pub fn residuals(problem: &Problem, model: &JointModel, starts: &[Start]) -> Vec
 
 /// Residuals of whole segments; each starts in the state of its first window.
 fn full_residuals(problem: &Problem, model: &JointModel, starts: &[Start]) -> Vec<(Span, Vec<f64>)> {
-    let drives = problem.drives(model);
+    let drives = problem.model_drives(model);
     let mut rollout = Rollout::default();
     let mut all = Vec::new();
     for (w, window) in problem.windows.iter().enumerate() {
         let log = &problem.logs[window.log];
-        let segments = log.segments(window.log);
+        let segments = log.gapless_segments(window.log);
         if let Some(segment) = segments.into_iter().find(|s| s.start == window.start) {
-            roll(model, problem.catalogue, log, &drives[segment.log], segment, starts[w], &mut rollout);
+            roll_window(
+                model,
+                problem.catalogue,
+                log,
+                &drives[segment.log],
+                segment,
+                starts[w],
+                &mut rollout,
+            );
             all.push((
                 segment,
                 rollout

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use crate::{
     fit::{
         problem::Problem,
-        shooting::{Fit, Free, Pace, fit},
+        shooting::{Fit, Free, Pace, shooting_fit},
     },
     judge::spread::{Spread, with_common},
     model::{
@@ -28,8 +28,8 @@ const NEAR: [f64; 4] = [0.7, 0.85, 1.2, 1.45];
 /// better. A delay is not known better than the stamps. Where something remains beyond noise, with its
 /// perhaps common part, and with the gain of the effort's sensor.
 #[must_use]
-pub fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
-    let problem = &problem.refined();
+pub fn refined_model(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
+    let problem = &problem.with_small_steps();
     let pace = Pace { rounds: 1, steps: 6, enough: ENOUGH, settles: false, searches: false, hears: false };
     let fine = fit_at(problem, coarse.model.settle_s, coarse, pace);
     let mut fits = vec![fine.clone()];
@@ -50,7 +50,7 @@ pub fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
     let total: f64 = weights.iter().sum();
     let mean =
         |of: &dyn Fn(&Fit) -> f64| fits.iter().zip(&weights).map(|(f, w)| w * of(f)).sum::<f64>() / total;
-    let own: Vec<Vec<f64>> = fits.iter().map(|f| f.model.parameters()).collect();
+    let own: Vec<Vec<f64>> = fits.iter().map(|f| f.model.free_parameters()).collect();
     let parameters: Vec<f64> = (0..own[0].len())
         .map(|i| own.iter().zip(&weights).map(|(p, w)| w * p[i]).sum::<f64>() / total)
         .collect();
@@ -58,13 +58,13 @@ pub fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
         .iter()
         .zip(&weights)
         .fold(DMatrix::zeros(own[0].len(), own[0].len()), |c, (f, w)| c + &f.covariance * (*w / total));
-    if fine.noise.remains() {
+    if fine.noise.has_remainder() {
         covariance = with_common(&covariance, &fine.witnesses);
         if let Some(moved) = by_gain(problem, &fine, pace) {
             covariance += &moved * moved.transpose();
         }
     }
-    for (i, before) in coarse.model.parameters().into_iter().enumerate() {
+    for (i, before) in coarse.model.free_parameters().into_iter().enumerate() {
         let spread: f64 =
             own.iter().zip(&weights).map(|(p, w)| w * (p[i] - parameters[i]).powi(2)).sum::<f64>() / total;
         // Left by small steps, a third of their shift, and the spread over settle times.
@@ -73,7 +73,7 @@ pub fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
     let model =
         JointModel { settle_s: mean(&|f| f.model.settle_s), ..fine.model.with_parameters(&parameters) };
     // Beside a delay the lag was held at zero, and is as uncertain as its prior.
-    if let Some((_, at)) = model.scalar(problem.catalogue, Place::Delay) {
+    if let Some((_, at)) = model.scalar_of(problem.catalogue, Place::Delay) {
         covariance[(at, at)] += problem.lag_sigma_s * problem.lag_sigma_s;
     }
     (model, Spread { covariance, witnesses: fine.witnesses })
@@ -82,7 +82,7 @@ pub fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
 /// A fit from another one, with a given settle time.
 fn fit_at(problem: &Problem, settle_s: f64, from: &Fit, pace: Pace) -> Fit {
     let model = JointModel { settle_s, ..from.model.clone() };
-    fit(problem, &model, Some(&from.starts), from.noise, Free::All, pace)
+    shooting_fit(problem, &model, Some(&from.starts), from.noise, Free::All, pace)
 }
 
 /// Change of the parameters with a measured effort larger by one deviation of its sensor's gain.
@@ -92,8 +92,8 @@ fn by_gain(problem: &Problem, fitted: &Fit, pace: Pace) -> Option<DVector<f64>> 
         return None;
     }
     model.plant.actuator.gain *= 1.0 + GAIN_DEVIATION;
-    let other = fit(problem, &model, Some(&fitted.starts), fitted.noise, Free::All, pace).model;
-    Some(DVector::from_vec(other.parameters()) - DVector::from_vec(fitted.model.parameters()))
+    let other = shooting_fit(problem, &model, Some(&fitted.starts), fitted.noise, Free::All, pace).model;
+    Some(DVector::from_vec(other.free_parameters()) - DVector::from_vec(fitted.model.free_parameters()))
 }
 
 /// Ratio of the squared shift between steps of the search and of the last fit to the remaining squared error:
@@ -122,8 +122,8 @@ mod tests {
         let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(4);
         let logs = vec![simulated(&effects, &truth, 0, &mut rng)];
         let problem = Problem::new(&effects, &plant, true, logs, Hold::Zero);
-        let noise = EffortNoise::white(1e-3);
-        let fitted = fit(&problem, &truth, None, noise, Free::All, Pace::thorough(1));
+        let noise = EffortNoise::white_noise(1e-3);
+        let fitted = shooting_fit(&problem, &truth, None, noise, Free::All, Pace::thorough(1));
         let moved = by_gain(&problem, &fitted, Pace::thorough(1)).unwrap();
         // Without damping, friction and load the whole inertia goes with the gain.
         let wanted = GAIN_DEVIATION * (0.05 + 0.02);

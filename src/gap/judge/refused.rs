@@ -1,7 +1,7 @@
 //! A joint with doubtful input: a report without a diagnosis.
 
 use super::{
-    assess::{Runs, tracks, unproven},
+    assess::{Runs, all_tracks, unproven_report},
     doubt::Doubt,
     report::JointReport,
     verdict::{Diagnosis, Verdict},
@@ -16,12 +16,12 @@ use crate::{
 
 /// The report of a joint without a diagnosis: any effect would be one of the input.
 #[must_use]
-pub fn refused(effects: &Catalogue, plant: &Plant, doubt: &Doubt, runs: Runs) -> JointReport {
+pub fn refused_report(effects: &Catalogue, plant: &Plant, doubt: &Doubt, runs: Runs) -> JointReport {
     let turns = runs.turns;
-    let tracks = tracks(&runs);
+    let tracks = all_tracks(&runs);
     let coverage = Problem::new(effects, plant, turns, runs.fitted, runs.hold).coverage;
-    let nothing = Diagnosis::without_findings(Verdict::Unknown, JointModel::of(plant));
-    let diagnosis = Diagnosis { left: 1.0, lacks: vec![doubt.looks()], ..nothing };
-    let report = unproven(doubt.joint.clone(), turns, diagnosis, tracks, coverage);
+    let nothing = Diagnosis::without_findings(Verdict::Unknown, JointModel::of_plant(plant));
+    let diagnosis = Diagnosis { left: 1.0, lacks: vec![doubt.looks_text()], ..nothing };
+    let report = unproven_report(doubt.joint.clone(), turns, diagnosis, tracks, coverage);
     JointReport { doubt: Some(doubt.clone()), ..report }
 }

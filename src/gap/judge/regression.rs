@@ -5,7 +5,7 @@ use crate::{
     fit::problem::Problem,
     judge::{
         columns::Columns,
-        screen::{Hit, Screen, amplitudes},
+        screen::{Hit, Screen, amplitude_count},
     },
     model::{
         effect::{At, Place},
@@ -20,21 +20,22 @@ const SHAPES: usize = 2;
 /// Amplitudes of effects at given shapes, all together, and their gain of twice the log likelihood to first
 /// order. `None` where the columns do not separate them.
 #[must_use]
-pub fn regressed(
+pub fn regressed_terms(
     problem: &Problem,
     screen: &Screen,
     states: &[Vec<At>],
     terms: &[Term],
 ) -> Option<(f64, Vec<Term>)> {
-    let counts: Vec<usize> = terms.iter().map(|t| amplitudes(problem.catalogue[t.effect].as_ref())).collect();
+    let counts: Vec<usize> =
+        terms.iter().map(|t| amplitude_count(problem.catalogue[t.effect].as_ref())).collect();
     let mut parts: Vec<_> = terms
         .iter()
         .zip(&counts)
         .map(|(t, count)| {
-            (screen.filler(problem.catalogue[t.effect].as_ref(), &t.p, states), Columns::new(*count))
+            (screen.column_filler(problem.catalogue[t.effect].as_ref(), &t.p, states), Columns::new(*count))
         })
         .collect();
-    let score = screen.score(counts.iter().sum(), |window, span, columns| {
+    let score = screen.score_columns(counts.iter().sum(), |window, span, columns| {
         let mut at = 0;
         for (fill, own) in &mut parts {
             own.clear(span.len);
@@ -52,7 +53,7 @@ pub fn regressed(
         let effect = &problem.catalogue[term.effect];
         for i in 0..*count {
             let neutral = effect.parameters()[i].neutral.unwrap_or(0.0);
-            let (low, high) = effect.bounds(i, &problem.coverage);
+            let (low, high) = effect.parameter_bounds(i, &problem.coverage);
             term.p[i] = (neutral + score.amplitude[at + i]).clamp(low, high);
         }
         at += count;
@@ -73,7 +74,7 @@ fn is_effort(problem: &Problem, effect: usize) -> bool {
 pub fn regressed_model(problem: &Problem, screen: &Screen, model: &JointModel) -> Option<JointModel> {
     let (efforts, others): (Vec<Term>, Vec<Term>) =
         model.terms.iter().cloned().partition(|t| is_effort(problem, t.effect));
-    let (_, mut terms) = regressed(problem, screen, &screen.all_states(), &efforts)?;
+    let (_, mut terms) = regressed_terms(problem, screen, &screen.all_states(), &efforts)?;
     terms.extend(others);
     Some(JointModel { terms, ..model.clone() })
 }
@@ -88,29 +89,32 @@ pub fn regressed_sets(
     largest: usize,
 ) -> Vec<JointModel> {
     let states = screen.all_states();
-    let price = problem.independent().ln();
-    let hits: Vec<Hit> =
-        effects.iter().filter(|e| is_effort(problem, **e)).flat_map(|e| screen.hits(*e, SHAPES)).collect();
+    let price = problem.independent_count().ln();
+    let hits: Vec<Hit> = effects
+        .iter()
+        .filter(|e| is_effort(problem, **e))
+        .flat_map(|e| screen.best_hits(*e, SHAPES))
+        .collect();
     let mut sets: Vec<JointModel> = Vec::new();
     let mut terms = Vec::<Term>::new();
     let mut reached = 0.0;
     while terms.len() < largest {
         let mut trials = Vec::new();
         for hit in &hits {
-            let spec = problem.catalogue[hit.effect].spec();
-            if terms.iter().any(|t| problem.catalogue[t.effect].spec().overlaps(spec)) {
+            let spec = problem.catalogue[hit.effect].effect_spec();
+            if terms.iter().any(|t| problem.catalogue[t.effect].effect_spec().overlaps_with(spec)) {
                 continue;
             }
             let mut more = terms.clone();
             more.push(Term { effect: hit.effect, p: hit.p.clone() });
-            let Some((gain, found)) = regressed(problem, screen, &states, &more) else { continue };
+            let Some((gain, found)) = regressed_terms(problem, screen, &states, &more) else { continue };
             let parameters: usize = found.iter().map(|t| t.p.len()).sum();
             trials.push((gain - price * parameters as f64, found));
         }
         let best = trials.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
         let Some((gain, found)) = best.filter(|(gain, _)| *gain > reached) else { break };
         (reached, terms) = (gain, found);
-        sets.push(JointModel { terms: terms.clone(), ..JointModel::of(&problem.plant) });
+        sets.push(JointModel { terms: terms.clone(), ..JointModel::of_plant(&problem.plant) });
     }
     sets
 }

@@ -54,7 +54,7 @@ fn a_name_that_stays_is_as_sure_as_another_search_says() {
     let inertia = of("inertia");
     let gain = of("torque_gain");
     let delay = of("delay");
-    let mut found = Diagnosis::without_findings(Verdict::Named, JointModel::of(&pendulum(0.6)));
+    let mut found = Diagnosis::without_findings(Verdict::Named, JointModel::of_plant(&pendulum(0.6)));
     let name = |index: usize| Finding {
         index,
         effect: effects[index].name().to_owned(),

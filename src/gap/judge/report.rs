@@ -194,7 +194,7 @@ struct WhereJson {
 
 /// The verdict over all joints: what was found anywhere counts before what was not.
 #[must_use]
-pub fn overall(joints: &[JointReport]) -> Verdict {
+pub fn overall_verdict(joints: &[JointReport]) -> Verdict {
     let order = [Verdict::Unknown, Verdict::Ambiguous, Verdict::Named, Verdict::Insufficient];
     order.into_iter().find(|v| joints.iter().any(|j| j.diagnosis.verdict == *v)).unwrap_or(Verdict::None)
 }
@@ -220,11 +220,11 @@ pub fn report(joints: &[JointReport], exports: Vec<ExportNote>) -> Report {
     let gap = main.and_then(|j| j.gap.as_ref());
     let runs = joints.iter().flat_map(|j| j.gap.iter().flat_map(|g| runs_of(j, g)).collect::<Vec<_>>());
     Report {
-        verdict: overall(joints).name().to_owned(),
-        findings: joints.iter().flat_map(|j| findings(j, j.diagnosis.named())).collect(),
-        unsure: joints.iter().flat_map(|j| findings(j, j.diagnosis.unsure())).collect(),
-        nearest: joints.iter().filter_map(nearest).collect(),
-        r#where: joints.iter().flat_map(places).collect(),
+        verdict: overall_verdict(joints).name().to_owned(),
+        findings: joints.iter().flat_map(|j| findings_json(j, j.diagnosis.sure_findings())).collect(),
+        unsure: joints.iter().flat_map(|j| findings_json(j, j.diagnosis.unsure_findings())).collect(),
+        nearest: joints.iter().filter_map(nearest_json).collect(),
+        r#where: joints.iter().flat_map(places_json).collect(),
         gap: GapJson {
             before: gap.map(|g| g.before),
             after: gap.map(|g| g.after),
@@ -232,25 +232,25 @@ pub fn report(joints: &[JointReport], exports: Vec<ExportNote>) -> Report {
             unit: main.map(unit),
             runs: runs.collect(),
         },
-        remainder: joints.iter().filter_map(remainder).collect(),
+        remainder: joints.iter().filter_map(remainder_json).collect(),
         off_axis: joints.iter().filter_map(off_axis).collect(),
-        actuators: joints.iter().filter_map(actuator).collect(),
-        doubts: joints.iter().filter_map(|j| j.doubt.as_ref().map(DoubtJson::of)).collect(),
+        actuators: joints.iter().filter_map(actuator_json).collect(),
+        doubts: joints.iter().filter_map(|j| j.doubt.as_ref().map(DoubtJson::of_doubt)).collect(),
         exports,
     }
 }
 
-fn parameter(p: &ParameterEstimate) -> ParameterJson {
+fn parameter_json(p: &ParameterEstimate) -> ParameterJson {
     let interval = [Some(p.interval.0), Some(p.interval.1)];
     ParameterJson { name: p.name.clone(), value: Some(p.value), unit: p.unit.clone(), interval }
 }
 
-fn actuator(joint: &JointReport) -> Option<ActuatorJson> {
+fn actuator_json(joint: &JointReport) -> Option<ActuatorJson> {
     let found = &joint.diagnosis.actuator;
     (!found.is_empty()).then(|| ActuatorJson {
         joint: joint.joint.clone(),
         kind: joint.diagnosis.model.plant.actuator.kind().to_owned(),
-        parameters: found.iter().map(parameter).collect(),
+        parameters: found.iter().map(parameter_json).collect(),
     })
 }
 
@@ -282,7 +282,7 @@ pub const REPORTED_NOISES: f64 = 3.0;
 impl JointReport {
     /// Remainder beside names, beyond noise: its share of the gap, and its multiple of the noise.
     #[must_use]
-    pub fn remainder(&self) -> Option<(f64, f64)> {
+    pub fn remainder_of_gap(&self) -> Option<(f64, f64)> {
         let gap = self.gap.as_ref().filter(|_| !self.diagnosis.findings.is_empty())?;
         let share = left_of(gap.before, gap.after, gap.noise_floor);
         let noises = gap.after / gap.noise_floor.max(1e-300);
@@ -290,8 +290,8 @@ impl JointReport {
     }
 }
 
-fn remainder(joint: &JointReport) -> Option<RemainderJson> {
-    let (share_of_gap, times_noise) = joint.remainder()?;
+fn remainder_json(joint: &JointReport) -> Option<RemainderJson> {
+    let (share_of_gap, times_noise) = joint.remainder_of_gap()?;
     Some(RemainderJson { joint: joint.joint.clone(), share_of_gap, times_noise })
 }
 
@@ -302,7 +302,7 @@ fn off_axis(joint: &JointReport) -> Option<OffAxisJson> {
     Some(OffAxisJson {
         joint: joint.joint.clone(),
         suspect: e.suspect.name().to_owned(),
-        text: e.words(),
+        text: e.in_words(),
         measured,
         noise,
         left,
@@ -310,10 +310,10 @@ fn off_axis(joint: &JointReport) -> Option<OffAxisJson> {
     })
 }
 
-fn nearest(joint: &JointReport) -> Option<NearestJson> {
+fn nearest_json(joint: &JointReport) -> Option<NearestJson> {
     let near = joint.diagnosis.nearest.as_ref()?;
     let gap = joint.nearest.as_ref()?;
-    let effects = findings(joint, near.findings.iter());
+    let effects = findings_json(joint, near.findings.iter());
     Some(NearestJson {
         joint: joint.joint.clone(),
         effects,
@@ -323,11 +323,11 @@ fn nearest(joint: &JointReport) -> Option<NearestJson> {
     })
 }
 
-fn findings<'f>(joint: &JointReport, found: impl Iterator<Item = &'f Finding>) -> Vec<FindingJson> {
-    found.map(|f| finding(joint, f)).collect()
+fn findings_json<'f>(joint: &JointReport, found: impl Iterator<Item = &'f Finding>) -> Vec<FindingJson> {
+    found.map(|f| finding_json_of(joint, f)).collect()
 }
 
-fn finding(joint: &JointReport, f: &Finding) -> FindingJson {
+fn finding_json_of(joint: &JointReport, f: &Finding) -> FindingJson {
     let experiment = &f.experiment;
     let alternatives = f.alternatives.iter().map(|(effect, weight)| AlternativeJson {
         effect: effect.clone(),
@@ -337,7 +337,7 @@ fn finding(joint: &JointReport, f: &Finding) -> FindingJson {
     FindingJson {
         joint: joint.joint.clone(),
         effect: f.effect.clone(),
-        parameters: f.parameters.iter().map(parameter).collect(),
+        parameters: f.parameters.iter().map(parameter_json).collect(),
         weight: Some(f.weight),
         alternatives: alternatives.collect(),
     }
@@ -347,7 +347,7 @@ fn finding(joint: &JointReport, f: &Finding) -> FindingJson {
 /// chosen: the accepted share of false alarms.
 const LEVEL: f64 = 0.05;
 
-fn places(joint: &JointReport) -> Vec<WhereJson> {
+fn places_json(joint: &JointReport) -> Vec<WhereJson> {
     let d = &joint.diagnosis;
     // Without an explanation the updated model fails there; with one the twin did.
     d.before
@@ -364,8 +364,8 @@ fn places(joint: &JointReport) -> Vec<WhereJson> {
 
 /// The report in at most 15 lines.
 #[must_use]
-pub fn summary(joints: &[JointReport]) -> String {
-    let mut lines = vec![format!("verdict: {}", overall(joints).name())];
+pub fn summary_of_joints(joints: &[JointReport]) -> String {
+    let mut lines = vec![format!("verdict: {}", overall_verdict(joints).name())];
     for j in joints {
         let unit = if j.turns { "rad" } else { "m" };
         let d = &j.diagnosis;
@@ -393,7 +393,7 @@ pub fn summary(joints: &[JointReport]) -> String {
                 gap.after
             ));
         }
-        for f in d.named() {
+        for f in d.sure_findings() {
             let parameters: Vec<String> = f.parameters.iter().map(words).collect();
             lines.push(format!(
                 "{}: {} (weight {:.2}): {}",
@@ -407,7 +407,7 @@ pub fn summary(joints: &[JointReport]) -> String {
                 lines.push(format!("  or {}; to decide: {}", names.join(", "), f.experiment));
             }
         }
-        for f in d.unsure() {
+        for f in d.unsure_findings() {
             let parameters: Vec<String> = f.parameters.iter().map(words).collect();
             lines.push(format!("  perhaps {}: {}", f.effect, parameters.join(", ")));
         }
@@ -416,7 +416,7 @@ pub fn summary(joints: &[JointReport]) -> String {
             lines.push(format!("  {}: {}", d.model.plant.actuator.kind(), found.join(", ")));
         }
         if let Some(e) = &j.off_axis {
-            lines.push(format!("  {}", e.words()));
+            lines.push(format!("  {}", e.in_words()));
         }
         if let Some(g) = &j.gap {
             lines.push(format!(
@@ -426,7 +426,7 @@ pub fn summary(joints: &[JointReport]) -> String {
                 g.noise_floor,
                 bar(g)
             ));
-            if let Some(r) = remainder(j) {
+            if let Some(r) = remainder_json(j) {
                 let share = 100.0 * r.share_of_gap;
                 let noises = r.times_noise;
                 lines.push(format!(

@@ -9,10 +9,10 @@ use crate::{
         problem::{Problem, Weighing},
         rollout::Rollout,
         shooting::{Fit, MAX_FIT_FREE},
-        whiten::{respond, whiten},
-        whitening::{Whitening, predict},
+        whiten::{effort_response, whiten_rows},
+        whitening::{Whitening, predict_window},
     },
-    judge::{columns::Columns, locate::STILL, orthogonal::orthogonal},
+    judge::{columns::Columns, locate::STILL, orthogonal::orthogonal_columns},
     model::{
         effect::{At, Effect, Extent, Place, Response, run_time_s},
         joint_model::{Catalogue, JointModel},
@@ -101,22 +101,22 @@ impl<'p, 'c> Screen<'p, 'c> {
     #[must_use]
     pub fn new(problem: &'p Problem<'c>, fit: &Fit) -> Self {
         let whitening = Whitening::new(problem, &fit.model, &fit.noise);
-        let drives = problem.drives(&fit.model);
-        let free = fit.model.free().min(MAX_FIT_FREE);
+        let drives = problem.model_drives(&fit.model);
+        let free = fit.model.free_count().min(MAX_FIT_FREE);
         let mut windows = Vec::with_capacity(problem.windows.len());
         let mut predicted = Vec::with_capacity(problem.windows.len());
         let mut normal = DMatrix::zeros(free, free);
         let mut gradient = DVector::zeros(free);
         let mut rollout = Rollout::default();
         for (w, span) in problem.windows.iter().enumerate() {
-            predict(problem, &fit.model, &drives, w, fit.starts[w], &mut rollout);
-            whiten::<MAX_COLUMNS>(
+            predict_window(problem, &fit.model, &drives, w, fit.starts[w], &mut rollout);
+            whiten_rows::<MAX_COLUMNS>(
                 &mut rollout.rows,
                 &whitening.locals[span.log][span.start..],
                 &whitening.gains[w],
             );
             predicted.push(rollout.position.clone());
-            let rows = orthogonal(&rollout.rows, free);
+            let rows = orthogonal_columns(&rollout.rows, free);
             for row in &rows {
                 for i in 0..free {
                     gradient[i] += row[3 + i] * row[0];
@@ -133,20 +133,20 @@ impl<'p, 'c> Screen<'p, 'c> {
             normal[(i, i)] = normal[(i, i)] * (1.0 + 1e-9) + 1e-12;
         }
         let inverse = normal.try_inverse().unwrap_or_else(|| DMatrix::zeros(free, free));
-        let middle = middles(problem, &fit.model);
-        let extents = extents(problem, &middle);
+        let middle = middles_of_logs(problem, &fit.model);
+        let extents = window_extents(problem, &middle);
         Self { problem, whitening, windows, parameters: free, inverse, gradient, middle, predicted, extents }
     }
 
     /// Middle states of every log.
     #[must_use]
-    pub fn middle(&self) -> &[Middle] {
+    pub fn middle_states(&self) -> &[Middle] {
         &self.middle
     }
 
     /// Scores `count` columns. `fill(window, span, columns)` writes the efforts of columns of amplitude one
     /// at each sample of a window, and marks the columns with others than zero.
-    pub fn score(&self, count: usize, fill: impl FnMut(usize, Span, &mut Columns)) -> Option<Score> {
+    pub fn score_columns(&self, count: usize, fill: impl FnMut(usize, Span, &mut Columns)) -> Option<Score> {
         match (3 + self.parameters).next_multiple_of(4) {
             4 => self.score_width::<4>(count, fill),
             8 => self.score_width::<8>(count, fill),
@@ -176,7 +176,7 @@ impl<'p, 'c> Screen<'p, 'c> {
             for c in (0..count).filter(|&c| columns.active[c]) {
                 seen[c].resize(span.len, 0.0);
                 let direct = columns.direct.get(c).map(Vec::as_slice);
-                respond(&columns.effort[c], direct, locals, &self.whitening.gains[w], &mut seen[c]);
+                effort_response(&columns.effort[c], direct, locals, &self.whitening.gains[w], &mut seen[c]);
                 let mut sums = [0.0; W];
                 for (x, row) in seen[c].iter().zip(&self.windows[w]) {
                     for i in 0..W {
@@ -203,10 +203,10 @@ impl<'p, 'c> Screen<'p, 'c> {
             }
             products.push(window);
         }
-        self.finish(normal, &with_parameters, products)
+        self.finished_score(normal, &with_parameters, products)
     }
 
-    fn finish(
+    fn finished_score(
         &self,
         mut normal: DMatrix<f64>,
         with_parameters: &DMatrix<f64>,
@@ -249,12 +249,14 @@ impl<'p, 'c> Screen<'p, 'c> {
 
     /// The best shapes of an effect, best first, `keep` at most.
     #[must_use]
-    pub fn hits(&self, index: usize, keep: usize) -> Vec<Hit> {
+    pub fn best_hits(&self, index: usize, keep: usize) -> Vec<Hit> {
         let effect = self.problem.catalogue[index].as_ref();
         let states = self.all_states();
-        let shapes = effect.shapes(&self.problem.coverage);
-        let mut hits: Vec<Hit> =
-            shapes.into_iter().filter_map(|shape| self.hit(index, effect, &shape, &states)).collect();
+        let shapes = effect.start_shapes(&self.problem.coverage);
+        let mut hits: Vec<Hit> = shapes
+            .into_iter()
+            .filter_map(|shape| self.hit_at_shape(index, effect, &shape, &states))
+            .collect();
         hits.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         hits.truncate(keep);
         hits
@@ -263,11 +265,11 @@ impl<'p, 'c> Screen<'p, 'c> {
     /// The middle states of every log as effects see them.
     #[must_use]
     pub fn all_states(&self) -> Vec<Vec<At<'_>>> {
-        (0..self.problem.logs.len()).map(|log| self.states(log)).collect()
+        (0..self.problem.logs.len()).map(|log| self.states_of_log(log)).collect()
     }
 
     /// The middle states of a log.
-    fn states(&self, index: usize) -> Vec<At<'_>> {
+    fn states_of_log(&self, index: usize) -> Vec<At<'_>> {
         let log = &self.problem.logs[index];
         let m = &self.middle[index];
         let mut states = Vec::with_capacity(m.position.len());
@@ -287,13 +289,19 @@ impl<'p, 'c> Screen<'p, 'c> {
         states
     }
 
-    fn hit(&self, index: usize, effect: &dyn Effect, shape: &[f64], states: &[Vec<At>]) -> Option<Hit> {
-        let score = self.score(amplitudes(effect), self.filler(effect, shape, states))?;
+    fn hit_at_shape(
+        &self,
+        index: usize,
+        effect: &dyn Effect,
+        shape: &[f64],
+        states: &[Vec<At>],
+    ) -> Option<Hit> {
+        let score = self.score_columns(amplitude_count(effect), self.column_filler(effect, shape, states))?;
         let mut p = shape.to_vec();
         // Delay and play are tested at their full size: it is the start already.
         if !matches!(effect.place(), Place::Delay | Place::Play) {
             for (i, a) in score.amplitude.iter().enumerate() {
-                let (low, high) = effect.bounds(i, &self.problem.coverage);
+                let (low, high) = effect.parameter_bounds(i, &self.problem.coverage);
                 p[i] = (shape[i] + a).clamp(low, high);
             }
         }
@@ -301,7 +309,7 @@ impl<'p, 'c> Screen<'p, 'c> {
     }
 
     /// A function to fill the columns of the amplitudes of an effect; `states` are those of every log.
-    pub fn filler<'s>(
+    pub fn column_filler<'s>(
         &'s self,
         effect: &'s dyn Effect,
         shape: &'s [f64],
@@ -312,7 +320,7 @@ impl<'p, 'c> Screen<'p, 'c> {
         match place {
             Place::Effort | Place::Contact | Place::Friction => Box::new(move |window, span, columns| {
                 let states = &states[span.log][span.start..span.start + span.len - 1];
-                if effect.reaches(shape, &self.extents[window]) {
+                if effect.reaches_extent(shape, &self.extents[window]) {
                     self.fill_responses(effect, shape, span, states, columns);
                 }
             }),
@@ -324,7 +332,7 @@ impl<'p, 'c> Screen<'p, 'c> {
                     columns.active[0] = true;
                     for i in 0..span.len - 1 {
                         let k = span.start + i;
-                        let later = d.mean(k) - problem.traces[span.log].signal[k];
+                        let later = d.mean_after(k) - problem.traces[span.log].signal[k];
                         columns.effort[0][i] = self.middle[span.log].by_signal[k] * later;
                     }
                 })
@@ -365,7 +373,7 @@ impl<'p, 'c> Screen<'p, 'c> {
         let grip = &self.middle[span.log].grip[span.start..];
         for (i, at) in states.iter().enumerate() {
             let mut r = Response::default();
-            effect.respond(at, shape, &mut r);
+            effect.write_response(at, shape, &mut r);
             // Near rest friction takes up the acting effort, not its bound: a larger bound changes little.
             let factor = if is_friction { -grip[i] } else { 1.0 };
             for ((effort, active), by) in columns.effort.iter_mut().zip(&mut columns.active).zip(&r.p) {
@@ -397,12 +405,12 @@ impl<'p, 'c> Screen<'p, 'c> {
 
 /// Number of an effect's amplitudes among its parameters; they come first.
 #[must_use]
-pub fn amplitudes(effect: &dyn Effect) -> usize {
+pub fn amplitude_count(effect: &dyn Effect) -> usize {
     effect.parameters().iter().filter(|p| p.neutral.is_some()).count()
 }
 
 /// Positions and times of a window.
-fn extents(problem: &Problem, middle: &[Middle]) -> Vec<Extent> {
+fn window_extents(problem: &Problem, middle: &[Middle]) -> Vec<Extent> {
     let mut extents = Vec::with_capacity(problem.windows.len());
     for span in &problem.windows {
         let log = &problem.logs[span.log];
@@ -417,11 +425,11 @@ fn extents(problem: &Problem, middle: &[Middle]) -> Vec<Extent> {
 }
 
 /// States between samples and the model's acceleration there.
-fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
+fn middles_of_logs(problem: &Problem, model: &JointModel) -> Vec<Middle> {
     let catalogue: &Catalogue = problem.catalogue;
-    let added = model.scalar(catalogue, Place::Inertia).map_or(0.0, |(x, _)| x);
-    let gain = model.scalar(catalogue, Place::Gain).map_or(1.0, |(x, _)| x);
-    let acting = Acting::of(model, catalogue);
+    let added = model.scalar_of(catalogue, Place::Inertia).map_or(0.0, |(x, _)| x);
+    let gain = model.scalar_of(catalogue, Place::Gain).map_or(1.0, |(x, _)| x);
+    let acting = Acting::of_model(model, catalogue);
     let mut middles = Vec::with_capacity(problem.traces.len());
     for (index, trace) in problem.traces.iter().enumerate() {
         let log = &problem.logs[index];
@@ -436,7 +444,7 @@ fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
             let q = 0.5 * (trace.position[k] + trace.position[next]);
             let v = 0.5 * (trace.velocity[k] + trace.velocity[next]);
             // A servo reads the recorded position.
-            let acted = model.plant.actuator.act(trace.signal[k], q, v, (1.0, 0.0));
+            let acted = model.plant.actuator.effort_under(trace.signal[k], q, v, (1.0, 0.0));
             let u = gain * acted.effort;
             let at = At {
                 q,
@@ -449,7 +457,7 @@ fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
                 load: 0.0,
                 carried: log.carried.get(k),
             };
-            let sum = acting.at(&at);
+            let sum = acting.efforts_at(&at);
             let free = u + sum.effort;
             let slow = STILL * problem.coverage.speed.1;
             // At rest friction takes up the acting effort, as far as its bound reaches.

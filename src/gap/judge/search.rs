@@ -7,10 +7,10 @@ use crate::{
     fit::{
         noise::EffortNoise,
         problem::{Problem, Weighing},
-        shooting::{Fit, Free, MAX_FIT_FREE, Pace, fit},
+        shooting::{Fit, Free, MAX_FIT_FREE, Pace, shooting_fit},
     },
     judge::{
-        exchange::exchanged,
+        exchange::exchanged_sets,
         regression::regressed_sets,
         screen::{Hit, Screen},
     },
@@ -34,7 +34,7 @@ impl Candidate {
     /// Indices of its effects, sorted.
     #[must_use]
     pub fn effects(&self) -> Vec<usize> {
-        self.fit.model.effects()
+        self.fit.model.effect_indices()
     }
 }
 
@@ -84,7 +84,7 @@ pub struct Search {
 impl Search {
     /// The smallest set without a larger one ahead by the gain wanted of one more effect.
     #[must_use]
-    pub fn accepted(&self) -> &Candidate {
+    pub fn accepted_set(&self) -> &Candidate {
         let nothing = self.by_size[0][0].score;
         let mut best = &self.by_size[0][0];
         for sets in self.by_size.iter().skip(1) {
@@ -109,19 +109,19 @@ impl Search {
 
 /// Price of a set of effects: each parameter, and each choice of shape. See docs/method.md (14.15).
 #[must_use]
-pub fn price(problem: &Problem, model: &JointModel) -> f64 {
+pub fn price_of_model(problem: &Problem, model: &JointModel) -> f64 {
     model.terms.iter().map(|t| term_price(problem, t)).sum()
 }
 
 fn term_price(problem: &Problem, term: &Term) -> f64 {
-    let shapes = problem.catalogue[term.effect].shapes(&problem.coverage).len().max(1) as f64;
-    term.p.len() as f64 * problem.independent().ln() + 2.0 * shapes.ln()
+    let shapes = problem.catalogue[term.effect].start_shapes(&problem.coverage).len().max(1) as f64;
+    term.p.len() as f64 * problem.independent_count().ln() + 2.0 * shapes.ln()
 }
 
 /// A fit with its score.
 #[must_use]
-pub fn candidate(problem: &Problem, fit: Fit) -> Candidate {
-    let score = 2.0 * fit.log_likelihood - price(problem, &fit.model);
+pub fn scored_candidate(problem: &Problem, fit: Fit) -> Candidate {
+    let score = 2.0 * fit.log_likelihood - price_of_model(problem, &fit.model);
     // A sole effect may be weak: there is no other with a shape to mend.
     let whole = fit.model.terms.len() < 2
         || (fit.model.terms.iter().all(|t| is_felt(problem, t)) && !mends_fall(problem, &fit.model));
@@ -137,7 +137,7 @@ const MIN_FELT: f64 = 0.02;
 /// open part of an explanation of this fall: they mend its shape, unknown to the laws in use.
 fn mends_fall(problem: &Problem, model: &JointModel) -> bool {
     let of = |t: &Term| &problem.catalogue[t.effect];
-    let fall = model.terms.iter().map(|t| of(t).fall(&t.p)).fold(0.0, f64::max);
+    let fall = model.terms.iter().map(|t| of(t).friction_fall(&t.p)).fold(0.0, f64::max);
     let mut by_velocity = model.terms.iter().filter(|t| of(t).is_of_velocity()).peekable();
     if fall <= 0.0 || by_velocity.peek().is_none() {
         return false;
@@ -191,20 +191,28 @@ const FIRST_NOISE: f64 = 0.02;
 
 /// The twin as it is, with its start states and noise fitted.
 #[must_use]
-pub fn baseline(problem: &Problem) -> Candidate {
-    let guess = EffortNoise::white(FIRST_NOISE * problem.coverage.effort_rms.max(problem.min_sigma_u * 10.0));
-    candidate(
+pub fn fitted_twin(problem: &Problem) -> Candidate {
+    let guess =
+        EffortNoise::white_noise(FIRST_NOISE * problem.coverage.effort_rms.max(problem.min_sigma_u * 10.0));
+    scored_candidate(
         problem,
-        fit(problem, &JointModel::of(&problem.plant), None, guess, Free::All, Pace::thorough(3)),
+        shooting_fit(
+            problem,
+            &JointModel::of_plant(&problem.plant),
+            None,
+            guess,
+            Free::All,
+            Pace::thorough(3),
+        ),
     )
 }
 
 /// Searches sets of effects up to `breadth.largest`; stops growing where one more effect brings too little.
 #[must_use]
-pub fn search(problem: &Problem, breadth: &Breadth, scope: &Scope) -> Search {
+pub fn searched_sets(problem: &Problem, breadth: &Breadth, scope: &Scope) -> Search {
     let disturbance = scope.effects.iter().copied().find(|e| problem.catalogue[*e].is_of_one_run());
     let least_gain = scope.least_gain;
-    let base = baseline(problem);
+    let base = fitted_twin(problem);
     let nothing = base.score;
     let mut by_size = vec![vec![base]];
     let mut seeds = Vec::new();
@@ -225,17 +233,19 @@ pub fn search(problem: &Problem, breadth: &Breadth, scope: &Scope) -> Search {
         // One more effect must bring a share of the others' gain: an inexact shape is no further effect.
         let wanted = least_gain.max(MIN_SHARE * (best_before - nothing));
         let mut found: Vec<Candidate> = Vec::new();
-        for (rank, parent) in distinct(problem, &by_size[size - 1], grown).into_iter().enumerate() {
-            let hits = ranked(problem, parent, scope.effects, tried, if size == 1 { 2 } else { 1 });
+        for (rank, parent) in distinct_parents(problem, &by_size[size - 1], grown).into_iter().enumerate() {
+            let hits = ranked_hits(problem, parent, scope.effects, tried, if size == 1 { 2 } else { 1 });
             let hope = hits.first().map_or(f64::NEG_INFINITY, |h| h[0].gain);
             // Not even the first order promises enough beside the best set.
             if rank == 0 && hope < least_gain {
                 break;
             }
-            found.extend(grow(problem, parent, &hits));
+            found.extend(grown_sets(problem, parent, &hits));
         }
         let of_size: Vec<&JointModel> = seeds.iter().filter(|s| s.terms.len() == size).collect();
-        found.extend(of_size.par_iter().map(|s| begun(problem, &by_size[0][0], s)).collect::<Vec<_>>());
+        found.extend(
+            of_size.par_iter().map(|s| fitted_from_seed(problem, &by_size[0][0], s)).collect::<Vec<_>>(),
+        );
         if found.is_empty() && size >= largest_seed {
             break;
         }
@@ -269,7 +279,7 @@ fn best_score(by_size: &[Vec<Candidate>]) -> f64 {
 
 /// A set fitted from given parameters to the end.
 #[must_use]
-pub fn begun(problem: &Problem, base: &Candidate, seed: &JointModel) -> Candidate {
+pub fn fitted_from_seed(problem: &Problem, base: &Candidate, seed: &JointModel) -> Candidate {
     fitted_to_end(problem, seed, &base.fit, Pace { searches: true, ..Pace::NEXT })
 }
 
@@ -283,15 +293,15 @@ fn with_exchanges(
 ) -> Vec<Candidate> {
     let Some(best) = sets.first() else { return sets };
     let others: Vec<&JointModel> = singles.iter().take(FINALISTS).map(|c| &c.fit.model).collect();
-    let seeds = exchanged(problem.catalogue, &best.fit.model, &others, |effects| {
+    let seeds = exchanged_sets(problem.catalogue, &best.fit.model, &others, |effects| {
         sets.iter().any(|s| s.effects() == effects)
     });
-    let fitted: Vec<Candidate> = seeds.par_iter().map(|s| begun(problem, base, s)).collect();
+    let fitted: Vec<Candidate> = seeds.par_iter().map(|s| fitted_from_seed(problem, base, s)).collect();
     best_of_each_set(sets.into_iter().chain(fitted).collect())
 }
 
 /// The best candidates; of two with an effect and its special case the better one.
-fn distinct<'c>(problem: &Problem, candidates: &'c [Candidate], count: usize) -> Vec<&'c Candidate> {
+fn distinct_parents<'c>(problem: &Problem, candidates: &'c [Candidate], count: usize) -> Vec<&'c Candidate> {
     let mut chosen: Vec<&Candidate> = Vec::new();
     for c in candidates {
         if chosen.len() < count && !chosen.iter().any(|o| is_related(problem, o, c)) {
@@ -303,15 +313,15 @@ fn distinct<'c>(problem: &Problem, candidates: &'c [Candidate], count: usize) ->
 
 /// Whether two sets differ by one effect and its special case.
 fn is_related(problem: &Problem, a: &Candidate, b: &Candidate) -> bool {
-    let [a, b] = [a, b].map(|c| specs(problem, c));
+    let [a, b] = [a, b].map(|c| specs_of_set(problem, c));
     match (without_names_of(&a, &b).as_slice(), without_names_of(&b, &a).as_slice()) {
-        ([x], [y]) => x.overlaps(y),
+        ([x], [y]) => x.overlaps_with(y),
         _ => false,
     }
 }
 
-fn specs(problem: &Problem, set: &Candidate) -> Vec<&'static Spec> {
-    set.effects().into_iter().map(|e| problem.catalogue[e].spec()).collect()
+fn specs_of_set(problem: &Problem, set: &Candidate) -> Vec<&'static Spec> {
+    set.effects().into_iter().map(|e| problem.catalogue[e].effect_spec()).collect()
 }
 
 /// The effects with a name of none of the others.
@@ -325,7 +335,7 @@ fn without_one(problem: &Problem, candidate_: &Candidate, known: &[Candidate]) -
     for i in 0..candidate_.fit.model.terms.len() {
         let mut model = candidate_.fit.model.clone();
         model.terms.remove(i);
-        if !known.iter().any(|k| k.effects() == model.effects()) {
+        if !known.iter().any(|k| k.effects() == model.effect_indices()) {
             models.push(model);
         }
     }
@@ -334,9 +344,12 @@ fn without_one(problem: &Problem, candidate_: &Candidate, known: &[Candidate]) -
 
 /// A model fitted from the start states and the noise of another fit, first at a pace, then to the end.
 fn fitted_to_end(problem: &Problem, model: &JointModel, from: &Fit, pace: Pace) -> Candidate {
-    let begun = fit(problem, model, Some(&from.starts), from.noise, Free::All, pace);
+    let begun = shooting_fit(problem, model, Some(&from.starts), from.noise, Free::All, pace);
     let starts = Some(begun.starts.as_slice());
-    candidate(problem, fit(problem, &begun.model, starts, begun.noise, Free::All, Pace::thorough(3)))
+    scored_candidate(
+        problem,
+        shooting_fit(problem, &begun.model, starts, begun.noise, Free::All, Pace::thorough(3)),
+    )
 }
 
 /// Least gain by one more effect, as a share of the gain so far.
@@ -353,7 +366,7 @@ const MIN_GAIN_OF_PLAY_FIT: f64 = 2.0;
 
 /// Fits a parent with each of the hits; the leading ones after a first round are fitted to the end.
 #[must_use]
-pub fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>]) -> Vec<Candidate> {
+pub fn grown_sets(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>]) -> Vec<Candidate> {
     let jobs: Vec<JointModel> = hits.iter().flatten().flat_map(|h| starts_of(problem, parent, h)).collect();
     let begun = leading_starts(jobs.par_iter().map(|m| first_fit(problem, parent, m)).collect());
     let mut fits: Vec<Candidate> =
@@ -366,21 +379,24 @@ pub fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>]) -> Vec<Can
 
 /// A short fit from the measured starts of the parent, seen through the sensor of the new model.
 fn first_fit(problem: &Problem, parent: &Candidate, model: &JointModel) -> Candidate {
-    let seen = parent.fit.model.sensor(problem.catalogue);
-    let sees = model.sensor(problem.catalogue);
+    let seen = parent.fit.model.position_sensor(problem.catalogue);
+    let sees = model.position_sensor(problem.catalogue);
     let mut starts = parent.fit.starts.clone();
     for s in &mut starts {
         let measured = seen.scale * (s.position + s.play * seen.half_gap) + seen.bias;
         s.position = (measured - sees.bias) / sees.scale - s.play * sees.half_gap;
         s.velocity = s.velocity * seen.scale / sees.scale;
     }
-    candidate(problem, fit(problem, model, Some(&starts), parent.fit.noise, Free::All, Pace::FIRST))
+    scored_candidate(
+        problem,
+        shooting_fit(problem, model, Some(&starts), parent.fit.noise, Free::All, Pace::FIRST),
+    )
 }
 
 /// A candidate fitted on from its end, where this raises its score.
 fn fitted_on(problem: &Problem, c: &Candidate, pace: Pace) -> Candidate {
-    let again = fit(problem, &c.fit.model, Some(&c.fit.starts), c.fit.noise, Free::All, pace);
-    let again = candidate(problem, again);
+    let again = shooting_fit(problem, &c.fit.model, Some(&c.fit.starts), c.fit.noise, Free::All, pace);
+    let again = scored_candidate(problem, again);
     if again.score > c.score { again } else { c.clone() }
 }
 
@@ -388,14 +404,14 @@ fn fitted_on(problem: &Problem, c: &Candidate, pace: Pace) -> Candidate {
 /// found window by window, and under the smaller noise of a better fit more windows find their side of the
 /// gap.
 fn finalist_fit(problem: &Problem, parent: &Candidate, c: &Candidate) -> Candidate {
-    let has_play = c.fit.model.sensor(problem.catalogue).half_gap > 0.0;
+    let has_play = c.fit.model.position_sensor(problem.catalogue).half_gap > 0.0;
     let is_alone = has_play && parent.fit.model.terms.is_empty();
     if !(c.score >= parent.score) && !is_alone {
         return c.clone();
     }
     let mut now = fitted_on(problem, c, Pace::thorough(2));
     for _ in 1..PLAY_FITS {
-        let has_play = now.fit.model.sensor(problem.catalogue).half_gap > 0.0;
+        let has_play = now.fit.model.position_sensor(problem.catalogue).half_gap > 0.0;
         if !has_play || !(now.score >= parent.score) {
             return now;
         }
@@ -425,7 +441,7 @@ fn leading_starts(mut fits: Vec<Candidate>) -> Vec<Candidate> {
 }
 
 /// Best shapes, so many of each, of the effects with the best scores beside a candidate.
-fn ranked(
+fn ranked_hits(
     problem: &Problem,
     parent: &Candidate,
     effects: &[usize],
@@ -433,20 +449,20 @@ fn ranked(
     shapes: usize,
 ) -> Vec<Vec<Hit>> {
     // A fit has a fixed number of columns, and an effect may need three more.
-    if parent.fit.model.free() + 3 > MAX_FIT_FREE {
+    if parent.fit.model.free_count() + 3 > MAX_FIT_FREE {
         return Vec::new();
     }
     let screen = Screen::new(problem, &parent.fit);
     let taken = parent.effects();
     let mut free = effects.to_vec();
     free.retain(|e| {
-        let spec = problem.catalogue[*e].spec();
-        !taken.iter().any(|t| problem.catalogue[*t].spec().overlaps(spec))
+        let spec = problem.catalogue[*e].effect_spec();
+        !taken.iter().any(|t| problem.catalogue[*t].effect_spec().overlaps_with(spec))
     });
     let mut hits: Vec<Vec<Hit>> =
-        free.par_iter().map(|e| screen.hits(*e, shapes)).filter(|h| !h.is_empty()).collect();
+        free.par_iter().map(|e| screen.best_hits(*e, shapes)).filter(|h| !h.is_empty()).collect();
     // Less the price of the parameters (14.15): more of them gain more by chance.
-    let price = problem.independent().ln();
+    let price = problem.independent_count().ln();
     let value = |h: &[Hit]| h[0].gain - price * h[0].p.len() as f64;
     hits.sort_by(|a, b| value(b).total_cmp(&value(a)));
     hits.truncate(count);
@@ -457,8 +473,8 @@ fn ranked(
 fn starts_of(problem: &Problem, parent: &Candidate, hit: &Hit) -> Vec<JointModel> {
     let effect = &problem.catalogue[hit.effect];
     let mut models = Vec::new();
-    for p in effect.restarts(&hit.p, &problem.coverage) {
-        let mut model = parent.fit.model.with(hit.effect, &p);
+    for p in effect.restart_points(&hit.p, &problem.coverage) {
+        let mut model = parent.fit.model.with_effect(hit.effect, &p);
         // A delay takes the place of the lag.
         if effect.place() == Place::Delay {
             model.lag_s = 0.0;

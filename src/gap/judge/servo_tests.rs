@@ -5,7 +5,7 @@ use rand_core::SeedableRng;
 use super::simulated::{pendulum, split, with};
 use crate::{
     fit::{
-        actuation::{ActuationError, actuated},
+        actuation::{ActuationError, actuated_plant},
         rollout::{Start, roll_starts},
     },
     judge::assess::assess,
@@ -64,7 +64,8 @@ fn a_friction_behind_a_servo_is_named_and_the_servo_found() {
         let truth = with(&effects, &servo(6.0, 0.25, limit), &[("coulomb_friction", &[0.12])]);
         let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(3);
         let mut runs = split((0..3).map(|run| followed(&truth, run, &mut rng)).collect());
-        let plant = actuated("hinge", &pendulum(0.5), &mut runs.fitted, &mut runs.held_out, &told).unwrap();
+        let plant =
+            actuated_plant("hinge", &pendulum(0.5), &mut runs.fitted, &mut runs.held_out, &told).unwrap();
         let report = assess(&effects, &plant, "hinge", runs, &mut rng);
         let found: Vec<&str> = report.diagnosis.findings.iter().map(|f| f.effect.as_str()).collect();
         assert_eq!(found, ["coulomb_friction"], "limit {limit}");
@@ -87,6 +88,6 @@ fn commands_of_another_joint_are_refused() {
     for log in &mut logs {
         log.commanded.iter_mut().for_each(|c| *c *= -5.0);
     }
-    let refused = actuated("hinge", &pendulum(0.5), &mut logs, &mut [], &Told::default()).unwrap_err();
+    let refused = actuated_plant("hinge", &pendulum(0.5), &mut logs, &mut [], &Told::default()).unwrap_err();
     assert_eq!(refused, ActuationError::Idle("hinge".into()));
 }

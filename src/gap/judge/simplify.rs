@@ -4,9 +4,9 @@
 use crate::{
     fit::{
         problem::Problem,
-        shooting::{Fit, Free, Pace, fit},
+        shooting::{Fit, Free, Pace, shooting_fit},
     },
-    judge::search::{Candidate, candidate},
+    judge::search::{Candidate, scored_candidate},
     model::joint_model::{JointModel, Term},
 };
 use numeric::statistics::HALF_WIDTH_95;
@@ -18,7 +18,7 @@ pub const SIMPLER: f64 = 10.0;
 
 /// The set with special cases where they do about as well, without unsure effects.
 #[must_use]
-pub fn simplified(problem: &Problem, found: &Candidate) -> Candidate {
+pub fn simplified_set(problem: &Problem, found: &Candidate) -> Candidate {
     let mut chosen = found.clone();
     while let Some(simpler) = special_cases(problem, &chosen) {
         chosen = simpler;
@@ -29,7 +29,7 @@ pub fn simplified(problem: &Problem, found: &Candidate) -> Candidate {
     {
         let mut model = chosen.fit.model.clone();
         model.terms.remove(doubtful);
-        let without = refitted(problem, &chosen, &model);
+        let without = refitted_set(problem, &chosen, &model);
         if without.score < chosen.score - SIMPLER {
             // One short contact does not distinguish its strengths: each is unsure, and yet something pushes.
             kept = doubtful + 1;
@@ -42,10 +42,10 @@ pub fn simplified(problem: &Problem, found: &Candidate) -> Candidate {
 
 /// A model fitted to the end from the start states and the noise of a candidate.
 #[must_use]
-pub fn refitted(problem: &Problem, from: &Candidate, model: &JointModel) -> Candidate {
-    candidate(
+pub fn refitted_set(problem: &Problem, from: &Candidate, model: &JointModel) -> Candidate {
+    scored_candidate(
         problem,
-        fit(problem, model, Some(&from.fit.starts), from.fit.noise, Free::All, Pace::thorough(2)),
+        shooting_fit(problem, model, Some(&from.fit.starts), from.fit.noise, Free::All, Pace::thorough(2)),
     )
 }
 
@@ -53,13 +53,13 @@ pub fn refitted(problem: &Problem, from: &Candidate, model: &JointModel) -> Cand
 #[must_use]
 pub fn special_terms(problem: &Problem, term: &Term) -> Vec<Term> {
     let general = &problem.catalogue[term.effect];
-    general.spec().contains.iter().filter_map(|name| special_term(problem, term, name)).collect()
+    general.effect_spec().contains.iter().filter_map(|name| special_term(problem, term, name)).collect()
 }
 
 /// The special case of a name; `None` where the catalogue or the motion has none.
 fn special_term(problem: &Problem, term: &Term, name: &str) -> Option<Term> {
     let effect = problem.catalogue.iter().position(|e| e.name() == name)?;
-    let mut p = problem.catalogue[effect].shapes(&problem.coverage).into_iter().next()?;
+    let mut p = problem.catalogue[effect].start_shapes(&problem.coverage).into_iter().next()?;
     let own = problem.catalogue[effect].parameters();
     for (k, (own, other)) in own.iter().zip(problem.catalogue[term.effect].parameters()).enumerate() {
         // Shared parameters come first in both, so the same place and unit mean the same number.
@@ -72,17 +72,17 @@ fn special_term(problem: &Problem, term: &Term, name: &str) -> Option<Term> {
 
 /// A model with another effect in the place of its term `i`, fitted a little from the start states of a fit.
 #[must_use]
-pub fn replaced(problem: &Problem, model: &JointModel, i: usize, other: Term, from: &Fit) -> Fit {
+pub fn fit_with_replacement(problem: &Problem, model: &JointModel, i: usize, other: Term, from: &Fit) -> Fit {
     let mut model = model.clone();
     model.terms[i] = other;
-    fit(problem, &model, Some(&from.starts), from.noise, Free::All, Pace::NEXT)
+    shooting_fit(problem, &model, Some(&from.starts), from.noise, Free::All, Pace::NEXT)
 }
 
 /// The best set with one effect replaced by a special case about as good, or one without only perhaps zero
 /// strengths. Shared parameters come first in both.
 fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
     let mut simpler = Vec::new();
-    for (i, (at, term)) in chosen.fit.model.placed().enumerate() {
+    for (i, (at, term)) in chosen.fit.model.placed_terms().enumerate() {
         let general = &problem.catalogue[term.effect];
         for special in special_terms(problem, term) {
             let own = problem.catalogue[special.effect].parameters();
@@ -90,8 +90,11 @@ fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
                 let is_shared = own.get(k).is_some_and(|o| o.name == general.parameters()[k].name);
                 !is_shared && is_sure(problem, chosen, i, at, k)
             });
-            let begun = candidate(problem, replaced(problem, &chosen.fit.model, i, special, &chosen.fit));
-            let fitted = refitted(problem, &begun, &begun.fit.model);
+            let begun = scored_candidate(
+                problem,
+                fit_with_replacement(problem, &chosen.fit.model, i, special, &chosen.fit),
+            );
+            let fitted = refitted_set(problem, &begun, &begun.fit.model);
             if fitted.score > chosen.score - SIMPLER || (!lost_is_sure && fitted.score.is_finite()) {
                 simpler.push(fitted);
             }
@@ -103,14 +106,14 @@ fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
 /// Whether parameter `k` of term `i`, with columns from `at` on, is a strength surely off its neutral value.
 fn is_sure(problem: &Problem, chosen: &Candidate, i: usize, at: usize, k: usize) -> bool {
     let term = &chosen.fit.model.terms[i];
-    let deviation = chosen.fit.deviation(at + k);
+    let deviation = chosen.fit.parameter_deviation(at + k);
     let neutral = problem.catalogue[term.effect].parameters()[k].neutral;
     neutral.is_some_and(|neutral| (term.p[k] - neutral).abs() > HALF_WIDTH_95 * deviation)
 }
 
 /// The first effect from `first` on without a strength surely off its neutral value.
 fn doubtful_term(problem: &Problem, chosen: &Candidate, first: usize) -> Option<usize> {
-    let terms = chosen.fit.model.placed().enumerate().skip(first);
+    let terms = chosen.fit.model.placed_terms().enumerate().skip(first);
     for (i, (at, term)) in terms {
         if !(0..term.p.len()).any(|k| is_sure(problem, chosen, i, at, k)) {
             return Some(i);

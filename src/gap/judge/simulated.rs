@@ -34,7 +34,7 @@ pub fn pendulum(load: f64) -> Plant {
 /// A pendulum with effects.
 pub fn with(effects: &Catalogue, plant: &Plant, truth: &[(&str, &[f64])]) -> JointModel {
     let index = |name: &str| effects.iter().position(|e| e.name() == name).unwrap();
-    truth.iter().fold(JointModel::of(plant), |m, (name, p)| m.with(index(name), p))
+    truth.iter().fold(JointModel::of_plant(plant), |m, (name, p)| m.with_effect(index(name), p))
 }
 
 /// Runs of which the last is held out.

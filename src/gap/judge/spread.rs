@@ -24,13 +24,13 @@ impl Spread {
             .map(|(i, j)| gradient[i] * covariance[(i, j)] * gradient[j])
             .sum();
         let shown = (0..n).filter(|i| gradient[*i] != 0.0);
-        half_width(self.fewest(shown.map(|i| first + i)) - 1.0) * variance.max(0.0).sqrt()
+        half_width(self.fewest_witnesses(shown.map(|i| first + i)) - 1.0) * variance.max(0.0).sqrt()
     }
 
     /// Distance of the parameters from `first` on, `off` by so much, all together; 1 is the border of their
     /// 95 % region; of one parameter, in half widths of its interval.
     #[must_use]
-    pub fn away(&self, first: usize, off: &[f64]) -> f64 {
+    pub fn distance_in_region(&self, first: usize, off: &[f64]) -> f64 {
         let n = off.len();
         let off = DVector::from_column_slice(off);
         let covariance = self.covariance.view((first, first), (n, n)).into_owned();
@@ -39,11 +39,11 @@ impl Spread {
         let Some(known) = covariance.cholesky() else { return if is_fixed { f64::INFINITY } else { 0.0 } };
         let region = chi_square_95(n as f64) / chi_square_95(1.0);
         let away = (off.dot(&known.solve(&off)) / region).sqrt();
-        (away / half_width(self.fewest(first..first + n) - 1.0)).max(0.0)
+        (away / half_width(self.fewest_witnesses(first..first + n) - 1.0)).max(0.0)
     }
 
     /// An interval is as good as the parameter of the fewest windows.
-    fn fewest(&self, of: impl Iterator<Item = usize>) -> f64 {
+    fn fewest_witnesses(&self, of: impl Iterator<Item = usize>) -> f64 {
         of.map(|i| self.witnesses[i]).fold(f64::INFINITY, f64::min)
     }
 }
@@ -84,9 +84,13 @@ mod tests {
         let mixed = 0.25 * (sum - difference);
         let covariance = DMatrix::from_row_slice(2, 2, &[own, mixed, mixed, own]);
         let spread = Spread { covariance, witnesses: vec![1e6; 2] };
-        assert!(spread.away(0, &[1.0]) < 0.2 && spread.away(1, &[1.0]) < 0.2);
-        assert!(spread.away(0, &[1.0, 1.0]) > 5.0, "{}", spread.away(0, &[1.0, 1.0]));
-        assert!((spread.away(0, &[spread.half_width(0, &[1.0])]) - 1.0).abs() < 1e-9);
+        assert!(spread.distance_in_region(0, &[1.0]) < 0.2 && spread.distance_in_region(1, &[1.0]) < 0.2);
+        assert!(
+            spread.distance_in_region(0, &[1.0, 1.0]) > 5.0,
+            "{}",
+            spread.distance_in_region(0, &[1.0, 1.0])
+        );
+        assert!((spread.distance_in_region(0, &[spread.half_width(0, &[1.0])]) - 1.0).abs() < 1e-9);
     }
 
     #[test]

@@ -14,7 +14,7 @@ pub fn is_surely_there(catalogue: &Catalogue, spread: &Spread, at: usize, term: 
     let parameters = catalogue[term.effect].parameters();
     let off: Option<Vec<f64>> =
         term.p.iter().zip(parameters).map(|(p, own)| Some(p - own.neutral?)).collect();
-    off.is_none_or(|off| spread.away(at, &off) > 1.0)
+    off.is_none_or(|off| spread.distance_in_region(at, &off) > 1.0)
 }
 
 #[cfg(test)]

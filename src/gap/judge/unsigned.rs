@@ -33,7 +33,7 @@ pub fn is_never_negative<'r>(runs: impl Iterator<Item = &'r Recording>, joint: &
 #[must_use]
 pub fn magnitude_odds(joint: &JointScene) -> Option<f64> {
     let stretches: Vec<&Stretch> = joint.stretches.iter().collect();
-    let seen = joint.seen(&stretches, &AS_GIVEN);
+    let seen = joint.seen_stretches(&stretches, &AS_GIVEN);
     let gains = gains_up_to(LARGEST_POWER);
     let mut best: Option<f64> = None;
     for inertia in INERTIAS {
@@ -48,9 +48,9 @@ pub fn magnitude_odds(joint: &JointScene) -> Option<f64> {
             let efforts = |delay_s: f64| signed_efforts(joint, &stretches, &sign, delay_s);
             // The weight of each stretch depends on the remainder, and this on the sign.
             let with = joint.with_share(&stretches, &seen, &efforts(0.0));
-            let Some(given) = with.baseline(&stretches, &all_gains()) else { continue };
+            let Some(given) = with.baseline_evidence(&stretches, &all_gains()) else { continue };
             // The sign comes from the motion it is to explain: a bit of each of its numbers.
-            let odds = with.odds(&seen, &efforts, &given, &gains, (LN_2, 0.0));
+            let odds = with.log_odds_of(&seen, &efforts, &given, &gains, (LN_2, 0.0));
             let tried = ((INERTIAS.len() * FRICTIONS.len()) as f64).ln();
             best = odds.map(|o| o.log - tried).into_iter().chain(best).reduce(f64::max);
         }
@@ -65,7 +65,7 @@ fn signed_efforts(
     sign: &[f64],
     delay_s: f64,
 ) -> Vec<Option<f64>> {
-    let own = joint.efforts(joint.joint, stretches, delay_s);
+    let own = joint.recorded_efforts(joint.joint, stretches, delay_s);
     own.into_iter().zip(sign).map(|(u, sign)| u.map(|u| u * sign)).collect()
 }
 

@@ -7,19 +7,19 @@ use crate::{
     fit::{
         noise::EffortNoise,
         problem::{Problem, Weighing},
-        shooting::{Fit, Free, Pace, fit},
+        shooting::{Fit, Free, Pace, shooting_fit},
     },
     judge::{
-        cross_validation::{assumes, predicted_weights, predictive},
-        finding::{Finding, ParameterEstimate, doubts, findings},
-        given::given,
-        locate::{Dependence, Variable, locate},
+        cross_validation::{model_richness, predicted_weights, predictive_set},
+        finding::{Finding, ParameterEstimate, findings_of_model, weight_and_alternatives},
+        given::given_set,
+        locate::{Dependence, Variable, dependences_by_strength},
         name_weight::{in_doubt, least_gain},
         offset::with_offset,
-        refined::refined,
+        refined::refined_model,
         screen::Screen,
-        search::{Breadth, Candidate, Scope, Search, search},
-        simplify::{refitted, simplified},
+        search::{Breadth, Candidate, Scope, Search, searched_sets},
+        simplify::{refitted_set, simplified_set},
         spread::Spread,
         sure::is_surely_there,
     },
@@ -126,7 +126,8 @@ impl Diagnosis {
             others.map(|(effects, other)| (effects.clone(), (other / weight).min(1.0))).collect();
         let (rivals, total) = in_doubt(rivals);
         for finding in &mut self.findings {
-            (finding.weight, finding.alternatives) = doubts(catalogue, &own, finding.index, &rivals, total);
+            (finding.weight, finding.alternatives) =
+                weight_and_alternatives(catalogue, &own, finding.index, &rivals, total);
         }
         if self.verdict == Verdict::Named && !rivals.is_empty() {
             self.verdict = Verdict::Ambiguous;
@@ -134,7 +135,7 @@ impl Diagnosis {
     }
 
     /// Takes the names back: they explain too little.
-    pub fn withdraw(&mut self) {
+    pub fn withdraw_names(&mut self) {
         let twin = self.model.without_effects();
         let model = std::mem::replace(&mut self.model, twin);
         self.nearest = Some(Nearest { findings: std::mem::take(&mut self.findings), model });
@@ -142,21 +143,21 @@ impl Diagnosis {
     }
 
     /// Marks each found effect as surely there or not, where something remains beyond noise.
-    pub fn ask(&mut self, catalogue: &Catalogue) {
-        if let Some(spread) = self.spread.as_ref().filter(|_| self.noise.remains()) {
-            for (finding, (at, term)) in self.findings.iter_mut().zip(self.model.placed()) {
+    pub fn mark_sure_effects(&mut self, catalogue: &Catalogue) {
+        if let Some(spread) = self.spread.as_ref().filter(|_| self.noise.has_remainder()) {
+            for (finding, (at, term)) in self.findings.iter_mut().zip(self.model.placed_terms()) {
                 finding.is_sure = is_surely_there(catalogue, spread, at, term);
             }
         }
     }
 
     /// Effects that are surely there.
-    pub fn named(&self) -> impl Iterator<Item = &Finding> {
+    pub fn sure_findings(&self) -> impl Iterator<Item = &Finding> {
         self.findings.iter().filter(|f| f.is_sure)
     }
 
     /// Perhaps absent effects.
-    pub fn unsure(&self) -> impl Iterator<Item = &Finding> {
+    pub fn unsure_findings(&self) -> impl Iterator<Item = &Finding> {
         self.findings.iter().filter(|f| !f.is_sure)
     }
 
@@ -168,14 +169,14 @@ impl Diagnosis {
 
     /// The effects of the findings, or the nearest ones.
     #[must_use]
-    pub fn effects(&self) -> &JointModel {
+    pub fn effects_or_nearest(&self) -> &JointModel {
         self.nearest.as_ref().map_or(&self.model, |n| &n.model)
     }
 
     /// Takes newly fitted effects, perhaps without some of the old ones, in place of its own.
     pub fn fit_again(&mut self, problem: &Problem, model: JointModel, spread: Spread, is_given: bool) {
         let own = self.nearest.as_mut().map_or(&mut self.findings, |n| &mut n.findings);
-        let mut again = findings(problem, &model, &spread, &[], 1.0);
+        let mut again = findings_of_model(problem, &model, &spread, &[], 1.0);
         for finding in &mut again {
             if let Some(known) = own.iter().find(|f| f.index == finding.index) {
                 (finding.weight, finding.alternatives) = (known.weight, known.alternatives.clone());
@@ -189,13 +190,13 @@ impl Diagnosis {
             None => self.model = model,
         }
         if self.nearest.is_none() && self.findings.is_empty() {
-            self.verdict = if self.noise.remains() { Verdict::Unknown } else { Verdict::None };
+            self.verdict = if self.noise.has_remainder() { Verdict::Unknown } else { Verdict::None };
         }
         if !is_given {
-            self.ask(problem.catalogue);
+            self.mark_sure_effects(problem.catalogue);
         }
-        if self.nearest.is_none() && !self.findings.is_empty() && self.named().next().is_none() {
-            self.withdraw();
+        if self.nearest.is_none() && !self.findings.is_empty() && self.sure_findings().next().is_none() {
+            self.withdraw_names();
         }
     }
 }
@@ -215,7 +216,7 @@ const LEAST_CHANGE: f64 = 0.004;
 
 /// Shortcomings of the motion for any diagnosis, as sentences with a remedy.
 #[must_use]
-pub fn lacks(coverage: &Coverage, windows: usize) -> Vec<String> {
+pub fn missing_motion(coverage: &Coverage, windows: usize) -> Vec<String> {
     let mut lacks = Vec::new();
     let duration: f64 = coverage.durations_s.iter().sum();
     if duration < 4.0 || windows < 4 {
@@ -239,9 +240,10 @@ pub fn lacks(coverage: &Coverage, windows: usize) -> Vec<String> {
 /// others are looked for; a search tries the sets of `seeds` beside its own.
 #[must_use]
 pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng: &mut impl Rng) -> Diagnosis {
-    let lacks = lacks(&problem.coverage, problem.windows.len());
+    let lacks = missing_motion(&problem.coverage, problem.windows.len());
     if !lacks.is_empty() {
-        let nothing = Diagnosis::without_findings(Verdict::Insufficient, JointModel::of(&problem.plant));
+        let nothing =
+            Diagnosis::without_findings(Verdict::Insufficient, JointModel::of_plant(&problem.plant));
         return Diagnosis { lacks, ..nothing };
     }
     let (found, chosen) = chosen(problem, effects, seeds);
@@ -249,16 +251,22 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     let base = &found.by_size[0][0];
     let twin = base.fit.model.without_effects();
     // The twin under the noise of the chosen model: the part to explain.
-    let at_noise =
-        fit(problem, &twin, Some(&base.fit.starts), chosen.fit.noise, Free::Starts, Pace::thorough(1));
+    let at_noise = shooting_fit(
+        problem,
+        &twin,
+        Some(&base.fit.starts),
+        chosen.fit.noise,
+        Free::Starts,
+        Pace::thorough(1),
+    );
     let to_explain = gain_to_explain(&at_noise, &base.fit, &chosen.fit);
-    let after = locate(problem, &Screen::new(problem, &chosen.fit), rng);
+    let after = dependences_by_strength(problem, &Screen::new(problem, &chosen.fit), rng);
     let before = if chosen.fit.model.terms.is_empty() {
         after.clone()
     } else {
-        locate(problem, &Screen::new(problem, &base.fit), rng)
+        dependences_by_strength(problem, &Screen::new(problem, &base.fit), rng)
     };
-    let unexplained = unexplained_gain(&after, problem.independent());
+    let unexplained = unexplained_gain(&after, problem.independent_count());
     let nothing = Diagnosis::without_findings(Verdict::None, twin);
     let mut diagnosis = Diagnosis { before, lacks, noise: chosen.fit.noise, ..nothing };
     if chosen.fit.model.terms.is_empty() {
@@ -276,16 +284,16 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     let (rivals, total) = in_doubt(diagnosis.weighed.clone());
     diagnosis.weighed.push((chosen.effects(), 1.0));
     diagnosis.verdict = if rivals.is_empty() { Verdict::Named } else { Verdict::Ambiguous };
-    let (model, spread) = refined(problem, &chosen.fit);
+    let (model, spread) = refined_model(problem, &chosen.fit);
     let (model, spread) = with_offset(problem, model, spread, effects);
-    diagnosis.findings = findings(problem, &model, &spread, &rivals, total);
+    diagnosis.findings = findings_of_model(problem, &model, &spread, &rivals, total);
     diagnosis.actuator = actuator_estimates(&model, &spread, problem.turns);
     (diagnosis.model, diagnosis.spread) = (model, Some(spread));
     // Given effects stand or fall with the held-out runs alone.
     if effects.is_empty() {
-        diagnosis.ask(problem.catalogue);
+        diagnosis.mark_sure_effects(problem.catalogue);
         if explains_too_little(problem, &diagnosis, base, chosen) {
-            diagnosis.withdraw();
+            diagnosis.withdraw_names();
         }
     }
     diagnosis
@@ -321,7 +329,7 @@ fn explains_too_little(
     chosen: &Candidate,
 ) -> bool {
     let leaves_noise = is_noisy(problem, base, chosen) && !is_shaped(problem, chosen);
-    diagnosis.named().next().is_none()
+    diagnosis.sure_findings().next().is_none()
         || diagnosis.left > MAX_LEFT
         || leaves_noise
         || !chosen.fit.model.terms.iter().all(|t| is_credible(problem, t))
@@ -334,13 +342,13 @@ fn actuator_estimates(model: &JointModel, spread: &Spread, turns: bool) -> Vec<P
     let mut all = Vec::new();
     if let Some(at) = gain {
         let (name, unit, scale) = match actuator.servo {
-            Some(servo) => ("stiffness", Dimension::Stiffness.unit(turns), servo.stiffness),
+            Some(servo) => ("stiffness", Dimension::Stiffness.unit_name(turns), servo.stiffness),
             None => ("gain", if turns { "N m per unit" } else { "N per unit" }, actuator.unit),
         };
         all.push(estimate(name, scale * actuator.gain, unit, spread.half_width(at, &[scale])));
     }
     if let Some(at) = damping {
-        let unit = Dimension::Damping.unit(turns);
+        let unit = Dimension::Damping.unit_name(turns);
         all.push(estimate("damping", actuator.damping, unit, spread.half_width(at, &[1.0])));
     }
     if actuator.is_late {
@@ -359,27 +367,27 @@ fn estimate(name: &str, value: f64, unit: &str, half: f64) -> ParameterEstimate 
 /// The final set of effects of a search, or the given one.
 fn chosen(problem: &Problem, effects: &[usize], seeds: &[JointModel]) -> (Search, Candidate) {
     if effects.is_empty() {
-        let all = problem.sought();
-        let found = search(
+        let all = problem.sought_effects();
+        let found = searched_sets(
             problem,
             &Breadth::default(),
             &Scope { effects: &all, seeds, least_gain: least_gain(all.len()) },
         );
-        let mut chosen = simplified(problem, found.accepted());
+        let mut chosen = simplified_set(problem, found.accepted_set());
         if problem.weighing != Weighing::Innovations {
-            chosen = predictive(problem, &found, &chosen);
+            chosen = predictive_set(problem, &found, &chosen);
         }
         chosen = credible(problem, chosen);
         (found, chosen)
     } else {
-        given(problem, effects)
+        given_set(problem, effects)
     }
 }
 
 /// Whether the effects leave more of the twin's effort noise, or of the effort itself, than noise.
 fn is_noisy(problem: &Problem, base: &Candidate, chosen: &Candidate) -> bool {
     let left = chosen.fit.noise.share_of(&base.fit.noise);
-    let loud = chosen.fit.noise.size() > MAX_LEFT * problem.coverage.effort_rms;
+    let loud = chosen.fit.noise.total_deviation() > MAX_LEFT * problem.coverage.effort_rms;
     // Of its variance; where it is a large share of the effort itself, of its size.
     left * left > MAX_LEFT || (loud && left > MAX_LEFT)
 }
@@ -395,10 +403,10 @@ fn is_shaped(problem: &Problem, chosen: &Candidate) -> bool {
     {
         return false;
     }
-    for (at, term) in chosen.fit.model.placed().filter(|(_, t)| of(t).is_of_position()) {
+    for (at, term) in chosen.fit.model.placed_terms().filter(|(_, t)| of(t).is_of_position()) {
         for (i, parameter) in of(term).parameters().iter().enumerate().take(term.p.len()) {
-            let (low, high) = of(term).bounds(i, &problem.coverage);
-            let half = HALF_WIDTH_95 * chosen.fit.deviation(at + i);
+            let (low, high) = of(term).parameter_bounds(i, &problem.coverage);
+            let half = HALF_WIDTH_95 * chosen.fit.parameter_deviation(at + i);
             let is_at_end = term.p[i] - half <= low || term.p[i] + half >= high;
             if parameter.neutral.is_none() && is_at_end {
                 return false;
@@ -419,7 +427,8 @@ fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usi
     for candidate in &found.by_size[own.len()] {
         let effects = candidate.effects();
         // Scores price parameters; predictions do not, and a richer set is no rival there.
-        let is_rival = (!predicts || assumes(&candidate.fit.model) <= assumes(&chosen.fit.model))
+        let is_rival = (!predicts
+            || model_richness(&candidate.fit.model) <= model_richness(&chosen.fit.model))
             && effects != own
             && !generalizes(problem.catalogue, &effects, &own)
             && names_of(problem.catalogue, &effects) != own_names
@@ -445,7 +454,7 @@ fn names_of(catalogue: &Catalogue, effects: &[usize]) -> Vec<&'static str> {
 fn generalizes(catalogue: &Catalogue, effects: &[usize], own: &[usize]) -> bool {
     let own_names = names_of(catalogue, own);
     let mut others = effects.iter().filter(|e| !own.contains(e));
-    others.any(|e| catalogue[*e].spec().contains.iter().any(|n| own_names.contains(n)))
+    others.any(|e| catalogue[*e].effect_spec().contains.iter().any(|n| own_names.contains(n)))
 }
 
 /// A set with a partner in place of its first effect with an indistinguishable one: a rival of the same
@@ -453,7 +462,7 @@ fn generalizes(catalogue: &Catalogue, effects: &[usize], own: &[usize]) -> bool 
 fn indistinguishable_set(problem: &Problem, own: &[usize]) -> Option<Vec<usize>> {
     let (name, partner) = own.iter().find_map(|e| {
         let effect = &problem.catalogue[*e];
-        Some((effect.name(), effect.indistinguishable(&problem.coverage)?))
+        Some((effect.name(), effect.indistinguishable_partner(&problem.coverage)?))
     })?;
     let index = |name: &str| problem.catalogue.iter().position(|e| e.name() == name);
     let kept = own.iter().copied().filter(|e| Some(*e) != index(name));
@@ -479,7 +488,7 @@ fn credible(problem: &Problem, chosen: Candidate) -> Candidate {
     if model.terms.is_empty() || model.terms.len() == chosen.fit.model.terms.len() {
         return chosen;
     }
-    refitted(problem, &chosen, &model)
+    refitted_set(problem, &chosen, &model)
 }
 
 #[cfg(test)]

@@ -20,13 +20,13 @@ use crate::{
 /// One run of the twin itself.
 fn problem<'c>(effects: &'c Catalogue, plant: &Plant) -> Problem<'c> {
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(1);
-    let log = simulated(effects, &JointModel::of(plant), 0, &mut rng);
+    let log = simulated(effects, &JointModel::of_plant(plant), 0, &mut rng);
     Problem::new(effects, plant, true, vec![log], Hold::Zero)
 }
 
 /// A model as if it had been fitted: parameters with deviations of `deviation`, in many windows.
 fn fitted(model: JointModel, score: f64, noise: EffortNoise, deviation: f64) -> Candidate {
-    let free = model.free();
+    let free = model.free_count();
     let fit = Fit {
         model,
         starts: Vec::new(),
@@ -40,8 +40,9 @@ fn fitted(model: JointModel, score: f64, noise: EffortNoise, deviation: f64) -> 
 }
 
 fn spread(model: &JointModel, deviation: f64) -> Spread {
-    let covariance = DMatrix::from_diagonal_element(model.free(), model.free(), deviation * deviation);
-    Spread { covariance, witnesses: vec![1e6; model.free()] }
+    let covariance =
+        DMatrix::from_diagonal_element(model.free_count(), model.free_count(), deviation * deviation);
+    Spread { covariance, witnesses: vec![1e6; model.free_count()] }
 }
 
 fn finding(effects: &Catalogue, effect: &str, is_sure: bool) -> Finding {
@@ -84,12 +85,12 @@ fn names_that_are_taken_back_come_nearest() {
     let model = with(&effects, &pendulum(0.6), &[("coulomb_friction", &[0.1])]);
     let mut found = Diagnosis::without_findings(Verdict::Named, model.clone());
     found.findings = vec![finding(&effects, "coulomb_friction", true)];
-    assert_eq!(found.effects(), &model);
-    found.withdraw();
+    assert_eq!(found.effects_or_nearest(), &model);
+    found.withdraw_names();
     assert_eq!(found.verdict, Verdict::Unknown);
     assert!(found.findings.is_empty() && found.model.terms.is_empty());
     // What comes nearest is what was found; the model is the twin again.
-    assert_eq!(found.effects(), &model);
+    assert_eq!(found.effects_or_nearest(), &model);
     let nearest = found.nearest.unwrap();
     assert_eq!(nearest.findings, [finding(&effects, "coulomb_friction", true)]);
     assert_eq!(nearest.model, model);
@@ -103,14 +104,17 @@ fn a_name_is_asked_for_where_something_remains_and_there_alone() {
         let mut found = Diagnosis::without_findings(Verdict::Named, model.clone());
         found.findings = ["inertia", "coulomb_friction"].map(|e| finding(&effects, e, true)).to_vec();
         (found.noise, found.spread) = (noise, spread);
-        found.ask(&effects);
+        found.mark_sure_effects(&effects);
         let of = |f: &Finding| f.effect.clone();
-        (found.named().map(of).collect::<Vec<_>>(), found.unsure().map(of).collect::<Vec<_>>())
+        (
+            found.sure_findings().map(of).collect::<Vec<_>>(),
+            found.unsure_findings().map(of).collect::<Vec<_>>(),
+        )
     };
     // A deviation of 0.02 hides the inertia, and not the friction.
     let both = ["inertia", "coulomb_friction"].map(str::to_owned).to_vec();
     let known = || Some(spread(&model, 0.02));
-    assert_eq!(asked(EffortNoise::white(0.1), known()), (both.clone(), Vec::new()));
+    assert_eq!(asked(EffortNoise::white_noise(0.1), known()), (both.clone(), Vec::new()));
     assert_eq!(asked(LASTING, None), (both, Vec::new()));
     let [inertia, friction] = ["inertia", "coulomb_friction"].map(|e| vec![e.to_owned()]);
     assert_eq!(asked(LASTING, known()), (friction, inertia));
@@ -120,7 +124,7 @@ fn a_name_is_asked_for_where_something_remains_and_there_alone() {
 fn too_little_motion_is_the_only_insufficient_one() {
     let all = [Verdict::None, Verdict::Named, Verdict::Ambiguous, Verdict::Unknown, Verdict::Insufficient];
     for verdict in all {
-        let found = Diagnosis::without_findings(verdict, JointModel::of(&pendulum(0.6)));
+        let found = Diagnosis::without_findings(verdict, JointModel::of_plant(&pendulum(0.6)));
         assert_eq!(found.is_sufficient(), verdict != Verdict::Insufficient);
         assert!(found.verdict == verdict && found.findings.is_empty() && found.nearest.is_none());
     }
@@ -131,7 +135,7 @@ fn a_motion_lacks_time_or_range() {
     let of = |durations_s: &[f64], windows: usize, travel: f64, position_noise: f64| {
         let coverage =
             Coverage { durations_s: durations_s.to_vec(), travel, position_noise, ..Coverage::default() };
-        lacks(&coverage, windows)
+        missing_motion(&coverage, windows)
     };
     // docs/record_motion.md: 30 times the noise, and 4 s of motion.
     assert!(of(&[2.0, 2.0], 4, 0.5, 0.01).is_empty());
@@ -160,13 +164,13 @@ fn too_little_motion_is_said_before_anything_is_fitted() {
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(1);
     let found = diagnose(&short, &[], &[], &mut rng);
     assert_eq!((found.verdict, found.lacks.len()), (Verdict::Insufficient, 1));
-    assert_eq!(found.model, JointModel::of(&short.plant));
+    assert_eq!(found.model, JointModel::of_plant(&short.plant));
 }
 
 #[test]
 fn what_is_to_be_explained_is_what_the_model_gains_over_the_twin() {
     let fit = |costs: &[f64], log_likelihood: f64| {
-        let none = fitted(JointModel::of(&pendulum(0.6)), 0.0, LASTING, 0.1).fit;
+        let none = fitted(JointModel::of_plant(&pendulum(0.6)), 0.0, LASTING, 0.1).fit;
         Fit { costs: costs.to_vec(), log_likelihood, ..none }
     };
     // Smaller residuals: 30 + 20 of the twin, 4 + 6 of the model.
@@ -208,7 +212,7 @@ fn effects_that_leave_too_much_have_no_name() {
     let mut problem = problem(&effects, &pendulum(0.6));
     problem.coverage.effort_rms = 1.0;
     let of_noise = |terms: &[(&str, &[f64])], size: f64| {
-        fitted(with(&effects, &pendulum(0.6), terms), 0.0, EffortNoise::white(size), 0.1)
+        fitted(with(&effects, &pendulum(0.6), terms), 0.0, EffortNoise::white_noise(size), 0.1)
     };
     let base = of_noise(&[], 0.1);
     let mut diagnosis = Diagnosis::without_findings(Verdict::Named, base.fit.model.clone());
@@ -273,8 +277,9 @@ fn what_effects_leave_is_noise_by_its_share_of_the_twins() {
     let mut problem = problem(&effects, &pendulum(0.6));
     problem.coverage.effort_rms = 1.0;
     let of = |left: f64, before: f64| {
-        let [base, chosen] = [before, left]
-            .map(|size| fitted(JointModel::of(&pendulum(0.6)), 0.0, EffortNoise::white(size), 0.1));
+        let [base, chosen] = [before, left].map(|size| {
+            fitted(JointModel::of_plant(&pendulum(0.6)), 0.0, EffortNoise::white_noise(size), 0.1)
+        });
         is_noisy(&problem, &base, &chosen)
     };
     // Of its variance 12 %: of its size the root of that, 0.346.
@@ -293,7 +298,7 @@ fn shapes_that_mend_what_remains_are_no_names() {
         let model = with(&effects, &pendulum(0.6), terms);
         is_shaped(&problem, &fitted(model, 0.0, LASTING, deviation))
     };
-    let bound = |k: usize| effects[index(&effects, "detent")].bounds(k, &problem.coverage);
+    let bound = |k: usize| effects[index(&effects, "detent")].parameter_bounds(k, &problem.coverage);
     let (narrow, wide) = bound(2);
     let width = 0.5 * (narrow + wide);
     let deviation = 0.01 * (wide - narrow);
@@ -334,7 +339,7 @@ fn effects_of_the_size_of_the_discretization_are_not_credible() {
     // A set loses what is not credible, unless nothing else is in it.
     let left = |terms: &[(&str, &[f64])]| {
         let mut candidate = fitted(with(&effects, &problem.plant, terms), 1.0, LASTING, 0.1);
-        candidate.fit.starts = problem.starts(&candidate.fit.model);
+        candidate.fit.starts = problem.smoothed_starts(&candidate.fit.model);
         credible(&problem, candidate)
     };
     let kept = left(&[("torque_gain", &[1.001])]);
@@ -354,7 +359,7 @@ fn rivals_of(problem: &Problem, sets: &[(&[(&str, &[f64])], f64)]) -> Vec<(Vec<S
         .map(|(terms, score)| fitted(with(effects, &problem.plant, terms), *score, LASTING, 0.1))
         .collect();
     let mut by_size =
-        vec![vec![fitted(JointModel::of(&problem.plant), 0.0, LASTING, 0.1)], Vec::new(), Vec::new()];
+        vec![vec![fitted(JointModel::of_plant(&problem.plant), 0.0, LASTING, 0.1)], Vec::new(), Vec::new()];
     for candidate in &all {
         by_size[candidate.fit.model.terms.len()].push(candidate.clone());
     }
@@ -439,7 +444,7 @@ fn effects_that_are_fitted_again_keep_their_weights() {
         found
     };
     let other = with(&effects, &plant, &[("coulomb_friction", &[0.2])]);
-    let found = again(named(EffortNoise::white(0.1)), other.clone(), 0.01, false);
+    let found = again(named(EffortNoise::white_noise(0.1)), other.clone(), 0.01, false);
     assert!(found.verdict == Verdict::Named && found.model == other && found.nearest.is_none());
     let [friction] = &found.findings[..] else { panic!("{:?}", found.findings) };
     assert_eq!((friction.weight, &friction.alternatives), (0.7, &vec![("delay".to_owned(), 0.3)]));
@@ -447,10 +452,10 @@ fn effects_that_are_fitted_again_keep_their_weights() {
     assert!(found.spread.is_some_and(|s| (s.covariance[(1, 1)] - 1e-4).abs() < 1e-12));
     // What was not known before has the weight of all.
     let new = with(&effects, &plant, &[("viscous_friction", &[0.2])]);
-    assert_eq!(again(named(EffortNoise::white(0.1)), new, 0.01, false).findings[0].weight, 1.0);
+    assert_eq!(again(named(EffortNoise::white_noise(0.1)), new, 0.01, false).findings[0].weight, 1.0);
     // Nothing is left: nothing is wrong, or nothing that has a name.
-    let nothing = JointModel::of(&plant);
-    for (noise, verdict) in [(EffortNoise::white(0.1), Verdict::None), (LASTING, Verdict::Unknown)] {
+    let nothing = JointModel::of_plant(&plant);
+    for (noise, verdict) in [(EffortNoise::white_noise(0.1), Verdict::None), (LASTING, Verdict::Unknown)] {
         let found = again(named(noise), nothing.clone(), 0.01, false);
         assert!(found.verdict == verdict && found.findings.is_empty() && found.nearest.is_none());
         assert_eq!(found.model, nothing);
@@ -472,7 +477,7 @@ fn what_comes_nearest_is_fitted_again_in_its_place() {
         let mut found = Diagnosis::without_findings(Verdict::Named, own.clone());
         found.findings = vec![finding(&effects, "coulomb_friction", true)];
         found.noise = LASTING;
-        found.withdraw();
+        found.withdraw_names();
         found
     };
     let other = with(&effects, &plant, &[("coulomb_friction", &[0.2])]);
@@ -481,7 +486,7 @@ fn what_comes_nearest_is_fitted_again_in_its_place() {
     assert_eq!((found.verdict, &nearest.model), (Verdict::Unknown, &other));
     assert!(nearest.findings[0].weight == 0.7 && nearest.findings[0].parameters[0].value == 0.2);
     assert!(found.findings.is_empty() && found.model.terms.is_empty());
-    let gone = again(unknown(), JointModel::of(&plant), 0.01, false);
+    let gone = again(unknown(), JointModel::of_plant(&plant), 0.01, false);
     assert!(gone.nearest.is_none() && gone.verdict == Verdict::Unknown && gone.findings.is_empty());
-    assert_eq!(gone.model, JointModel::of(&plant));
+    assert_eq!(gone.model, JointModel::of_plant(&plant));
 }

@@ -72,7 +72,7 @@ impl Actuator {
     /// read by a servo.
     #[must_use]
     #[inline]
-    pub fn act(&self, signal: f64, q: f64, v: f64, measure: (f64, f64)) -> Acted {
+    pub fn effort_under(&self, signal: f64, q: f64, v: f64, measure: (f64, f64)) -> Acted {
         let Some(servo) = self.servo else {
             let effort = self.gain * signal - self.damping * v;
             return Acted {
@@ -114,12 +114,12 @@ impl Actuator {
 
     /// Number of found parameters.
     #[must_use]
-    pub fn free(&self) -> usize {
+    pub fn found_count(&self) -> usize {
         self.is_found.iter().filter(|f| **f).count()
     }
 
     /// Found ones of gain and damping.
-    pub fn found(&self) -> impl Iterator<Item = f64> {
+    pub fn found_values(&self) -> impl Iterator<Item = f64> {
         [self.gain, self.damping].into_iter().zip(self.is_found).filter(|(_, found)| *found).map(|(x, _)| x)
     }
 

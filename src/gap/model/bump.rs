@@ -1,6 +1,6 @@
 //! Effects at one position: where they are looked for, and how far a fit may move them.
 
-use super::effect::{Coverage, Dimension, Extent, Parameter, amplitude, shape};
+use super::effect::{Coverage, Dimension, Extent, Parameter, amplitude_parameter, shape_parameter};
 
 /// Searched widths of local effects, as shares of the range, each with its number of centers.
 /// chosen: from a hundredth to an eighth of the range; centers lie less than a width apart: no place falls
@@ -14,23 +14,23 @@ const LARGEST: f64 = 20.0;
 const WIDTHS: [f64; 2] = [0.003, 0.25];
 /// Parameters of a local effect of a strength.
 #[must_use]
-pub const fn bump(strength: &'static str) -> [Parameter; 3] {
+pub const fn bump_parameters(strength: &'static str) -> [Parameter; 3] {
     [
-        amplitude(strength, Dimension::Effort, false),
-        shape("position", Dimension::Position, true),
-        shape("width", Dimension::Position, false),
+        amplitude_parameter(strength, Dimension::Effort, false),
+        shape_parameter("position", Dimension::Position, true),
+        shape_parameter("width", Dimension::Position, false),
     ]
 }
 
 /// Whether a local effect with a reach of so many widths acts on a stretch of motion.
 #[must_use]
 pub fn bump_meets(extent: &Extent, shape: &[f64], reach: f64) -> bool {
-    Extent::meets(extent.position, shape[1], reach * shape[2])
+    Extent::meets_interval(extent.position, shape[1], reach * shape[2])
 }
 
 /// Starting points of a local effect: no strength, at positions with widths.
 #[must_use]
-pub fn bumps(coverage: &Coverage) -> Vec<Vec<f64>> {
+pub fn bump_starts(coverage: &Coverage) -> Vec<Vec<f64>> {
     let (low, high) = coverage.position;
     let range = high - low;
     let mut bumps = Vec::new();

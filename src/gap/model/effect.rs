@@ -39,7 +39,7 @@ pub enum Dimension {
 impl Dimension {
     /// Unit of the dimension at a turning or sliding joint.
     #[must_use]
-    pub fn unit(self, turns: bool) -> &'static str {
+    pub fn unit_name(self, turns: bool) -> &'static str {
         let (turning, sliding) = match self {
             Self::Position => ("rad", "m"),
             Self::Velocity => ("rad/s", "m/s"),
@@ -193,7 +193,7 @@ impl Spec {
     /// Whether two effects are one, or one of them contains the other: beside each other they explain nothing
     /// more.
     #[must_use]
-    pub fn overlaps(&self, other: &Self) -> bool {
+    pub fn overlaps_with(&self, other: &Self) -> bool {
         self.name == other.name || self.contains.contains(&other.name) || other.contains.contains(&self.name)
     }
 }
@@ -210,7 +210,7 @@ pub struct Extent {
 impl Extent {
     /// Whether an interval about a center meets these bounds.
     #[must_use]
-    pub fn meets(bounds: (f64, f64), center: f64, half_width: f64) -> bool {
+    pub fn meets_interval(bounds: (f64, f64), center: f64, half_width: f64) -> bool {
         center + half_width >= bounds.0 && center - half_width <= bounds.1
     }
 }
@@ -218,38 +218,38 @@ impl Extent {
 /// A candidate. One file in `effects/` each.
 pub trait Effect: Sync + Send + std::fmt::Debug {
     /// Its fixed facts.
-    fn spec(&self) -> &'static Spec;
+    fn effect_spec(&self) -> &'static Spec;
     /// Name in reports.
     fn name(&self) -> &'static str {
-        self.spec().name
+        self.effect_spec().name
     }
     /// Where it enters.
     fn place(&self) -> Place {
-        self.spec().place
+        self.effect_spec().place
     }
     /// Its parameters.
     fn parameters(&self) -> &'static [Parameter] {
-        self.spec().parameters
+        self.effect_spec().parameters
     }
     /// Value and derivatives; only for [`Place::Effort`], [`Place::Contact`] and [`Place::Friction`].
-    fn respond(&self, _at: &At, _p: &[f64], _out: &mut Response) {}
+    fn write_response(&self, _at: &At, _p: &[f64], _out: &mut Response) {}
     /// Starting points: full parameter vectors with the neutral ones at their neutral value. Empty where the
     /// motion cannot show the effect. A single neutral one, unless there are parameters of a shape.
-    fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
+    fn start_shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
         // One parameter without a neutral value empties the list: such an effect must bring its own grid.
         self.parameters().iter().map(|p| p.neutral).collect::<Option<_>>().into_iter().collect()
     }
     /// Whether an effect of this shape acts at all on a stretch of motion; only a matter of speed.
-    fn reaches(&self, _shape: &[f64], _extent: &Extent) -> bool {
+    fn reaches_extent(&self, _shape: &[f64], _extent: &Extent) -> bool {
         true
     }
     /// Bounds of a parameter for this motion.
-    fn bounds(&self, index: usize, _coverage: &Coverage) -> (f64, f64) {
+    fn parameter_bounds(&self, index: usize, _coverage: &Coverage) -> (f64, f64) {
         let p = &self.parameters()[index];
         if p.signed { (-1e9, 1e9) } else { (0.0, 1e9) }
     }
     /// Further starting points of a fit beginning at `p`.
-    fn restarts(&self, p: &[f64], _coverage: &Coverage) -> Vec<Vec<f64>> {
+    fn restart_points(&self, p: &[f64], _coverage: &Coverage) -> Vec<Vec<f64>> {
         vec![p.to_vec()]
     }
     /// Whether it stands at the high end of the range, for an effect with two ends.
@@ -257,11 +257,11 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
         false
     }
     /// Index of the parameter with the position of a contact's begin.
-    fn begins(&self) -> Option<usize> {
+    fn contact_parameter(&self) -> Option<usize> {
         None
     }
     /// The partner without distinction from this one by any recording of such a joint.
-    fn indistinguishable(&self, _coverage: &Coverage) -> Option<&'static str> {
+    fn indistinguishable_partner(&self, _coverage: &Coverage) -> Option<&'static str> {
         None
     }
     /// Whether it happened in one run and is no property of the joint: it is never exported.
@@ -281,7 +281,7 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
         false
     }
     /// Friction lost from rest to speed, for one falling with speed.
-    fn fall(&self, _p: &[f64]) -> f64 {
+    fn friction_fall(&self, _p: &[f64]) -> f64 {
         0.0
     }
     /// The twin's own amount of an amplitude; the updated twin has both, their product of a factor.
@@ -293,9 +293,9 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
         Expression::NotExpressible
     }
     /// Adds it to the numbers of the joint for files.
-    fn write(&self, _p: &[f64], _joint: &mut JointNumbers) {}
+    fn add_to_numbers(&self, _p: &[f64], _joint: &mut JointNumbers) {}
     /// Parameters as a report names them, each with its gradient by the internal parameters.
-    fn reported(&self, p: &[f64]) -> Vec<Reported> {
+    fn reported_parameters(&self, p: &[f64]) -> Vec<Reported> {
         let mut all = Vec::new();
         for (i, spec) in self.parameters().iter().enumerate() {
             let mut gradient = [0.0; MAX_PARAMETERS];
@@ -321,7 +321,7 @@ pub struct Reported {
 
 /// Shorthand for a parameter with a neutral value of zero.
 #[must_use]
-pub const fn amplitude(name: &'static str, dimension: Dimension, signed: bool) -> Parameter {
+pub const fn amplitude_parameter(name: &'static str, dimension: Dimension, signed: bool) -> Parameter {
     Parameter { name, dimension, neutral: Some(0.0), signed }
 }
 
@@ -331,12 +331,12 @@ pub const LARGEST_RATIO: f64 = 180.0 / std::f64::consts::PI;
 
 /// Shorthand for a factor, with a neutral value of one.
 #[must_use]
-pub const fn ratio(name: &'static str) -> Parameter {
+pub const fn ratio_parameter(name: &'static str) -> Parameter {
     Parameter { name, dimension: Dimension::Ratio, neutral: Some(1.0), signed: false }
 }
 
 /// Shorthand for a parameter of the shape.
 #[must_use]
-pub const fn shape(name: &'static str, dimension: Dimension, signed: bool) -> Parameter {
+pub const fn shape_parameter(name: &'static str, dimension: Dimension, signed: bool) -> Parameter {
     Parameter { name, dimension, neutral: None, signed }
 }

@@ -60,13 +60,13 @@ pub struct NearestEffect {
 impl NearestEffect {
     /// Another effect.
     #[must_use]
-    pub fn effect(name: &'static str, p: Vec<f64>) -> Self {
+    pub fn other_effect(name: &'static str, p: Vec<f64>) -> Self {
         Self { effect: Some(name), p }
     }
 
     /// The same effect with other parameters.
     #[must_use]
-    pub fn own(p: Vec<f64>) -> Self {
+    pub fn same_effect(p: Vec<f64>) -> Self {
         Self { effect: None, p }
     }
 }
@@ -130,7 +130,7 @@ pub struct JointNumbers {
 impl JointNumbers {
     /// A joint without effects.
     #[must_use]
-    pub fn of(damping: f64, friction: f64) -> Self {
+    pub fn without_effects(damping: f64, friction: f64) -> Self {
         Self {
             damping,
             drag: 0.0,

@@ -22,7 +22,7 @@ impl Term {
     #[must_use]
     pub fn value_at(&self, catalogue: &Catalogue, at: &At) -> f64 {
         let mut response = Response::default();
-        catalogue[self.effect].respond(at, &self.p, &mut response);
+        catalogue[self.effect].write_response(at, &self.p, &mut response);
         response.value
     }
 }
@@ -65,7 +65,7 @@ pub struct Settling {
 impl Settling {
     /// Of a settle time over a step, seconds.
     #[must_use]
-    pub fn over(settle_s: f64, step_s: f64) -> Self {
+    pub fn over_step(settle_s: f64, step_s: f64) -> Self {
         // Exact stick, the limit of (14.8) at T = 0: nothing is left of the velocity, and nothing creeps.
         if !(settle_s > 0.0 && step_s > 0.0) {
             return Self::default();
@@ -79,7 +79,7 @@ impl Settling {
 impl JointModel {
     /// The twin as it is.
     #[must_use]
-    pub fn of(plant: &Plant) -> Self {
+    pub fn of_plant(plant: &Plant) -> Self {
         Self { plant: plant.clone(), terms: Vec::new(), lag_s: 0.0, settle_s: 0.0 }
     }
 
@@ -87,7 +87,7 @@ impl JointModel {
     #[must_use]
     pub fn without_effects(&self) -> Self {
         let lag_s = if self.plant.actuator.is_late { self.lag_s } else { 0.0 };
-        Self { lag_s, ..Self::of(&self.plant) }
+        Self { lag_s, ..Self::of_plant(&self.plant) }
     }
 
     /// Whether friction acts on the joint.
@@ -98,7 +98,7 @@ impl JointModel {
 
     /// Indices of its effects, sorted.
     #[must_use]
-    pub fn effects(&self) -> Vec<usize> {
+    pub fn effect_indices(&self) -> Vec<usize> {
         let mut effects: Vec<usize> = self.terms.iter().map(|t| t.effect).collect();
         effects.sort_unstable();
         effects
@@ -106,15 +106,15 @@ impl JointModel {
 
     /// Number of free parameters, the lag included.
     #[must_use]
-    pub fn free(&self) -> usize {
-        1 + self.terms.iter().map(|t| t.p.len()).sum::<usize>() + self.plant.actuator.free()
+    pub fn free_count(&self) -> usize {
+        1 + self.terms.iter().map(|t| t.p.len()).sum::<usize>() + self.plant.actuator.found_count()
     }
 
     /// All free parameters: the lag, the terms', and those found of the actuator.
     #[must_use]
-    pub fn parameters(&self) -> Vec<f64> {
+    pub fn free_parameters(&self) -> Vec<f64> {
         let terms = self.terms.iter().flat_map(|t| t.p.iter().copied());
-        std::iter::once(self.lag_s).chain(terms).chain(self.plant.actuator.found()).collect()
+        std::iter::once(self.lag_s).chain(terms).chain(self.plant.actuator.found_values()).collect()
     }
 
     /// The model with other parameters.
@@ -135,21 +135,21 @@ impl JointModel {
     /// Indices of the actuator's gain and damping among the free parameters, where they are found.
     #[must_use]
     pub fn actuator_columns(&self) -> [Option<usize>; 2] {
-        let first = self.free() - self.plant.actuator.free();
+        let first = self.free_count() - self.plant.actuator.found_count();
         let [gain, damping] = self.plant.actuator.is_found;
         [gain.then_some(first), damping.then_some(first + usize::from(gain))]
     }
 
     /// The model with one more effect.
     #[must_use]
-    pub fn with(&self, effect: usize, p: &[f64]) -> Self {
+    pub fn with_effect(&self, effect: usize, p: &[f64]) -> Self {
         let mut model = self.clone();
         model.terms.push(Term { effect, p: p.to_vec() });
         model
     }
 
     /// The terms, each with the index of its first parameter among the free ones.
-    pub fn placed(&self) -> impl Iterator<Item = (usize, &Term)> {
+    pub fn placed_terms(&self) -> impl Iterator<Item = (usize, &Term)> {
         // Parameter 0 is the lag.
         self.terms.iter().scan(1, |next, term| {
             let at = *next;
@@ -160,8 +160,8 @@ impl JointModel {
 
     /// The first parameter of the term with a place, and its index among the free parameters.
     #[must_use]
-    pub fn scalar(&self, catalogue: &Catalogue, place: Place) -> Option<(f64, usize)> {
-        self.placed().find(|(_, t)| catalogue[t.effect].place() == place).map(|(at, t)| (t.p[0], at))
+    pub fn scalar_of(&self, catalogue: &Catalogue, place: Place) -> Option<(f64, usize)> {
+        self.placed_terms().find(|(_, t)| catalogue[t.effect].place() == place).map(|(at, t)| (t.p[0], at))
     }
 
     /// Time by which the effort acts late: the nuisance and, where it is in the model, the delay.
@@ -169,13 +169,13 @@ impl JointModel {
     pub fn delay_s(&self, catalogue: &Catalogue) -> f64 {
         self.plant.actuator.delay_s
             + self.lag_s
-            + self.scalar(catalogue, Place::Delay).map_or(0.0, |(d, _)| d)
+            + self.scalar_of(catalogue, Place::Delay).map_or(0.0, |(d, _)| d)
     }
 
     /// Whether the measured position is more than the position of the joint.
     #[must_use]
-    pub fn sensor(&self, catalogue: &Catalogue) -> Sensor {
-        let of = |place, neutral| self.scalar(catalogue, place).map_or(neutral, |(x, _)| x);
+    pub fn position_sensor(&self, catalogue: &Catalogue) -> Sensor {
+        let of = |place, neutral| self.scalar_of(catalogue, place).map_or(neutral, |(x, _)| x);
         Sensor { bias: of(Place::Bias, 0.0), scale: of(Place::Scale, 1.0), half_gap: of(Place::Play, 0.0) }
     }
 }

@@ -39,7 +39,7 @@ pub struct Load {
 impl Load {
     /// Load and its slope at a position.
     #[must_use]
-    pub fn at(&self, position: f64) -> (f64, f64) {
+    pub fn load_and_slope(&self, position: f64) -> (f64, f64) {
         // Slides and upright hinges: rollouts spend most of their time in sine and cosine.
         if self.sine == 0.0 && self.cosine == 0.0 {
             return (self.constant, 0.0);
@@ -76,7 +76,7 @@ impl Plant {
     /// Load and its slope at a position, in a chain under the motion of the others.
     #[must_use]
     pub fn load_at(&self, carried: Option<&Carried>, position: f64) -> (f64, f64) {
-        carried.map_or_else(|| self.load.at(position), |c| c.at(position))
+        carried.map_or_else(|| self.load.load_and_slope(position), |c| c.load_and_slope(position))
     }
 
     /// Inertia, and its rate.
@@ -98,9 +98,9 @@ impl Plant {
     /// # Errors
     /// [`PlantError`] where the joint moves no mass, shares a chain with a joint that follows another one, or
     /// its dynamics are no numbers.
-    pub fn of(tree: &TwinTree, joint: usize) -> Result<Self, PlantError> {
+    pub fn of_joint(tree: &TwinTree, joint: usize) -> Result<Self, PlantError> {
         let spec = &tree.joints[joint];
-        if tree.chain(joint).iter().any(|&j| tree.joints[j].is_mimic) {
+        if tree.chain_joints(joint).iter().any(|&j| tree.joints[j].is_mimic) {
             return Err(PlantError::Coupled(spec.name.clone()));
         }
         if ![spec.damping, spec.friction].iter().all(|x| x.is_finite() && *x >= 0.0) {
@@ -112,13 +112,13 @@ impl Plant {
         if !(inertia > 1e-12) {
             return Err(PlantError::NoMass(spec.name.clone()));
         }
-        let load = load(tree, joint);
+        let load = gravity_load(tree, joint);
         // Along three axes the squares of a turning load add up to twice a flat axis'.
         let mut along = tree.clone();
         let squares = (0..3).map(|axis| {
             along.gravity = nalgebra::Vector3::zeros();
             along.gravity[axis] = tree.gravity.norm();
-            let load = self::load(&along, joint);
+            let load = self::gravity_load(&along, joint);
             load.sine.powi(2) + load.cosine.powi(2)
         });
         let most_load = (0.5 * squares.sum::<f64>()).sqrt();
@@ -134,7 +134,7 @@ impl Plant {
 }
 
 /// Gravity load of a joint, the others at 0.
-fn load(tree: &TwinTree, joint: usize) -> Load {
+fn gravity_load(tree: &TwinTree, joint: usize) -> Load {
     match tree.joints[joint].motion {
         Motion::Turn => {
             let quarter = std::f64::consts::FRAC_PI_2;
@@ -143,11 +143,15 @@ fn load(tree: &TwinTree, joint: usize) -> Load {
             let b = gravity_effort_at(tree, joint, quarter);
             let c = gravity_effort_at(tree, joint, 2.0 * quarter);
             let constant = 0.5 * (a + c);
-            Load { constant: clean(constant), sine: clean(b - constant), cosine: clean(a - constant) }
+            Load {
+                constant: without_rounding(constant),
+                sine: without_rounding(b - constant),
+                cosine: without_rounding(a - constant),
+            }
         }
         // Gravity along a straight axis is the same everywhere.
         Motion::Slide | Motion::Fixed => {
-            Load { constant: clean(gravity_effort_at(tree, joint, 0.0)), sine: 0.0, cosine: 0.0 }
+            Load { constant: without_rounding(gravity_effort_at(tree, joint, 0.0)), sine: 0.0, cosine: 0.0 }
         }
     }
 }
@@ -160,6 +164,6 @@ fn gravity_effort_at(tree: &TwinTree, joint: usize, q: f64) -> f64 {
 }
 
 /// Rounding of a rotation is no load.
-fn clean(x: f64) -> f64 {
+fn without_rounding(x: f64) -> f64 {
     if x.abs() < 1e-9 { 0.0 } else { x }
 }

@@ -16,7 +16,7 @@ pub struct Carried {
 impl Carried {
     /// The mean of several.
     #[must_use]
-    pub fn mean(several: &[Self]) -> Self {
+    pub fn mean_of(several: &[Self]) -> Self {
         let share = 1.0 / several.len().max(1) as f64;
         let mut mean = Self::default();
         for one in several {
@@ -31,7 +31,7 @@ impl Carried {
 
     /// Load and its slope at a position.
     #[must_use]
-    pub fn at(&self, position: f64) -> (f64, f64) {
+    pub fn load_and_slope(&self, position: f64) -> (f64, f64) {
         let [constant, slope, s1, c1, s2, c2] = self.load;
         let linear = constant + slope * position;
         if [s1, c1, s2, c2] == [0.0; 4] {

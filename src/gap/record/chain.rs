@@ -26,7 +26,7 @@ const RATE_STEP_S: f64 = 1e-4;
 
 /// Effects of the joints in `others` on a joint from each stamp to the next.
 #[must_use]
-pub fn carried(
+pub fn carried_by_stamp(
     tree: &TwinTree,
     joint: usize,
     others: &[(usize, SmoothMotion)],
@@ -45,22 +45,22 @@ pub fn carried(
         let mut v = zero.clone();
         let mut a = zero.clone();
         for (o, motion) in others {
-            let state = motion.at(0.5 * (from + to));
+            let state = motion.state_at(0.5 * (from + to));
             (q[*o], v[*o], a[*o]) = (state[0], state[1], state[2]);
         }
         let moved = |by: f64| -> Vec<f64> { q.iter().zip(&v).map(|(q, v)| q + by * v).collect() };
         let inertia_rate =
             (inertia(&moved(RATE_STEP_S)) - inertia(&moved(-RATE_STEP_S))) / (2.0 * RATE_STEP_S);
-        all.push(Carried { inertia: inertia(&q), inertia_rate, load: load(tree, joint, q, &v, &a) });
+        all.push(Carried { inertia: inertia(&q), inertia_rate, load: load_factors(tree, joint, q, &v, &a) });
     }
     all
 }
 
 /// Factors of the load of a joint ([`Carried::load`]) under the motion of all others, `q` to `a` by joint.
-fn load(tree: &TwinTree, joint: usize, mut q: Vec<f64>, v: &[f64], a: &[f64]) -> [f64; 6] {
+fn load_factors(tree: &TwinTree, joint: usize, mut q: Vec<f64>, v: &[f64], a: &[f64]) -> [f64; 6] {
     let mut load_at = |own: f64| load_at_position(tree, joint, own, &mut q, v, a);
     match tree.joints[joint].motion {
-        Motion::Turn => harmonics(load_at),
+        Motion::Turn => load_harmonics(load_at),
         Motion::Slide | Motion::Fixed => {
             let at_zero = load_at(0.0);
             let at_one = load_at(1.0);
@@ -76,7 +76,7 @@ fn load_at_position(tree: &TwinTree, joint: usize, own: f64, q: &mut [f64], v: &
 }
 
 /// The trigonometric polynomial of second order through five angles.
-fn harmonics(mut load_at: impl FnMut(f64) -> f64) -> [f64; 6] {
+fn load_harmonics(mut load_at: impl FnMut(f64) -> f64) -> [f64; 6] {
     let mut load = [0.0; 6];
     for i in 0..5 {
         // derived: five angles.
@@ -100,7 +100,7 @@ fn harmonics(mut load_at: impl FnMut(f64) -> f64) -> [f64; 6] {
 ///
 /// # Errors
 /// [`RecordingError`] where the run has no position of one of them.
-pub fn motions(
+pub fn joint_motions(
     tree: &TwinTree,
     joints: &[usize],
     run: &Recording,
@@ -118,17 +118,17 @@ pub fn motions(
         told.unit != EffortUnit::Unknown && logs.iter().all(is_usable)
     });
     let Some(logs) = logs else { return Ok(free) };
-    let expected = expected(tree, &free, &logs, hold);
+    let expected = expected_accelerations(tree, &free, &logs, hold);
     let mut motions = Vec::with_capacity(joints.len());
     for ((j, log), expected) in joints.iter().zip(&logs).zip(&expected) {
         let noise = reading_noise(std::slice::from_ref(log));
-        motions.push((*j, SmoothMotion::of(&log.time_s, &log.position, &noise, expected)));
+        motions.push((*j, SmoothMotion::of_positions(&log.time_s, &log.position, &noise, expected)));
     }
     Ok(motions)
 }
 
 /// Accelerations of the twin from each stamp to the next, by joint.
-fn expected(
+fn expected_accelerations(
     tree: &TwinTree,
     motions: &[(usize, SmoothMotion)],
     logs: &[JointLog],
@@ -143,7 +143,7 @@ fn expected(
         let mut q = zero.clone();
         let mut v = zero.clone();
         for (j, motion) in motions {
-            let state = motion.at(0.5 * (time_s[k] + time_s[next]));
+            let state = motion.state_at(0.5 * (time_s[k] + time_s[next]));
             (q[*j], v[*j]) = (state[0], state[1]);
         }
         // M a = u - h - damping - friction, at the motion of the positions.

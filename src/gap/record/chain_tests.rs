@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 
 use crate::{
-    record::{chain::carried, motion::SmoothMotion},
+    record::{chain::carried_by_stamp, motion::SmoothMotion},
     twin_tree::{Motion, TwinJoint, TwinLink, TwinTree},
 };
 use geometry::Pose;
@@ -71,12 +71,13 @@ fn a_joint_carried_by_its_chain_obeys_the_whole_tree() {
         level: 0,
     };
     for j in 0..3 {
-        let others: Vec<_> = tree.chain(j).into_iter().map(|o| (o, at(o))).collect();
+        let others: Vec<_> = tree.chain_joints(j).into_iter().map(|o| (o, at(o))).collect();
         assert_eq!(others.len(), 2);
-        let c = carried(&tree, j, &others, &[0.0])[0];
-        let own = c.inertia * ACCELERATION[j] + c.inertia_rate * VELOCITY[j] + c.at(POSITION[j]).0;
+        let c = carried_by_stamp(&tree, j, &others, &[0.0])[0];
+        let own =
+            c.inertia * ACCELERATION[j] + c.inertia_rate * VELOCITY[j] + c.load_and_slope(POSITION[j]).0;
         assert!((own - whole[j]).abs() < 1e-6 * (1.0 + whole[j].abs()), "joint {j}: {own} {}", whole[j]);
-        let slope = (c.at(POSITION[j] + 1e-6).0 - c.at(POSITION[j] - 1e-6).0) / 2e-6;
-        assert!((c.at(POSITION[j]).1 - slope).abs() < 1e-5 * (1.0 + slope.abs()));
+        let slope = (c.load_and_slope(POSITION[j] + 1e-6).0 - c.load_and_slope(POSITION[j] - 1e-6).0) / 2e-6;
+        assert!((c.load_and_slope(POSITION[j]).1 - slope).abs() < 1e-5 * (1.0 + slope.abs()));
     }
 }

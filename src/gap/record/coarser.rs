@@ -13,14 +13,14 @@ impl JointLog {
     /// read, efforts and the other joints' effects in the mean over each interval: the efforts hold from each
     /// sample to the next.
     #[must_use]
-    pub fn coarser(&self, interval_s: f64, hold: Hold) -> Self {
+    pub fn with_interval(&self, interval_s: f64, hold: Hold) -> Self {
         let every = self.samples_in(interval_s);
         if every == 1 && hold == Hold::Zero {
             return self.clone();
         }
         let mut coarse =
             Self { run: self.run.clone(), others: vec![Vec::new(); self.others.len()], ..Self::default() };
-        for segment in self.segments(0) {
+        for segment in self.gapless_segments(0) {
             let end = segment.start + segment.len;
             for k in (segment.start..end).step_by(every) {
                 // The last interval of a segment is shorter; its last sample ends it.
@@ -35,7 +35,7 @@ impl JointLog {
                     own.push(other[k]);
                 }
                 if let Some(carried) = self.carried.get(k..to) {
-                    coarse.carried.push(Carried::mean(carried));
+                    coarse.carried.push(Carried::mean_of(carried));
                 }
             }
         }

@@ -37,7 +37,7 @@ impl Command {
     /// The same by stamps. Velocities alone add up from `start`, where the joint was at the first of them.
     fn at_stamps(&self, stamps: &[f64], start: f64) -> Vec<f64> {
         if !self.position.iter().any(|q| q.is_finite()) {
-            return held(&self.time_s, &self.integrated(start), true, stamps);
+            return held_means(&self.time_s, &self.integrated_positions(start), true, stamps);
         }
         let mut time_s = Vec::new();
         let mut position = Vec::new();
@@ -45,11 +45,11 @@ impl Command {
             time_s.push(*t);
             position.push(*q);
         }
-        held(&time_s, &position, self.is_straight, stamps)
+        held_means(&time_s, &position, self.is_straight, stamps)
     }
 
     /// Integrals of held velocities.
-    fn integrated(&self, start: f64) -> Vec<f64> {
+    fn integrated_positions(&self, start: f64) -> Vec<f64> {
         let mut at = start;
         let mut last = (self.time_s.first().copied().unwrap_or(0.0), 0.0);
         let mut positions = Vec::with_capacity(self.time_s.len());
@@ -64,14 +64,14 @@ impl Command {
 
 /// A command in the mean from each stamp to the next; it stands until the next one comes, at any time. Stamps
 /// do not fall.
-fn held(time_s: &[f64], position: &[f64], is_straight: bool, stamps: &[f64]) -> Vec<f64> {
+fn held_means(time_s: &[f64], position: &[f64], is_straight: bool, stamps: &[f64]) -> Vec<f64> {
     let Some(first) = time_s.first() else { return vec![f64::NAN; stamps.len()] };
     let mut signal = Signal::new(time_s, position, if is_straight { Hold::Linear } else { Hold::Zero });
-    let mut here = signal.at(stamps.first().copied().unwrap_or(*first));
+    let mut here = signal.value_and_integral(stamps.first().copied().unwrap_or(*first));
     let mut means = Vec::with_capacity(stamps.len());
     for (k, t) in stamps.iter().enumerate() {
         let width = stamps.get(k + 1).map_or(0.0, |next| next - t);
-        let next = signal.at(t + width);
+        let next = signal.value_and_integral(t + width);
         let mean = if width > 0.0 { (next.1 - here.1) / width } else { here.0 };
         here = next;
         means.push(if t + 1e-9 < *first { f64::NAN } else { mean });
@@ -91,13 +91,13 @@ pub struct Told {
 impl Told {
     /// N m or N of one recorded unit, as far as it is known.
     #[must_use]
-    pub fn factor(&self) -> f64 {
+    pub fn effort_factor(&self) -> f64 {
         if let EffortUnit::Factor(factor) = self.unit { factor } else { 1.0 }
     }
 
     /// Known facts of the servo of a joint.
     #[must_use]
-    pub fn servo(&self, joint: &str) -> Option<&ToldServo> {
+    pub fn servo_of(&self, joint: &str) -> Option<&ToldServo> {
         let own = self.servos.iter().find(|s| s.joint.as_deref() == Some(joint));
         own.or_else(|| self.servos.iter().find(|s| s.joint.is_none()))
     }

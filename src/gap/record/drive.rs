@@ -48,7 +48,7 @@ impl<'a> Signal<'a> {
     }
 
     /// Value and integral at `t`; calls must not go back in time.
-    pub fn at(&mut self, t: f64) -> (f64, f64) {
+    pub fn value_and_integral(&mut self, t: f64) -> (f64, f64) {
         let time = self.time_s;
         let effort = self.values;
         while self.at + 1 < time.len() && time[self.at + 1] <= t {
@@ -77,19 +77,19 @@ impl<'a> Signal<'a> {
 impl Drive {
     /// Usual steps between two samples of a log.
     #[must_use]
-    pub fn steps(log: &JointLog) -> usize {
+    pub fn usual_steps(log: &JointLog) -> usize {
         log.interval_s().map_or(1, |dt| (dt / MAX_STEP_S).ceil().clamp(1.0, MOST_STEPS) as usize)
     }
 
     /// The signal of a log, acting `delay_s` late, with so many steps between two samples.
     #[must_use]
     pub fn with_steps(log: &JointLog, hold: Hold, delay_s: f64, steps: usize) -> Self {
-        Self::of(&log.time_s, log.signal(), hold, delay_s, steps)
+        Self::of_signal(&log.time_s, log.driving_signal(), hold, delay_s, steps)
     }
 
     /// Of a signal by its stamps.
     #[must_use]
-    pub fn of(time_s: &[f64], values: &[f64], hold: Hold, delay_s: f64, steps: usize) -> Self {
+    pub fn of_signal(time_s: &[f64], values: &[f64], hold: Hold, delay_s: f64, steps: usize) -> Self {
         let n = time_s.len();
         let mut drive =
             Self { steps, signal: Vec::with_capacity(n * steps), by_delay: Vec::with_capacity(n * steps) };
@@ -97,12 +97,12 @@ impl Drive {
             return drive;
         }
         let mut signal = Signal::new(time_s, values, hold);
-        let mut last = signal.at(time_s[0] - delay_s);
+        let mut last = signal.value_and_integral(time_s[0] - delay_s);
         for k in 0..n - 1 {
             let width = time_s[k + 1] - time_s[k];
             for s in 0..steps {
                 let h = width / steps as f64;
-                let next = signal.at(time_s[k] + (s + 1) as f64 * h - delay_s);
+                let next = signal.value_and_integral(time_s[k] + (s + 1) as f64 * h - delay_s);
                 // Differences of the integral are exact also where a delay moves a sample into the step.
                 drive.signal.push((next.1 - last.1) / h);
                 drive.by_delay.push((last.0 - next.0) / h);
@@ -114,14 +114,14 @@ impl Drive {
 
     /// Mean from a sample to the next.
     #[must_use]
-    pub fn mean(&self, sample: usize) -> f64 {
+    pub fn mean_after(&self, sample: usize) -> f64 {
         let steps = sample * self.steps..(sample + 1) * self.steps;
         self.signal[steps].iter().sum::<f64>() / self.steps as f64
     }
 
     /// Mean from each sample to the next; `last` for the last one, without an interval.
     #[must_use]
-    pub fn means(&self, last: Option<f64>) -> Vec<f64> {
-        (0..self.signal.len() / self.steps.max(1)).map(|k| self.mean(k)).chain(last).collect()
+    pub fn means_by_sample(&self, last: Option<f64>) -> Vec<f64> {
+        (0..self.signal.len() / self.steps.max(1)).map(|k| self.mean_after(k)).chain(last).collect()
     }
 }

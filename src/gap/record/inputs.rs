@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use crate::{
     record::{
         drive::Hold,
-        off_axis::{OffAxis, posed},
+        off_axis::{OffAxis, posed_joint},
         recording::{JointSamples, Recording},
         tracks::{PoseTrack, TrackError, joint_efforts, resampled},
     },
@@ -18,7 +18,7 @@ use crate::{
 ///
 /// # Errors
 /// [`TrackError`] for links and frames that the twin does not have.
-pub fn complete(
+pub fn complete_run(
     run: &mut Recording,
     tree: &TwinTree,
     hold: Hold,
@@ -32,7 +32,7 @@ pub fn complete(
         let known =
             run.samples(&tree.joints[j].name).is_some_and(|s| s.position.iter().any(|q| q.is_finite()));
         let tracks: Vec<&PoseTrack> = if known { asked.clone() } else { run.poses.iter().collect() };
-        if let Some(found) = posed(tree, j, &tracks)? {
+        if let Some(found) = posed_joint(tree, j, &tracks)? {
             evidence.insert(j, found.evidence);
             from_poses.insert(j, found);
         }

@@ -12,7 +12,7 @@ use numeric::statistics::CHI_SQUARE_999;
 pub fn reading_noise(logs: &[JointLog]) -> ReadingNoise {
     let noise = ReadingNoise::at_rest(position_noise(logs));
     let motions: Vec<SmoothMotion> =
-        logs.iter().map(|l| SmoothMotion::of(&l.time_s, &l.position, &noise, &[])).collect();
+        logs.iter().map(|l| SmoothMotion::of_positions(&l.time_s, &l.position, &noise, &[])).collect();
     let speeds = motions.iter().flat_map(|m| m.state.iter().map(|s| s[1].abs()));
     let top = speeds.fold(0.0, f64::max);
     if !(top > 0.0) {
@@ -21,17 +21,18 @@ pub fn reading_noise(logs: &[JointLog]) -> ReadingNoise {
     // From a jitter of little effect at the top speed to far beyond the noise at rest.
     let grid = (0..JITTERS).map(|i| noise.at_rest / top * f64::from(i).exp2());
     let trials = grid.map(|jitter_s| ReadingNoise { jitter_s, ..noise });
-    let best = trials.map(|t| (likelihood(&motions, logs, &t), t)).max_by(|a, b| a.0.total_cmp(&b.0));
+    let best =
+        trials.map(|t| (positions_likelihood(&motions, logs, &t), t)).max_by(|a, b| a.0.total_cmp(&b.0));
     let without = ReadingNoise { jitter_s: 0.0, ..noise };
     match best {
-        Some((reached, with)) if reached > likelihood(&motions, logs, &without) + ENOUGH => with,
+        Some((reached, with)) if reached > positions_likelihood(&motions, logs, &without) + ENOUGH => with,
         _ => noise,
     }
 }
 
 /// Log likelihood of the positions of logs under a noise.
-fn likelihood(motions: &[SmoothMotion], logs: &[JointLog], noise: &ReadingNoise) -> f64 {
-    motions.iter().zip(logs).map(|(m, l)| m.likelihood(&l.position, noise)).sum()
+fn positions_likelihood(motions: &[SmoothMotion], logs: &[JointLog], noise: &ReadingNoise) -> f64 {
+    motions.iter().zip(logs).map(|(m, l)| m.log_likelihood_under(&l.position, noise)).sum()
 }
 
 /// Tried jitters, each twice the one before.

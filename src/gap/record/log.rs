@@ -41,7 +41,7 @@ pub const GAP_INTERVALS: f64 = 3.5;
 impl JointLog {
     /// Drive of the joint: the commanded position of a servo, or the effort.
     #[must_use]
-    pub fn signal(&self) -> &[f64] {
+    pub fn driving_signal(&self) -> &[f64] {
         if self.commanded.is_empty() { &self.effort } else { &self.commanded }
     }
 
@@ -53,7 +53,7 @@ impl JointLog {
 
     /// Runs of samples without a gap.
     #[must_use]
-    pub fn segments(&self, log: usize) -> Vec<Span> {
+    pub fn gapless_segments(&self, log: usize) -> Vec<Span> {
         let Some(usual) = self.interval_s() else { return Vec::new() };
         let mut spans = Vec::new();
         let mut start = 0;
@@ -78,7 +78,7 @@ impl JointLog {
 
     /// A part of it.
     #[must_use]
-    pub fn part(&self, from: usize, to: usize) -> Self {
+    pub fn part_between(&self, from: usize, to: usize) -> Self {
         Self {
             run: self.run.clone(),
             time_s: self.time_s[from..to].to_vec(),
@@ -116,12 +116,12 @@ const OFF_STEP: f64 = 0.1;
 /// Windows of about `length_s`, of equal size within each segment; segments shorter than a third of it are
 /// left out.
 #[must_use]
-pub fn windows(logs: &[JointLog], length_s: f64) -> Vec<Span> {
+pub fn shooting_windows(logs: &[JointLog], length_s: f64) -> Vec<Span> {
     let mut windows = Vec::new();
     for (index, log) in logs.iter().enumerate() {
         let Some(interval) = log.interval_s() else { continue };
         let wanted = (length_s / interval).round().max(LEAST_SAMPLES as f64) as usize;
-        for segment in log.segments(index) {
+        for segment in log.gapless_segments(index) {
             // Such a segment says little beyond its own start state.
             if segment.len * 3 < wanted || segment.len < LEAST_SAMPLES {
                 continue;
@@ -150,7 +150,7 @@ pub fn position_noise(logs: &[JointLog]) -> f64 {
     let mut differences = Vec::new();
     let mut steps = Vec::new();
     for (index, log) in logs.iter().enumerate() {
-        for s in log.segments(index) {
+        for s in log.gapless_segments(index) {
             let q = &log.position[s.start..s.start + s.len];
             // derived: binomial coefficients.
             let fourth = q.windows(5).map(|w| w[0] - 4.0 * w[1] + 6.0 * w[2] - 4.0 * w[3] + w[4]);
@@ -168,7 +168,7 @@ pub fn position_noise(logs: &[JointLog]) -> f64 {
     // Steps on a lattice are whole multiples of the smallest: fractions near 0 or near 1.
     let quantized = steps.iter().filter(|d| ((*d / smallest).fract() - 0.5).abs() > NEAR_WHOLE).count() * 10
         > steps.len() * 9;
-    let step = if quantized { Some(smallest) } else { lattice(logs) };
+    let step = if quantized { Some(smallest) } else { encoder_step(logs) };
     // derived: the deviation of a uniform distribution over a step.
     step.map_or(sigma, |step| sigma.max(step / 12f64.sqrt()))
 }
@@ -180,7 +180,7 @@ const MIN_HELD: usize = 8;
 
 /// Step of the encoder, rad or m, where the held positions of the joint are multiples of one: also positions
 /// interpolated between readings of the encoder show it at rest.
-fn lattice(logs: &[JointLog]) -> Option<f64> {
+fn encoder_step(logs: &[JointLog]) -> Option<f64> {
     let stretches = logs.iter().flat_map(|l| l.position.windows(HELD_SAMPLES));
     let mut held: Vec<f64> = stretches.filter(|w| w.iter().all(|q| *q == w[0])).map(|w| w[0]).collect();
     held.sort_by(f64::total_cmp);

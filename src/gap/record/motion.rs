@@ -30,7 +30,7 @@ const RATIO: f64 = 3.0;
 const LOWER: i32 = 6;
 
 /// Jerk of a level, rad/s^2 or m/s^2 per root second.
-fn jerk(position: &[f64], variances: &[f64], level: i32) -> f64 {
+fn jerk_of_level(position: &[f64], variances: &[f64], level: i32) -> f64 {
     let low = position.iter().copied().fold(f64::INFINITY, f64::min);
     let high = position.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let least = variances.iter().copied().fold(f64::INFINITY, f64::min).sqrt();
@@ -41,19 +41,21 @@ fn jerk(position: &[f64], variances: &[f64], level: i32) -> f64 {
 impl SmoothMotion {
     /// Smooths positions, rad or m; `expected` holds an acceleration from each stamp to the next, or nothing.
     #[must_use]
-    pub fn of(time_s: &[f64], position: &[f64], noise: &ReadingNoise, expected: &[f64]) -> Self {
-        let at_rest = vec![noise.variance(0.0); position.len()];
-        let motion = Self::smoothed(time_s, position, &at_rest, expected);
+    pub fn of_positions(time_s: &[f64], position: &[f64], noise: &ReadingNoise, expected: &[f64]) -> Self {
+        let at_rest = vec![noise.variance_at_speed(0.0); position.len()];
+        let motion = Self::likeliest_motion(time_s, position, &at_rest, expected);
         // The speeds behind the errors of stamps are those of the sought motion: once is enough.
         if noise.jitter_s > 0.0 {
-            return Self::smoothed(time_s, position, &motion.variances(noise), expected);
+            return Self::likeliest_motion(time_s, position, &motion.reading_variances(noise), expected);
         }
         motion
     }
 
     /// The likeliest motion.
-    fn smoothed(time_s: &[f64], position: &[f64], variances: &[f64], expected: &[f64]) -> Self {
-        let of = |level| filter(time_s, position, variances, jerk(position, variances, level), expected);
+    fn likeliest_motion(time_s: &[f64], position: &[f64], variances: &[f64], expected: &[f64]) -> Self {
+        let of = |level| {
+            filter_positions(time_s, position, variances, jerk_of_level(position, variances, level), expected)
+        };
         let best = (0..LEVELS).map(|i| (of(i).1, i)).max_by(|a, b| a.0.total_cmp(&b.0));
         let level = best.map_or(0, |b| b.1);
         let (passed, _) = of(level);
@@ -71,20 +73,20 @@ impl SmoothMotion {
 
     /// Variances of readings of the motion.
     #[must_use]
-    pub fn variances(&self, noise: &ReadingNoise) -> Vec<f64> {
-        self.state.iter().map(|s| noise.variance(s[1])).collect()
+    pub fn reading_variances(&self, noise: &ReadingNoise) -> Vec<f64> {
+        self.state.iter().map(|s| noise.variance_at_speed(s[1])).collect()
     }
 
     /// Log likelihood of the positions of the motion, under another noise; of the levels from well below the
     /// motion's.
     #[must_use]
-    pub fn likelihood(&self, position: &[f64], noise: &ReadingNoise) -> f64 {
-        let variances = self.variances(noise);
+    pub fn log_likelihood_under(&self, position: &[f64], noise: &ReadingNoise) -> f64 {
+        let variances = self.reading_variances(noise);
         let mut best = f64::NEG_INFINITY;
         // Noise taken for motion asked for more jerk.
         for level in self.level - LOWER..=self.level + 1 {
-            let jerk = jerk(position, &variances, level);
-            best = best.max(filter(&self.time_s, position, &variances, jerk, &self.expected).1);
+            let jerk = jerk_of_level(position, &variances, level);
+            best = best.max(filter_positions(&self.time_s, position, &variances, jerk, &self.expected).1);
         }
         best
     }
@@ -92,7 +94,7 @@ impl SmoothMotion {
     /// Position, velocity and acceleration at a time; before and after the recording those at its ends, at
     /// rest.
     #[must_use]
-    pub fn at(&self, t: f64) -> Vector3<f64> {
+    pub fn state_at(&self, t: f64) -> Vector3<f64> {
         let Some(last) = self.state.len().checked_sub(1) else { return Vector3::zeros() };
         let k = self.time_s.partition_point(|x| *x <= t).clamp(1, last.max(1)) - 1;
         let here = self.state[k];
@@ -116,7 +118,7 @@ struct Passed {
 }
 
 /// Filters; gives every sample's beliefs and the log likelihood.
-fn filter(
+fn filter_positions(
     time_s: &[f64],
     position: &[f64],
     variances: &[f64],
@@ -169,13 +171,13 @@ mod tests {
         let noise = |k: usize| 1e-4 * (((k * 7919) % 1009) as f64 / 1009.0 - 0.5) * 12f64.sqrt();
         let position: Vec<f64> =
             time_s.iter().enumerate().map(|(k, t)| 0.5 * (4.0 * t).sin() + noise(k)).collect();
-        let motion = SmoothMotion::of(&time_s, &position, &ReadingNoise::at_rest(1e-4), &[]);
+        let motion = SmoothMotion::of_positions(&time_s, &position, &ReadingNoise::at_rest(1e-4), &[]);
         let mut worst = Vector3::<f64>::zeros();
         for (k, t) in time_s.iter().enumerate().skip(50).take(900) {
             let truth = Vector3::new(0.5 * (4.0 * t).sin(), 2.0 * (4.0 * t).cos(), -8.0 * (4.0 * t).sin());
             worst = worst.sup(&(motion.state[k] - truth).abs());
         }
         assert!(worst[0] < 1e-4 && worst[1] < 0.01 && worst[2] < 0.4, "{worst}");
-        assert!((motion.at(0.5025)[0] - 0.5 * (4.0f64 * 0.5025).sin()).abs() < 1e-4);
+        assert!((motion.state_at(0.5025)[0] - 0.5 * (4.0f64 * 0.5025).sin()).abs() < 1e-4);
     }
 }

@@ -108,20 +108,24 @@ pub struct PosedJoint {
 ///
 /// # Errors
 /// [`TrackError`] for links and frames that the twin does not have.
-pub fn posed(tree: &TwinTree, joint: usize, tracks: &[&PoseTrack]) -> Result<Option<PosedJoint>, TrackError> {
+pub fn posed_joint(
+    tree: &TwinTree,
+    joint: usize,
+    tracks: &[&PoseTrack],
+) -> Result<Option<PosedJoint>, TrackError> {
     let spec = &tree.joints[joint];
-    let own = tree.carrier(spec.child);
-    let base = tree.carrier(spec.parent);
+    let own = tree.carrying_link(spec.child);
+    let base = tree.carrying_link(spec.parent);
     let rest = tree.link_poses(&vec![0.0; tree.joints.len()]);
     // Links fixed to each other move as one: any of their tracks serves, brought to the carrier.
-    let on_carrier = |link: usize| rest[tree.carrier(link)].inverse() * rest[link];
+    let on_carrier = |link: usize| rest[tree.carrying_link(link)].inverse() * rest[link];
     let mut found: Vec<(usize, usize, &PoseTrack, Pose, Pose)> = Vec::new();
     for track in tracks {
         let link = moved_link(tree, &track.topic, &track.link)?;
         let frame = frame_link(tree, &track.topic, &track.frame)?.unwrap_or(tree.root);
         found.push((
-            tree.carrier(frame),
-            tree.carrier(link),
+            tree.carrying_link(frame),
+            tree.carrying_link(link),
             track,
             on_carrier(frame),
             on_carrier(link).inverse(),
@@ -134,25 +138,25 @@ pub fn posed(tree: &TwinTree, joint: usize, tracks: &[&PoseTrack]) -> Result<Opt
         // Given in the frame of the parent part: only the joint lies between.
         if *frame == base {
             let poses: Vec<Pose> = track.pose.iter().map(|p| base_from_joint.inverse() * whole(p)).collect();
-            return Ok(read(spec, &track.time_s, &poses));
+            return Ok(posed_positions(spec, &track.time_s, &poses));
         }
         // Else both parts must be tracked in one frame, and the joint is the difference.
         let Some(other) = found.iter().find(|o| o.1 == base && o.0 == *frame) else { continue };
         let mut time_s = Vec::new();
         let mut poses = Vec::new();
         for (t, pose) in track.time_s.iter().zip(&track.pose) {
-            if let Some(carried) = at(other.2, *t) {
+            if let Some(carried) = pose_at(other.2, *t) {
                 time_s.push(*t);
                 poses.push(base_from_joint.inverse() * (other.3 * carried * other.4).inverse() * whole(pose));
             }
         }
-        return Ok(read(spec, &time_s, &poses));
+        return Ok(posed_positions(spec, &time_s, &poses));
     }
     Ok(None)
 }
 
 /// The pose of a track at a time between its samples.
-fn at(track: &PoseTrack, t: f64) -> Option<Pose> {
+fn pose_at(track: &PoseTrack, t: f64) -> Option<Pose> {
     let next = track.time_s.partition_point(|x| *x < t);
     let b = track.pose.get(next)?;
     let tb = track.time_s[next];
@@ -165,7 +169,7 @@ fn at(track: &PoseTrack, t: f64) -> Option<Pose> {
 }
 
 /// Positions and evidence from `joint_from_part` poses; `None` without any.
-fn read(joint: &TwinJoint, time_s: &[f64], poses: &[Pose]) -> Option<PosedJoint> {
+fn posed_positions(joint: &TwinJoint, time_s: &[f64], poses: &[Pose]) -> Option<PosedJoint> {
     let axis = joint.axis.into_inner();
     let mut position: Vec<f64> = Vec::with_capacity(poses.len());
     for p in poses {
@@ -182,12 +186,13 @@ fn read(joint: &TwinJoint, time_s: &[f64], poses: &[Pose]) -> Option<PosedJoint>
             .map_or_else(|| (q / turns).round() * turns, |last| ((q - last) / turns).round() * turns);
         position.push(if joint.motion == Motion::Turn { q - near } else { q });
     }
-    let left: Vec<Pose> = poses.iter().zip(&position).map(|(p, q)| p * joint.moved(*q).inverse()).collect();
-    let evidence = evidence(joint, time_s, &position, poses, &left)?;
+    let left: Vec<Pose> =
+        poses.iter().zip(&position).map(|(p, q)| p * joint.motion_to(*q).inverse()).collect();
+    let evidence = off_axis_evidence(joint, time_s, &position, poses, &left)?;
     Some(PosedJoint { time_s: time_s.to_vec(), position, evidence })
 }
 
-fn evidence(
+fn off_axis_evidence(
     joint: &TwinJoint,
     time_s: &[f64],
     position: &[f64],
@@ -222,17 +227,19 @@ fn evidence(
         .iter()
         .map(|s| if joint.motion == Motion::Turn { axis.dot(s) - mean_along } else { 0.0 })
         .collect();
-    let (shift_still, shift_moving, shift_left) = split(&shifts.iter().map(flat).collect::<Vec<_>>(), &basis);
+    let (shift_still, shift_moving, shift_left) =
+        constant_and_moving(&shifts.iter().map(flat).collect::<Vec<_>>(), &basis);
     let mean_about = turns.iter().map(|t| axis.dot(t)).sum::<f64>() / turns.len() as f64;
     let about: Vec<f64> = turns.iter().map(|t| axis.dot(t) - mean_about).collect();
-    let (turn_still, turn_moving, turn_left) = split(&turns.iter().map(flat).collect::<Vec<_>>(), &basis);
+    let (turn_still, turn_moving, turn_left) =
+        constant_and_moving(&turns.iter().map(flat).collect::<Vec<_>>(), &basis);
     let whole = |v: &[Vector3<f64>]| rms(&v.iter().map(Vector3::norm).collect::<Vec<_>>());
     let measured = Across { shift_m: whole(&shifts), turn_rad: whole(&turns) };
     let left =
         Across { shift_m: rms(&shift_left).hypot(rms(&along)), turn_rad: rms(&turn_left).hypot(rms(&about)) };
     let noise = Across {
-        shift_m: noise(time_s, &shifts).max(LEAST.shift_m),
-        turn_rad: noise(time_s, &turns).max(LEAST.turn_rad),
+        shift_m: vector_noise(time_s, &shifts).max(LEAST.shift_m),
+        turn_rad: vector_noise(time_s, &turns).max(LEAST.turn_rad),
     };
     let (axis, mount) = match joint.motion {
         Motion::Turn => (
@@ -247,11 +254,11 @@ fn evidence(
         ),
     };
     let mut evidence = OffAxis { measured, noise, left, axis, mount, suspect: Suspect::None };
-    evidence.suspect = suspect(joint, position, poses, &evidence);
+    evidence.suspect = suspected_cause(joint, position, poses, &evidence);
     Some(evidence)
 }
 
-fn suspect(joint: &TwinJoint, position: &[f64], poses: &[Pose], e: &OffAxis) -> Suspect {
+fn suspected_cause(joint: &TwinJoint, position: &[f64], poses: &[Pose], e: &OffAxis) -> Suspect {
     if e.measured.is_within(NOISES, &e.noise) {
         return Suspect::None;
     }
@@ -281,11 +288,11 @@ fn suspect(joint: &TwinJoint, position: &[f64], poses: &[Pose], e: &OffAxis) -> 
 fn is_still(poses: &[Pose], noise: &Across) -> bool {
     let first = poses[0].rotation.inverse();
     let turns: Vec<Vector3<f64>> = poses.iter().map(|p| log_so3(&(p.rotation * first))).collect();
-    spread(&turns) <= NOISES * noise.turn_rad
+    rms_from_mean(&turns) <= NOISES * noise.turn_rad
 }
 
 /// Root mean square distance from the mean.
-fn spread(values: &[Vector3<f64>]) -> f64 {
+fn rms_from_mean(values: &[Vector3<f64>]) -> f64 {
     let mean = values.iter().sum::<Vector3<f64>>() / values.len() as f64;
     rms(&values.iter().map(|v| (v - mean).norm()).collect::<Vec<_>>())
 }
@@ -336,7 +343,10 @@ fn design_rows(turn: &Matrix3<f64>) -> Matrix3x6<f64> {
 const SPREAD: f64 = 1e-6;
 
 /// Least squares of `a + b basis`: a, b and the absolute residuals. `b` is 0 where the basis hardly changes.
-fn split(values: &[Complex<f64>], basis: &[Complex<f64>]) -> (Complex<f64>, Complex<f64>, Vec<f64>) {
+fn constant_and_moving(
+    values: &[Complex<f64>],
+    basis: &[Complex<f64>],
+) -> (Complex<f64>, Complex<f64>, Vec<f64>) {
     let n = values.len() as f64;
     let (sum_z, sum_b): (Complex<f64>, Complex<f64>) = (values.iter().sum(), basis.iter().sum());
     let (bb, bz) = values
@@ -351,7 +361,7 @@ fn split(values: &[Complex<f64>], basis: &[Complex<f64>]) -> (Complex<f64>, Comp
 }
 
 /// White noise of vectors, root of the summed variances.
-fn noise(time_s: &[f64], values: &[Vector3<f64>]) -> f64 {
+fn vector_noise(time_s: &[f64], values: &[Vector3<f64>]) -> f64 {
     let mut variance = 0.0;
     for i in 0..3 {
         let position = values.iter().map(|v| v[i]).collect();
@@ -364,13 +374,13 @@ fn noise(time_s: &[f64], values: &[Vector3<f64>]) -> f64 {
 impl OffAxis {
     /// Distance of the poses from the joint as the largest multiple of the noise.
     #[must_use]
-    pub fn excess(&self) -> f64 {
+    pub fn largest_excess(&self) -> f64 {
         (self.measured.shift_m / self.noise.shift_m).max(self.measured.turn_rad / self.noise.turn_rad)
     }
 
     /// The evidence in words.
     #[must_use]
-    pub fn words(&self) -> String {
+    pub fn in_words(&self) -> String {
         let say = |a: &Across| format!("{:.2} mm and {:.2} deg", 1e3 * a.shift_m, a.turn_rad.to_degrees());
         let measured =
             format!("the poses leave the joint by {} (noise {})", say(&self.measured), say(&self.noise));
@@ -442,14 +452,14 @@ mod tests {
 
     fn suspected(joint: &TwinJoint, pose: impl Fn(f64) -> Pose) -> PosedJoint {
         let (time_s, poses) = sweep(pose);
-        read(joint, &time_s, &poses).unwrap()
+        posed_positions(joint, &time_s, &poses).unwrap()
     }
 
     #[test]
     fn what_the_joint_makes_has_its_position_and_no_suspect() {
         for motion in [Motion::Turn, Motion::Slide] {
             let joint = joint(motion);
-            let posed = suspected(&joint, |q| joint.moved(q));
+            let posed = suspected(&joint, |q| joint.motion_to(q));
             assert_eq!(posed.evidence.suspect, Suspect::None, "{:?}", posed.evidence);
             let worst = posed
                 .position
@@ -468,31 +478,31 @@ mod tests {
         let across = turn.axis.cross(&Vector3::x()).normalize();
         // The axis a centimeter off and tilted by 2 degrees, the part where the twin has it at zero.
         let off = Pose::new(0.01 * across, 0.035 * across);
-        let axis = suspected(&turn, |q| off * turn.moved(q) * off.inverse()).evidence;
+        let axis = suspected(&turn, |q| off * turn.motion_to(q) * off.inverse()).evidence;
         assert_eq!(axis.suspect, Suspect::AxisOffset, "{axis:?}");
         assert!(
             (axis.axis.shift_m - 0.01).abs() < 1e-3 && (axis.axis.turn_rad - 0.035).abs() < 2e-3,
             "{axis:?}"
         );
-        assert!(axis.words().contains("axis_offset"));
-        let mount = suspected(&turn, |q| turn.moved(q) * off).evidence;
+        assert!(axis.in_words().contains("axis_offset"));
+        let mount = suspected(&turn, |q| turn.motion_to(q) * off).evidence;
         assert_eq!(mount.suspect, Suspect::TrackedFrame, "{mount:?}");
         assert!((mount.mount.shift_m - 0.01).abs() < 1e-3, "{mount:?}");
-        let tilt = suspected(&slide, |q| off * slide.moved(q) * off.inverse()).evidence;
+        let tilt = suspected(&slide, |q| off * slide.motion_to(q) * off.inverse()).evidence;
         assert_eq!(tilt.suspect, Suspect::AxisOffset, "{tilt:?}");
         assert!((tilt.axis.turn_rad - 0.035).abs() < 2e-3, "{tilt:?}");
         let further = suspected(&turn, |q| {
-            Pose::new(0.02 * (9.0 * q).sin() * across, Vector3::zeros()) * turn.moved(q)
+            Pose::new(0.02 * (9.0 * q).sin() * across, Vector3::zeros()) * turn.motion_to(q)
         })
         .evidence;
         assert_eq!(further.suspect, Suspect::SecondDof, "{further:?}");
-        let slides = suspected(&turn, |q| slide.moved(q)).evidence;
+        let slides = suspected(&turn, |q| slide.motion_to(q)).evidence;
         assert_eq!(slides.suspect, Suspect::WrongJointType, "{slides:?}");
-        let turns = suspected(&slide, |q| off * turn.moved(q)).evidence;
+        let turns = suspected(&slide, |q| off * turn.motion_to(q)).evidence;
         assert_eq!(turns.suspect, Suspect::WrongJointType, "{turns:?}");
         // A part that rocks widely on its slide turns about no one axis.
         let rocks = suspected(&slide, |q| {
-            Pose::new(Vector3::zeros(), 0.4 * (9.0 * q).sin() * across) * slide.moved(q)
+            Pose::new(Vector3::zeros(), 0.4 * (9.0 * q).sin() * across) * slide.motion_to(q)
         });
         assert_eq!(rocks.evidence.suspect, Suspect::SecondDof, "{:?}", rocks.evidence);
     }
@@ -504,11 +514,11 @@ mod tests {
         let slide = joint(Motion::Slide);
         let across = turn.axis.cross(&Vector3::x()).normalize();
         let off = Pose::new(0.02 * across, Vector3::zeros());
-        let short = |q: f64| off * turn.moved(0.08 * q) * off.inverse();
+        let short = |q: f64| off * turn.motion_to(0.08 * q) * off.inverse();
         assert_eq!(suspected(&turn, short).evidence.suspect, Suspect::AxisOffset);
         // A hinge of little travel where the twin has a slide.
         let arc = Pose::new(0.5 * across, Vector3::zeros());
-        let hinge = |q: f64| arc * turn.moved(0.08 * q) * arc.inverse();
+        let hinge = |q: f64| arc * turn.motion_to(0.08 * q) * arc.inverse();
         assert_eq!(suspected(&slide, hinge).evidence.suspect, Suspect::WrongJointType);
     }
 }

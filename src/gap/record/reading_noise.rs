@@ -21,7 +21,7 @@ impl ReadingNoise {
 
     /// Variance of a reading at a speed.
     #[must_use]
-    pub fn variance(&self, speed: f64) -> f64 {
+    pub fn variance_at_speed(&self, speed: f64) -> f64 {
         self.at_rest * self.at_rest + (self.jitter_s * speed).powi(2)
     }
 }

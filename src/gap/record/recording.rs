@@ -150,7 +150,7 @@ impl Recording {
         }
         let logs = [log];
         let noise = reading_noise(&logs);
-        Ok(SmoothMotion::of(&logs[0].time_s, &logs[0].position, &noise, &[]))
+        Ok(SmoothMotion::of_positions(&logs[0].time_s, &logs[0].position, &noise, &[]))
     }
 
     /// Samples of a joint.
@@ -186,12 +186,12 @@ impl Recording {
         }
         let has_effort = samples.effort.iter().any(|u| u.is_finite());
         // Efforts come first, unless a servo is given.
-        let is_servo = told.servo(name).is_some() || !has_effort;
+        let is_servo = told.servo_of(name).is_some() || !has_effort;
         let command = self.commands.iter().find(|c| c.joint == name).filter(|_| is_servo);
         if !has_effort && command.is_none() {
             return Err(RecordingError::NoEffort { run: run(), joint: joint() });
         }
-        let factor = if command.is_none() { told.factor() } else { 1.0 };
+        let factor = if command.is_none() { told.effort_factor() } else { 1.0 };
         let signal = command
             .map_or_else(|| samples.effort.clone(), |c| c.at_samples(&samples.time_s, &samples.position));
         let mut log = JointLog { run: run(), ..JointLog::default() };

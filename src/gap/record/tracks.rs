@@ -123,7 +123,7 @@ pub fn moved_link(tree: &TwinTree, topic: &str, link: &str) -> Result<usize, Tra
     let index = tree.links.iter().position(|l| l.name == link);
     let index =
         index.ok_or_else(|| TrackError::NoLink { topic: topic(), link: name(), links: names(tree) })?;
-    if tree.carrier(index) == tree.carrier(tree.root) {
+    if tree.carrying_link(index) == tree.carrying_link(tree.root) {
         Err(TrackError::Still { topic: topic(), link: name() })
     } else {
         Ok(index)

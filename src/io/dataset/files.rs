@@ -35,7 +35,7 @@ pub fn refuse<T>(path: &Path, reason: impl Into<String>) -> Result<T, CaptureErr
 }
 
 pub fn read(path: &Path) -> Result<Vec<u8>, CaptureError> {
-    files::read(path, DATASET).or_else(|source| match source.kind() {
+    files::read_limited(path, DATASET).or_else(|source| match source.kind() {
         // Too large is a fault of the dataset, not of the disk.
         ErrorKind::FileTooLarge => refuse(path, source.to_string()),
         _ => Err(CaptureError::Read { path: path.to_owned(), source }),

@@ -6,7 +6,7 @@ use io::BagWriteError;
 
 impl Collector {
     /// Keeps a new view. A tracked one is decoded, and written without transforms.
-    pub(super) fn judge(
+    pub(super) fn keep_if_new(
         &mut self,
         view: View,
         now_nanos: i64,
@@ -16,9 +16,11 @@ impl Collector {
         let Some(info) = self.infos[0].clone() else { return Ok(None) };
         // By the pose alone, before anything is decoded: most views show nothing new.
         let verdict = match self.phase {
-            Phase::Collecting(state) => {
-                self.keyframes[state].judge(view.stamp_nanos, &view.world_from_camera, &self.settings.rule)
-            }
+            Phase::Collecting(state) => self.keyframes[state].verdict_on(
+                view.stamp_nanos,
+                &view.world_from_camera,
+                &self.settings.rule,
+            ),
             Phase::Idle => Verdict::Known,
         };
         let keep = verdict == Verdict::Keep;
@@ -27,7 +29,7 @@ impl Collector {
             tracked
         } else if keep || pixels {
             let t = &self.settings.topics;
-            match view.decode(
+            match view.decoded_pixels(
                 &info,
                 &t.color_info,
                 [t.color.as_str(), t.depth.as_str(), t.mask.as_deref().unwrap_or_default()],
@@ -42,7 +44,7 @@ impl Collector {
         } else {
             None
         };
-        self.counts.judged(verdict, self.phase != Phase::Idle);
+        self.counts.count_verdict(verdict, self.phase != Phase::Idle);
         let seen = Seen {
             stamp_nanos: view.stamp_nanos,
             world_from_camera: view.world_from_camera,
@@ -50,11 +52,11 @@ impl Collector {
             kept: keep,
         };
         if let (true, Phase::Collecting(state)) = (keep, self.phase) {
-            self.keyframes[state].keep(view.stamp_nanos, view.world_from_camera);
+            self.keyframes[state].keep_view(view.stamp_nanos, view.world_from_camera);
             self.tracking.kept = Some(is_tracked);
             // Now, as LiveTf forgets after some seconds and the view may be held longer.
             let frame = view.images[0].as_ref().and_then(|p| p.header().checked()).filter(|_| !is_tracked);
-            let around = frame.map_or_else(Vec::new, |(stamp, frame)| self.tf.around(&frame, stamp));
+            let around = frame.map_or_else(Vec::new, |(stamp, frame)| self.tf.samples_around(&frame, stamp));
             self.held.push_back(Held { view, around, now_nanos });
             self.write_held(self.settings.hold)?;
         }

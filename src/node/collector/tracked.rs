@@ -25,7 +25,7 @@ const TWIN_FRAMES: [&str; 2] = ["world", "twin_world"];
 impl Collector {
     /// Number of the views' map.
     #[must_use]
-    pub(crate) fn map(&self) -> u64 {
+    pub(crate) fn map_number(&self) -> u64 {
         self.tracking.map
     }
 
@@ -49,7 +49,7 @@ impl Collector {
     /// Frame of the twin, where it is not the one of the recorded poses.
     #[must_use]
     pub(crate) fn twin_frame(&self) -> Option<&'static str> {
-        let root = self.optical().map(|optical| self.tf.root(&optical));
+        let root = self.optical_frame().map(|optical| self.tf.root_of_frame(&optical));
         let free = TWIN_FRAMES.into_iter().find(|f| root.as_deref() != Some(f));
         free.filter(|_| self.tracking.is_on)
     }
@@ -108,7 +108,7 @@ impl Collector {
         };
         self.world_frame = Some(self.settings.map_frame.clone());
         let transform = self.camera_transform(&tracked.view);
-        let seen = self.judge(tracked.view, now_nanos, true, Some(pixels));
+        let seen = self.keep_if_new(tracked.view, now_nanos, true, Some(pixels));
         let seen = self.unless_failed(seen)?;
         Ok(seen.map(|seen| (seen, transform)))
     }
@@ -141,7 +141,7 @@ impl Collector {
     fn camera_transform(&mut self, view: &View) -> Option<TransformStamped> {
         let map = &self.settings.map_frame;
         let (_, optical) = view.images[0].as_ref()?.header().checked()?;
-        let root = self.tf.root(&optical);
+        let root = self.tf.root_of_frame(&optical);
         let optical_from_root = match root == optical {
             true => Pose::identity(),
             // The transform of a moving frame may not be there yet: then this view is not published.

@@ -3,7 +3,7 @@
 use super::place::{Worlds, unaligned};
 use ::capture::{
     BoardInView, BoardInWorld, BoardPlace, CaptureError, ColorTurn, Paper, TrackedState, UNREAD_BOARD,
-    Unaligned, UpBy, Upright, board_scale, stretched,
+    Unaligned, UpBy, Upright, board_scale, pose_scaled,
 };
 use common::note::{Note, NoteCode};
 use common::stop::{Stop, Stopped};
@@ -35,7 +35,7 @@ pub(super) fn places(tracked: &[TrackedState], stop: &Stop) -> Result<Option<Pla
     let scale = board_scale(&ratios).unwrap_or(UNREAD_BOARD);
     let of_state: Vec<Option<BoardPlace>> = views
         .iter()
-        .map(|v| BoardPlace::of(v, scale, &ColorTurn::EXPECTED, stop))
+        .map(|v| BoardPlace::from_views(v, scale, &ColorTurn::EXPECTED, stop))
         .collect::<Result<_, Stopped>>()?;
     Ok(of_state.iter().any(Option::is_some).then_some(Places { of_state, scale }))
 }
@@ -81,7 +81,7 @@ pub(super) fn board_worlds(
     notes.extend(trusted.then(|| length(&places.scale)));
     warnings.extend((!trusted).then(|| doubtful(places.scale[0])));
     let on_board = |state: usize| {
-        Some(stretched(&places.of_state[state].as_ref()?.board_from_map, scale / places.scale[0]))
+        Some(pose_scaled(&places.of_state[state].as_ref()?.board_from_map, scale / places.scale[0]))
     };
     let mut on_its_place: Vec<bool> = places.of_state.iter().map(Option::is_some).collect();
     let Some((reference, board_from_map)) = (0..tracked.len()).find_map(|s| Some((s, on_board(s)?))) else {
@@ -89,7 +89,7 @@ pub(super) fn board_worlds(
     };
     let world_from_board = upright(&tracked[reference], &board_from_map, scale, warnings);
     let in_first = |state: usize| match &aligned[state - 1] {
-        Ok((first_from_map, _)) => Ok(stretched(first_from_map, scale)),
+        Ok((first_from_map, _)) => Ok(pose_scaled(first_from_map, scale)),
         Err(why) => Err(unaligned(state, why)),
     };
     let first = match on_board(0) {
@@ -124,7 +124,7 @@ pub(super) fn board_worlds(
 
 /// The world in which a board lies level, or the upright one where it does not.
 fn upright(tracked: &TrackedState, board_from_map: &Pose, scale: f64, warnings: &mut Vec<Note>) -> Pose {
-    let Upright { world_from_map: upright_from_map, by, .. } = tracked.track.upright();
+    let Upright { world_from_map: upright_from_map, by, .. } = tracked.track.upright_world();
     let normal = board_from_map.inverse() * nalgebra::Vector3::z();
     let up = upright_from_map.inverse() * nalgebra::Vector3::z();
     let tilt_rad = normal.angle(&up);
@@ -138,7 +138,7 @@ fn upright(tracked: &TrackedState, board_from_map: &Pose, scale: f64, warnings: 
                  the world is upright by what else is seen; lay the board on the floor or the table"
             ),
         ));
-        return stretched(&upright_from_map, scale) * board_from_map.inverse();
+        return pose_scaled(&upright_from_map, scale) * board_from_map.inverse();
     }
     if by != UpBy::Images && tilt_rad > TILTED_RAD {
         warnings.push(Note::new(

@@ -11,7 +11,7 @@ use super::{
     upright::upright_of,
 };
 use ::capture::{
-    BoardInWorld, Capture, CaptureConfig, CaptureError, TrackedState, Unaligned, align_tracks, stretched,
+    BoardInWorld, Capture, CaptureConfig, CaptureError, TrackedState, Unaligned, align_tracks, pose_scaled,
 };
 use common::ahead::Ahead;
 use common::note::{Note, NoteCode};
@@ -76,7 +76,7 @@ fn give_poses(
     let mut sightings = BTreeMap::new();
     for ((view, pose), board) in seen.into_iter().zip(track.poses).zip(boards) {
         let view = &mut views.views[view];
-        view.world_from_camera = pose.map(|pose| world_from_map * stretched(&pose, scale));
+        view.world_from_camera = pose.map(|pose| world_from_map * pose_scaled(&pose, scale));
         sightings.extend(board.map(|board| (view.stamp_nanos, board)));
     }
     views.depth_factor = scale;

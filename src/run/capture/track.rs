@@ -57,7 +57,7 @@ pub(super) fn track(
         let look = |(view, frame): (usize, RgbdFrame)| {
             stop.check()?;
             let board = if config.board == UseBoard::Auto { find_board(&frame) } else { None };
-            Ok((view, board, Observation::of(frame, &noise, ahead)))
+            Ok((view, board, Observation::of_frame(frame, &noise, ahead)))
         };
         let observations: Vec<_> = frames.into_par_iter().map(look).collect::<Result<_, Stopped>>()?;
         for (view, board, observation) in observations {
@@ -70,12 +70,16 @@ pub(super) fn track(
     }
     let mut track = tracker.finish(stop)?;
     if track.findings.tracked < 2 {
-        return Err(CaptureError::NotTracked { state, views: seen.len(), why: Lost::mostly(&reasons) });
+        return Err(CaptureError::NotTracked {
+            state,
+            views: seen.len(),
+            why: Lost::most_frequent_reason(&reasons),
+        });
     }
     track.measured_up = views.accelerometer.as_ref().map(|a| track.up_of(a));
     let notes = vec![Note::new(NoteCode::CameraTracked, format!("state {state}: {}", track.findings))];
     let stretch = |[first, last]: &[usize; 2]| {
-        let why = Lost::mostly(&reasons[*first..=*last]);
+        let why = Lost::most_frequent_reason(&reasons[*first..=*last]);
         let stamp = |v: usize| stamp_secs(views.views[seen[v]].stamp_nanos);
         let text = format!(
             "state {state}: the camera was lost from {:.3} to {:.3} s ({} views), which are not used: {why}",

@@ -5,7 +5,7 @@ use common::note::{Note, NoteCode};
 
 /// The world of a tracked state, with what is to be said of its direction upwards: notes, then warnings.
 pub(super) fn upright_of(track: &Track, notes: &mut Vec<Note>, warnings: &mut Vec<Note>) -> Upright {
-    let upright = track.upright();
+    let upright = track.upright_world();
     let deg = |rad: f64| rad.to_degrees();
     match &track.measured_up {
         Some(Err(why)) => {

@@ -33,7 +33,12 @@ pub(super) struct Bay {
 
 /// The deepest bay from each vertex of a rim; those with the longest saved rim come first. `normals` are
 /// those of the mesh's vertices.
-pub(super) fn bays(mesh: &TriangleMesh, rim: &[u32], normals: &[Vector3<f64>], voxel_m: f64) -> Vec<Bay> {
+pub(super) fn bays_of_rim(
+    mesh: &TriangleMesh,
+    rim: &[u32],
+    normals: &[Vector3<f64>],
+    voxel_m: f64,
+) -> Vec<Bay> {
     let points: Vec<Point3<f64>> = rim.iter().map(|&v| mesh.vertices[v as usize].cast()).collect();
     let rim_normals: Vec<Vector3<f64>> = rim.iter().map(|&v| normals[v as usize]).collect();
     let mut found: Vec<Bay> =
@@ -71,7 +76,7 @@ fn deepest_bay(points: &[Point3<f64>], normals: &[Vector3<f64>], from: usize, vo
         // A mouth is no gain where it grows along a straight rim.
         let saved_m = length - COST * mouth;
         let is_deeper = best.as_ref().is_none_or(|least| saved_m > least.saved_m);
-        if is_bay && is_deeper && opens(points, from, sides, OPENING * voxel_m) {
+        if is_bay && is_deeper && opens_behind(points, from, sides, OPENING * voxel_m) {
             best = Some(Bay { saved_m, from, sides });
         }
     }
@@ -79,7 +84,7 @@ fn deepest_bay(points: &[Point3<f64>], normals: &[Vector3<f64>], from: usize, vo
 }
 
 /// Whether a rim behind the mouth of a bay stands apart by `opening_m` more than there, as far along it.
-fn opens(points: &[Point3<f64>], from: usize, sides: usize, opening_m: f64) -> bool {
+fn opens_behind(points: &[Point3<f64>], from: usize, sides: usize, opening_m: f64) -> bool {
     let n = points.len();
     let to = (from + sides) % n;
     let before = point_along(points, from, n - 1, n - sides, opening_m);
@@ -116,7 +121,7 @@ mod tests {
 
     fn bays_of(mesh: &TriangleMesh) -> Vec<usize> {
         let up = vec![Vector3::z(); mesh.vertices.len()];
-        let of = |rim: &Vec<u32>| bays(mesh, rim, &up, 1.0).into_iter().map(|bay| bay.sides);
+        let of = |rim: &Vec<u32>| bays_of_rim(mesh, rim, &up, 1.0).into_iter().map(|bay| bay.sides);
         border_loops(mesh).unwrap().iter().flat_map(of).collect()
     }
 

@@ -58,7 +58,7 @@ pub(super) fn drawn_out(
     if readings.views.is_empty() {
         return loops.iter().map(|rim| vec![None; rim.len()]).collect();
     }
-    let neighbors = Neighbors::of(mesh);
+    let neighbors = Neighbors::of_mesh(mesh);
     let mut reach = Reach::new(mesh, &neighbors);
     let mut moves = Vec::with_capacity(loops.len());
     for rim in loops {
@@ -92,7 +92,7 @@ impl Way {
     ) -> Option<Self> {
         let mut middle = Vector3::zeros();
         let mut normal = Vector3::zeros();
-        let around = reach.from(&[(vertex, 0.0)], AROUND * voxel_m);
+        let around = reach.vertices_within(&[(vertex, 0.0)], AROUND * voxel_m);
         for &n in around {
             middle += mesh.vertices[n as usize].coords.cast::<f64>() / around.len() as f64;
             normal += normals[n as usize];
@@ -155,7 +155,7 @@ impl Readings<'_> {
 
     /// Whether a frame's reading is of the surface at a point of its camera.
     fn show_surface(&self, frame: &RgbdFrame, p: &Point3<f64>, voxel_m: f64) -> bool {
-        let Some(pixel) = frame.intrinsics.pixel(p) else { return false };
+        let Some(pixel) = frame.intrinsics.pixel_of(p) else { return false };
         let measured_m = f64::from(frame.depth_m[pixel]);
         let slack_m = OF_SURFACE * frame.sigma_m(pixel, &self.noise) + 0.5 * voxel_m;
         frame.is_object(pixel) && measured_m > 0.0 && (measured_m - p.z).abs() <= slack_m

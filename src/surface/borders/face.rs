@@ -34,7 +34,7 @@ impl Face {
     /// The face around a rim of vertices with the surface on its left; the side from its last vertex to the
     /// first may be missing. `triangles` are those at each vertex. `None` where the rim is too wide or goes
     /// around surface in place of a gap, and where the surface around it is not flat or less than the gap.
-    pub(super) fn around(
+    pub(super) fn around_rim(
         mesh: &TriangleMesh,
         rim: &[u32],
         reach: &mut Reach<'_>,
@@ -42,18 +42,18 @@ impl Face {
         voxel_m: f64,
     ) -> Option<Self> {
         let rim_points: Vec<Point3<f64>> = rim.iter().map(|&v| mesh.vertices[v as usize].cast()).collect();
-        let center = mean(&rim_points);
+        let center = mean_point(&rim_points);
         let half_m = rim_points.iter().map(|p| (p - center).norm()).fold(0.0, f64::max);
         if 2.0 * half_m > MAX_WIDTH * voxel_m {
             return None;
         }
         let sources: Vec<(u32, f64)> = rim.iter().map(|&v| (v, 0.0)).collect();
-        let near: Vec<u32> = reach.from(&sources, half_m.max(LEAST_MARGIN * voxel_m)).to_vec();
+        let near: Vec<u32> = reach.vertices_within(&sources, half_m.max(LEAST_MARGIN * voxel_m)).to_vec();
         let faces: BTreeSet<u32> = near.iter().flat_map(|&v| &triangles[v as usize]).copied().collect();
         let area_normals = faces.iter().map(|&t| mesh.area_normal(t as usize).cast::<f64>() * 0.5);
         let (sum, area_m2) = area_normals.fold((Vector3::zeros(), 0.0), |(s, a), n| (s + n, a + n.norm()));
         let near: Vec<Point3<f64>> = near.iter().map(|&v| mesh.vertices[v as usize].cast()).collect();
-        let middle = mean(&near);
+        let middle = mean_point(&near);
         let offsets = near.iter().map(|p| p - middle);
         let scatter = offsets.fold(Matrix3::zeros(), |m, d| m + d * d.transpose()) / near.len() as f64;
         let eigen = scatter.symmetric_eigen();
@@ -69,18 +69,18 @@ impl Face {
         let first = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).normalize();
         let face = Self { middle, along: [first, normal.cross(&first)] };
         // With the surface on its left the rim of a gap turns clockwise.
-        let gap_m2 = -signed_area(&rim_points.iter().map(|p| face.flat(p)).collect::<Vec<_>>());
+        let gap_m2 = -signed_area(&rim_points.iter().map(|p| face.in_plane(p)).collect::<Vec<_>>());
         (gap_m2 > 0.0 && gap_m2 <= area_m2).then_some(face)
     }
 
     /// A point in the plane.
-    pub(super) fn flat(&self, p: &Point3<f64>) -> Point2<f64> {
+    pub(super) fn in_plane(&self, p: &Point3<f64>) -> Point2<f64> {
         let d = p - self.middle;
         Point2::new(d.dot(&self.along[0]), d.dot(&self.along[1]))
     }
 }
 
-fn mean(points: &[Point3<f64>]) -> Point3<f64> {
+fn mean_point(points: &[Point3<f64>]) -> Point3<f64> {
     (points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len() as f64).into()
 }
 

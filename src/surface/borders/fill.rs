@@ -52,26 +52,26 @@ impl<'a> Fill<'a> {
     /// Fills the gap within a rim with the surface on its left; from its last vertex to the first goes a side
     /// of the border or, with `is_bay`, a new one. Whether it was filled: not where `others`, vertices of the
     /// border, lie in it, where the face is not flat, or where a point of it was seen empty.
-    pub(super) fn gap(&mut self, rim: &[u32], is_bay: bool, others: impl Iterator<Item = u32>) -> bool {
+    pub(super) fn fill_gap(&mut self, rim: &[u32], is_bay: bool, others: impl Iterator<Item = u32>) -> bool {
         let mesh = self.mesh;
         if is_bay && self.has_side(rim[0], rim[rim.len() - 1]) {
             return false;
         }
-        let Some(face) = Face::around(mesh, rim, &mut self.reach, &self.around, self.voxel_m) else {
+        let Some(face) = Face::around_rim(mesh, rim, &mut self.reach, &self.around, self.voxel_m) else {
             return false;
         };
         // Turned around: the new triangles lie on the other side.
         let at = |k: usize| rim[rim.len() - 1 - k];
         let position = |v: u32| mesh.vertices[v as usize].cast::<f64>();
-        let flat: Vec<Point2<f64>> = (0..rim.len()).map(|k| face.flat(&position(at(k)))).collect();
-        let mut others = others.map(|v| face.flat(&position(v)));
+        let flat: Vec<Point2<f64>> = (0..rim.len()).map(|k| face.in_plane(&position(at(k)))).collect();
+        let mut others = others.map(|v| face.in_plane(&position(v)));
         if others.any(|p| is_inside(&p, &flat)) {
             return false;
         }
         let Some(cut) = triangulate(&flat, |i, j| self.has_side(at(i), at(j))) else { return false };
         let new: Vec<[u32; 3]> = cut.into_iter().map(|t| t.map(at)).collect();
         let step_m = SAMPLE_STEP * self.voxel_m;
-        let mut points = new.iter().flat_map(|t| samples(&t.map(position), step_m));
+        let mut points = new.iter().flat_map(|t| points_of_triangle(&t.map(position), step_m));
         if points.any(|p| (self.is_seen_empty)(&p)) {
             return false;
         }
@@ -88,7 +88,7 @@ impl<'a> Fill<'a> {
 }
 
 /// Points of a triangle, its corners left out, no farther apart than `step_m`.
-fn samples(corners: &[Point3<f64>; 3], step_m: f64) -> impl Iterator<Item = Point3<f64>> + use<> {
+fn points_of_triangle(corners: &[Point3<f64>; 3], step_m: f64) -> impl Iterator<Item = Point3<f64>> + use<> {
     let [a, b, c] = *corners;
     let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
     // No gap is wider than some voxels.

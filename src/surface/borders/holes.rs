@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::{
-    bays::{Bay, bays},
+    bays::{Bay, bays_of_rim},
     fill::{Fill, SeenEmpty},
     loops::border_loops,
     reach::Neighbors,
@@ -15,25 +15,25 @@ use crate::vertex_normals;
 pub(super) fn close_holes(sheet: &mut Sheet, voxel_m: f64, is_seen_empty: SeenEmpty<'_>) -> usize {
     let mesh = &sheet.mesh;
     let Some(loops) = border_loops(mesh) else { return 0 };
-    let neighbors = Neighbors::of(mesh);
+    let neighbors = Neighbors::of_mesh(mesh);
     let normals: Vec<Vector3<f64>> = vertex_normals(mesh).iter().map(|n| n.cast()).collect();
     let mut fill = Fill::new(mesh, &neighbors, voxel_m, is_seen_empty);
     let mut count = 0;
     for rim in &loops {
-        if fill.gap(rim, false, std::iter::empty()) {
+        if fill.fill_gap(rim, false, std::iter::empty()) {
             count += 1;
             continue;
         }
         // Inner vertices of the filled bays.
         let mut is_filled = vec![false; rim.len()];
-        for Bay { from, sides, .. } in bays(mesh, rim, &normals, voxel_m) {
+        for Bay { from, sides, .. } in bays_of_rim(mesh, rim, &normals, voxel_m) {
             let at = |k: usize| (from + k) % rim.len();
             if (0..=sides).any(|k| is_filled[at(k)]) {
                 continue;
             }
             let bay: Vec<u32> = (0..=sides).map(|k| rim[at(k)]).collect();
             let others = (sides + 1..rim.len()).map(|k| rim[at(k)]);
-            if fill.gap(&bay, true, others) {
+            if fill.fill_gap(&bay, true, others) {
                 (1..sides).for_each(|k| is_filled[at(k)] = true);
                 count += 1;
             }
@@ -59,7 +59,7 @@ mod tests {
             let size = 1 + (i + 2 * j) % 3;
             (x % 8).wrapping_sub(3) < size && (y % 8).wrapping_sub(3) < size
         };
-        Sheet::of(&plate(40, 32, |x, y| !hole(x, y)))
+        Sheet::of_mesh(&plate(40, 32, |x, y| !hole(x, y)))
     }
 
     #[test]
@@ -90,7 +90,7 @@ mod tests {
         let slot = plate(60, 20, |x, y| !((10..50).contains(&x) && y == 9));
         let small = plate(3, 3, |_, _| true);
         for mesh in [wide, slot, small] {
-            assert_eq!(close_holes(&mut Sheet::of(&mesh), 1.0, &|_| false), 0);
+            assert_eq!(close_holes(&mut Sheet::of_mesh(&mesh), 1.0, &|_| false), 0);
         }
         // A tube of ten sides has two open ends, each small.
         let ring = |k: u32, z: f32| {
@@ -105,6 +105,6 @@ mod tests {
         let triangles = (0..5).flat_map(|z| (0..10).flat_map(move |k| cell(z, k))).collect();
         let tube = TriangleMesh { vertices, triangles, colors: Vec::new() };
         assert_eq!(border_loops(&tube).unwrap().len(), 2);
-        assert_eq!(close_holes(&mut Sheet::of(&tube), 1.0, &|_| false), 0);
+        assert_eq!(close_holes(&mut Sheet::of_mesh(&tube), 1.0, &|_| false), 0);
     }
 }

@@ -12,7 +12,7 @@ pub(super) fn border_loops(mesh: &TriangleMesh) -> Option<Vec<Vec<u32>>> {
         return None;
     }
     let all = sides.all().flat_map(|(p, ends)| ends.iter().map(move |q| (p, *q)));
-    let open: Vec<(u32, u32)> = all.filter(|&(p, q)| !sides.at(q).contains(&p)).collect();
+    let open: Vec<(u32, u32)> = all.filter(|&(p, q)| !sides.list_at(q).contains(&p)).collect();
     // As many open sides begin at a vertex as end there: every triangle brings one of each, and so does every
     // pair taken away. So every walk along unused ones comes back.
     let mut used = vec![false; open.len()];

@@ -22,7 +22,7 @@ use self::{
     holes::close_holes,
     loops::border_loops,
     sheet::Sheet,
-    straight::straighten,
+    straight::straightened_mesh,
     teeth::{drop_hanging, drop_shreds, drop_teeth},
 };
 use super::TriangleMesh;
@@ -54,7 +54,7 @@ pub fn mend_borders(mesh: &TriangleMesh, voxel_m: f64, close: bool, readings: &R
         return Mended { mesh: mesh.clone(), holes: 0, assumed_m2: 0.0 };
     }
     let colorless = TriangleMesh { colors: Vec::new(), ..mesh.clone() };
-    let mut sheet = Sheet::of(&colorless);
+    let mut sheet = Sheet::of_mesh(&colorless);
     let mut holes = 0;
     for _ in 0..ROUNDS {
         drop_hanging(&mut sheet);
@@ -65,6 +65,6 @@ pub fn mend_borders(mesh: &TriangleMesh, voxel_m: f64, close: bool, readings: &R
     }
     drop_hanging(&mut sheet);
     drop_shreds(&mut sheet, voxel_m);
-    sheet.mesh = straighten(&sheet.mesh, voxel_m, readings);
-    Mended { mesh: sheet.finish(), holes, assumed_m2: sheet.assumed_m2() }
+    sheet.mesh = straightened_mesh(&sheet.mesh, voxel_m, readings);
+    Mended { mesh: sheet.used_mesh(), holes, assumed_m2: sheet.assumed_m2() }
 }

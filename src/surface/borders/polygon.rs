@@ -24,7 +24,7 @@ pub(super) fn triangulate(
             let j = i + span;
             let is_side = span + 1 == n;
             let cuts = (i + 1..j).map(|k| {
-                let third = sliver(&corners[i], &corners[k], &corners[j]);
+                let third = sliver_cost(&corners[i], &corners[k], &corners[j]);
                 (best[i * n + k].0 + best[k * n + j].0 + third, k)
             });
             let least = cuts.min_by(|a, b| a.0.total_cmp(&b.0));
@@ -48,15 +48,15 @@ pub(super) fn triangulate(
 }
 
 /// Longest side squared per twice the area, infinite for a flat or clockwise triangle.
-fn sliver(a: &Point2<f64>, b: &Point2<f64>, c: &Point2<f64>) -> f64 {
+fn sliver_cost(a: &Point2<f64>, b: &Point2<f64>, c: &Point2<f64>) -> f64 {
     let longest2 = (b - a).norm_squared().max((c - b).norm_squared()).max((a - c).norm_squared());
-    let area2 = turn(a, b, c);
+    let area2 = twice_area(a, b, c);
     // A height of less than 1/1000 of the longest side may turn over by rounding.
     if area2 > 1e-3 * longest2 { longest2 / area2 } else { f64::INFINITY }
 }
 
 /// Twice the area of a triangle, positive if counter-clockwise.
-fn turn(a: &Point2<f64>, b: &Point2<f64>, c: &Point2<f64>) -> f64 {
+fn twice_area(a: &Point2<f64>, b: &Point2<f64>, c: &Point2<f64>) -> f64 {
     (b - a).perp(&(c - a))
 }
 
@@ -79,7 +79,7 @@ fn sides_cross(corners: &[Point2<f64>]) -> bool {
 }
 
 fn segments_cross([a, b]: [&Point2<f64>; 2], [c, d]: [&Point2<f64>; 2]) -> bool {
-    turn(a, b, c) * turn(a, b, d) < 0.0 && turn(c, d, a) * turn(c, d, b) < 0.0
+    twice_area(a, b, c) * twice_area(a, b, d) < 0.0 && twice_area(c, d, a) * twice_area(c, d, b) < 0.0
 }
 
 #[cfg(test)]
@@ -87,7 +87,7 @@ mod tests {
     use super::*;
 
     fn area(corners: &[Point2<f64>], triangles: &[[usize; 3]]) -> f64 {
-        triangles.iter().map(|t| 0.5 * turn(&corners[t[0]], &corners[t[1]], &corners[t[2]])).sum()
+        triangles.iter().map(|t| 0.5 * twice_area(&corners[t[0]], &corners[t[1]], &corners[t[2]])).sum()
     }
 
     #[test]

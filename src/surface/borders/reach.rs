@@ -9,17 +9,17 @@ use numeric::lists::Lists;
 pub(super) struct Neighbors(Lists<u32>);
 
 impl Neighbors {
-    pub(super) fn of(mesh: &TriangleMesh) -> Self {
+    pub(super) fn of_mesh(mesh: &TriangleMesh) -> Self {
         let pairs = mesh.sides().flat_map(|(p, q, _)| [(p, q), (q, p)]);
-        Self(Lists::of(mesh.vertices.len(), pairs).unique())
+        Self(Lists::of_entries(mesh.vertices.len(), pairs).without_repeats())
     }
 
-    pub(super) fn at(&self, vertex: u32) -> &[u32] {
-        self.0.at(vertex)
+    pub(super) fn of_vertex(&self, vertex: u32) -> &[u32] {
+        self.0.list_at(vertex)
     }
 
     pub(super) fn are_joined(&self, a: u32, b: u32) -> bool {
-        self.at(a).binary_search(&b).is_ok()
+        self.of_vertex(a).binary_search(&b).is_ok()
     }
 }
 
@@ -42,7 +42,7 @@ impl<'a> Reach<'a> {
     /// with a start value each; a vertex takes the least start value plus straight distance of the sources
     /// connected to it from vertex to vertex. On short ways over a smooth surface this is the way along it,
     /// without the zigzag of the sides.
-    pub(super) fn from(&mut self, sources: &[(u32, f64)], limit_m: f64) -> &[u32] {
+    pub(super) fn vertices_within(&mut self, sources: &[(u32, f64)], limit_m: f64) -> &[u32] {
         for v in self.reached.drain(..) {
             self.distance_m[v as usize] = f64::INFINITY;
         }
@@ -59,7 +59,11 @@ impl<'a> Reach<'a> {
             self.distance_m[vertex as usize] = distance_m;
             self.reached.push(vertex);
             let from = position(source.0);
-            for &n in self.neighbors.at(vertex).iter().filter(|&&n| self.distance_m[n as usize].is_infinite())
+            for &n in self
+                .neighbors
+                .of_vertex(vertex)
+                .iter()
+                .filter(|&&n| self.distance_m[n as usize].is_infinite())
             {
                 let distance_m = source.1 + (position(n) - from).norm();
                 queue.push(QueuedVertex { distance_m, vertex: n, source });
@@ -113,10 +117,10 @@ mod tests {
     #[test]
     fn distances_on_a_plate_are_straight_and_end_at_the_limit() {
         let mesh = plate(12, 12, |_, _| true);
-        let neighbors = Neighbors::of(&mesh);
+        let neighbors = Neighbors::of_mesh(&mesh);
         let mut reach = Reach::new(&mesh, &neighbors);
         for limit in [3.0, 6.5] {
-            reach.from(&[(0, 0.0)], limit);
+            reach.vertices_within(&[(0, 0.0)], limit);
             for (v, p) in mesh.vertices.iter().enumerate() {
                 let d = reach.distance_m(v as u32);
                 let straight = f64::from(p.coords.norm());

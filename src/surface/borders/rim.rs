@@ -39,14 +39,14 @@ impl<'a> Rim<'a> {
     }
 
     /// The place of every point: `None` for a rim too short to have a direction.
-    pub(super) fn places(&self) -> Option<Vec<Point3<f64>>> {
+    pub(super) fn places_of_points(&self) -> Option<Vec<Point3<f64>>> {
         let n = self.points.len();
         if self.whole_m() < 4.0 * WINDOW * self.voxel_m {
             return None;
         }
-        let corners = self.corners();
+        let corners = self.corner_points();
         if corners.is_empty() {
-            return Some((0..n).map(|k| self.curve(k, None)).collect());
+            return Some((0..n).map(|k| self.place_on_curve(k, None)).collect());
         }
         let mut places = self.points.to_vec();
         let mut lines = Vec::with_capacity(corners.len());
@@ -54,11 +54,11 @@ impl<'a> Rim<'a> {
             let to = corners[(i + 1) % corners.len()];
             // A single corner's piece goes round.
             let count = (to + n - from - 1) % n + 1;
-            let line = self.line(from, count);
+            let line = self.line_of_piece(from, count);
             for k in (1..count).map(|k| (from + k) % n) {
                 places[k] = match &line {
-                    Some(line) => line.nearest(&self.points[k]),
-                    None => self.curve(k, Some((from, count))),
+                    Some(line) => line.nearest_point(&self.points[k]),
+                    None => self.place_on_curve(k, Some((from, count))),
                 };
             }
             lines.push(line);
@@ -66,7 +66,7 @@ impl<'a> Rim<'a> {
         for (i, &corner) in corners.iter().enumerate() {
             let before = &lines[(i + lines.len() - 1) % lines.len()];
             if let (Some(a), Some(b)) = (before, &lines[i]) {
-                places[corner] = a.meeting(b).unwrap_or(places[corner]);
+                places[corner] = a.meeting_point(b).unwrap_or(places[corner]);
             }
         }
         Some(places)
@@ -74,7 +74,7 @@ impl<'a> Rim<'a> {
 
     /// Points with the greatest change of the rim's direction, from a window before to a window behind, and
     /// by enough.
-    fn corners(&self) -> Vec<usize> {
+    fn corner_points(&self) -> Vec<usize> {
         let n = self.points.len();
         let cosines: Vec<f64> = (0..n).map(|k| self.turn_cosine(k)).collect();
         (0..n).filter(|&k| self.is_corner(&cosines, k)).collect()
@@ -82,7 +82,7 @@ impl<'a> Rim<'a> {
 
     /// Cosine of the change of direction at a point; 1 where it is unknown.
     fn turn_cosine(&self, k: usize) -> f64 {
-        match (self.direction(k, false), self.direction(k, true)) {
+        match (self.direction_at(k, false), self.direction_at(k, true)) {
             (Some(a), Some(b)) => a.dot(&b),
             _ => 1.0,
         }
@@ -90,37 +90,37 @@ impl<'a> Rim<'a> {
 
     /// Whether a point turns by enough, and most within its windows.
     fn is_corner(&self, cosines: &[f64], k: usize) -> bool {
-        let rivals = self.window(k, false).chain(self.window(k, true));
+        let rivals = self.points_in_window(k, false).chain(self.points_in_window(k, true));
         cosines[k] < CORNER_COSINE && rivals.filter(|&j| j != k).all(|j| (cosines[k], k) < (cosines[j], j))
     }
 
     /// The points within a window before or behind a point, from it on.
-    fn window(&self, k: usize, forward: bool) -> impl Iterator<Item = usize> {
+    fn points_in_window(&self, k: usize, forward: bool) -> impl Iterator<Item = usize> {
         let n = self.points.len();
         let points = (0..n).map(move |i| if forward { (k + i) % n } else { (k + n - i) % n });
         points.take_while(move |&j| {
-            let length_m = if forward { self.along(k, j) } else { self.along(j, k) };
+            let length_m = if forward { self.length_between_m(k, j) } else { self.length_between_m(j, k) };
             length_m <= WINDOW * self.voxel_m
         })
     }
 
     /// Length of the rim from one point forward to another, less than all of it.
-    fn along(&self, from: usize, to: usize) -> f64 {
+    fn length_between_m(&self, from: usize, to: usize) -> f64 {
         let d = self.length_m[to] - self.length_m[from];
         if d < 0.0 { d + self.whole_m() } else { d }
     }
 
     /// Direction of the rim before or behind a point: the slope of a line fitted by length.
-    fn direction(&self, k: usize, forward: bool) -> Option<Vector3<f64>> {
+    fn direction_at(&self, k: usize, forward: bool) -> Option<Vector3<f64>> {
         let mut sums = [0.0; 2];
         let mut weight = 0.0;
         let mut mean = Vector3::zeros();
         let mut product = Vector3::zeros();
-        if !self.is_known(self.window(k, forward)) {
+        if !self.is_known(self.points_in_window(k, forward)) {
             return None;
         }
-        for j in self.window(k, forward) {
-            let s = if forward { self.along(k, j) } else { -self.along(j, k) };
+        for j in self.points_in_window(k, forward) {
+            let s = if forward { self.length_between_m(k, j) } else { -self.length_between_m(j, k) };
             let w = self.share_m(j);
             let p = self.points[j].coords - self.points[k].coords;
             weight += w;
@@ -150,7 +150,7 @@ impl<'a> Rim<'a> {
     }
 
     /// The line of a piece of `count` sides from a corner, if it is one.
-    fn line(&self, from: usize, count: usize) -> Option<RimLine> {
+    fn line_of_piece(&self, from: usize, count: usize) -> Option<RimLine> {
         let n = self.points.len();
         let inner = || (1..count).map(|k| (from + k) % n).filter(|&k| self.counts[k]);
         let weight: f64 = inner().map(|k| self.share_m(k)).sum();
@@ -166,24 +166,26 @@ impl<'a> Rim<'a> {
         let direction: Vector3<f64> = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into();
         let line = RimLine { middle: middle.into(), direction };
         let limit_m = LINE * self.voxel_m;
-        let is_line = inner().all(|k| (line.nearest(&self.points[k]) - self.points[k]).norm() <= limit_m);
+        let is_line =
+            inner().all(|k| (line.nearest_point(&self.points[k]) - self.points[k]).norm() <= limit_m);
         is_line.then_some(line)
     }
 
     /// The place of a point on a parabola fitted to the window around it, cut at the ends of its piece (first
     /// corner and number of sides).
-    fn curve(&self, k: usize, piece: Option<(usize, usize)>) -> Point3<f64> {
+    fn place_on_curve(&self, k: usize, piece: Option<(usize, usize)>) -> Point3<f64> {
         let n = self.points.len();
         let mut normal = SMatrix::<f64, 3, 3>::zeros();
         let mut right = SMatrix::<f64, 3, 3>::zeros();
         let reach = WINDOW * self.voxel_m;
-        if !self.is_known(self.window(k, false).chain(self.window(k, true))) {
+        if !self.is_known(self.points_in_window(k, false).chain(self.points_in_window(k, true))) {
             return self.points[k];
         }
         let ends = |j: usize| piece.is_some_and(|(from, count)| j == from || j == (from + count) % n);
         for forward in [false, true] {
-            for j in self.window(k, forward).skip(usize::from(forward)) {
-                let s = if forward { self.along(k, j) } else { -self.along(j, k) } / reach;
+            for j in self.points_in_window(k, forward).skip(usize::from(forward)) {
+                let s =
+                    if forward { self.length_between_m(k, j) } else { -self.length_between_m(j, k) } / reach;
                 // Tricube (Cleveland 1979): no step where a point enters the window.
                 let w = self.share_m(j) * (1.0 - s.abs().powi(3)).powi(3);
                 let row = SVector::<f64, 3>::new(1.0, s, s * s);
@@ -206,12 +208,12 @@ struct RimLine {
 }
 
 impl RimLine {
-    fn nearest(&self, p: &Point3<f64>) -> Point3<f64> {
+    fn nearest_point(&self, p: &Point3<f64>) -> Point3<f64> {
         self.middle + self.direction * self.direction.dot(&(p - self.middle))
     }
 
     /// The middle between two lines where they are nearest; `None` for almost parallel lines.
-    fn meeting(&self, other: &Self) -> Option<Point3<f64>> {
+    fn meeting_point(&self, other: &Self) -> Option<Point3<f64>> {
         let u = self.direction;
         let v = other.direction;
         let d = other.middle - self.middle;
@@ -247,8 +249,8 @@ mod tests {
     fn a_toothed_square_has_four_corners_and_four_lines() {
         let points = toothed_square();
         let rim = Rim::new(&points, vec![true; points.len()], 1.0);
-        assert_eq!(rim.corners().len(), 4);
-        for p in rim.places().unwrap() {
+        assert_eq!(rim.corner_points().len(), 4);
+        for p in rim.places_of_points().unwrap() {
             assert!((p.x.abs().max(p.y.abs()) - 20.0).abs() < 0.1, "{p}");
             assert!(p.z.abs() < 1e-9);
         }
@@ -262,8 +264,8 @@ mod tests {
             .map(|k| Point3::new(radius(k) * angle(k).cos(), radius(k) * angle(k).sin(), 1.0))
             .collect();
         let rim = Rim::new(&points, vec![true; points.len()], 1.0);
-        assert!(rim.corners().is_empty());
-        for p in rim.places().unwrap() {
+        assert!(rim.corner_points().is_empty());
+        for p in rim.places_of_points().unwrap() {
             assert!((p.coords.xy().norm() - 30.0).abs() < 0.15, "{}", p.coords.xy().norm());
         }
     }
@@ -271,6 +273,6 @@ mod tests {
     #[test]
     fn a_short_rim_has_no_direction() {
         let points = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]].map(Point3::from);
-        assert_eq!(Rim::new(&points, vec![true; points.len()], 1.0).places(), None);
+        assert_eq!(Rim::new(&points, vec![true; points.len()], 1.0).places_of_points(), None);
     }
 }

@@ -11,12 +11,12 @@ pub(super) struct Sheet {
 }
 
 impl Sheet {
-    pub(super) fn of(mesh: &TriangleMesh) -> Self {
+    pub(super) fn of_mesh(mesh: &TriangleMesh) -> Self {
         Self { mesh: mesh.clone(), is_assumed: vec![false; mesh.triangles.len()] }
     }
 
     /// Keeps the marked triangles; vertices keep their numbers.
-    pub(super) fn keep(&mut self, is_kept: &[bool]) {
+    pub(super) fn keep_marked(&mut self, is_kept: &[bool]) {
         let mut each = is_kept.iter();
         self.mesh.triangles.retain(|_| each.next() == Some(&true));
         let mut each = is_kept.iter();
@@ -24,7 +24,7 @@ impl Sheet {
     }
 
     /// The mesh without unused vertices.
-    pub(super) fn finish(&self) -> TriangleMesh {
+    pub(super) fn used_mesh(&self) -> TriangleMesh {
         drop_unused_vertices(&self.mesh)
     }
 

@@ -29,7 +29,7 @@ const MIN_COSINE: f32 = 0.5;
 const MIN_AREA: f32 = 0.1;
 
 /// The mesh with straight rims where the readings end. No triangle turns over.
-pub(super) fn straighten(mesh: &TriangleMesh, voxel_m: f64, readings: &Readings<'_>) -> TriangleMesh {
+pub(super) fn straightened_mesh(mesh: &TriangleMesh, voxel_m: f64, readings: &Readings<'_>) -> TriangleMesh {
     let Some(loops) = border_loops(mesh) else { return mesh.clone() };
     let normals: Vec<Vector3<f64>> = vertex_normals(mesh).iter().map(|n| n.cast()).collect();
     let mut moves = vec![Vector3::zeros(); mesh.vertices.len()];
@@ -44,13 +44,13 @@ pub(super) fn straighten(mesh: &TriangleMesh, voxel_m: f64, readings: &Readings<
         let drawn: Vec<Vector3<f64>> = drawn.map(Option::unwrap_or_default).collect();
         let points: Vec<Point3<f64>> =
             rim.iter().zip(&drawn).map(|(&v, d)| mesh.vertices[v as usize].cast::<f64>() + d).collect();
-        let Some(places) = Rim::new(&points, counts.clone(), voxel_m).places() else { continue };
+        let Some(places) = Rim::new(&points, counts.clone(), voxel_m).places_of_points() else { continue };
         for (k, (&v, place)) in rim.iter().zip(places).enumerate() {
             // Where loops touch, a move right for one is wrong for the other.
             if passes[v as usize] == 1 {
                 // A vertex without an end in the readings follows as far as ends are looked for.
                 let most_m = if counts[k] { MAX_MOVE } else { SEARCH[1] } * voxel_m;
-                let d = tangential(&(place - points[k]), &normals[v as usize]);
+                let d = tangential_part(&(place - points[k]), &normals[v as usize]);
                 moves[v as usize] = drawn[k] + d * (most_m / d.norm()).min(1.0);
             }
         }
@@ -58,29 +58,29 @@ pub(super) fn straighten(mesh: &TriangleMesh, voxel_m: f64, readings: &Readings<
     if moves.iter().all(|d| *d == Vector3::zeros()) {
         return mesh.clone();
     }
-    let neighbors = Neighbors::of(mesh);
+    let neighbors = Neighbors::of_mesh(mesh);
     let mut reach = Reach::new(mesh, &neighbors);
     let border: Vec<(u32, f64)> = loops.iter().flatten().map(|&v| (v, 0.0)).collect();
-    let mut inner = reach.from(&border, FOLLOWING * voxel_m).to_vec();
+    let mut inner = reach.vertices_within(&border, FOLLOWING * voxel_m).to_vec();
     inner.retain(|&v| passes[v as usize] == 0);
     for _ in 0..ROUNDS {
         // In the order of distance, with the moves of this round: they run inward.
         for &v in &inner {
-            let around = neighbors.at(v);
+            let around = neighbors.of_vertex(v);
             let sum: Vector3<f64> = around.iter().map(|&n| moves[n as usize]).sum();
-            moves[v as usize] = tangential(&(sum / around.len() as f64), &normals[v as usize]);
+            moves[v as usize] = tangential_part(&(sum / around.len() as f64), &normals[v as usize]);
         }
     }
-    moved(mesh, moves)
+    moved_mesh(mesh, moves)
 }
 
 /// A vector without its part along a unit normal.
-fn tangential(d: &Vector3<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
+fn tangential_part(d: &Vector3<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
     d - normal * normal.dot(d)
 }
 
 /// The mesh with its vertices moved, less where a triangle would turn or shrink too much.
-fn moved(mesh: &TriangleMesh, mut moves: Vec<Vector3<f64>>) -> TriangleMesh {
+fn moved_mesh(mesh: &TriangleMesh, mut moves: Vec<Vector3<f64>>) -> TriangleMesh {
     let mut halvings = vec![0; mesh.vertices.len()];
     loop {
         let mut result = mesh.clone();

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::{
     ConvexSolid, Plane,
-    fit::{Fit, error},
+    fit::{Fit, distance_error},
     pieces::{Piece, SeenSurface},
     sample_columns::SampleColumns,
 };
@@ -56,14 +56,14 @@ struct CoverCell {
 }
 
 /// Convex solids around the pieces of a surface, those with most of it first.
-pub(super) fn cover(seen: &SeenSurface, wanted: &Wanted) -> Vec<ConvexSolid> {
+pub(super) fn covering_solids(seen: &SeenSurface, wanted: &Wanted) -> Vec<ConvexSolid> {
     if seen.samples.is_empty() {
         return Vec::new();
     }
-    let cover = Cover { seen, wanted: *wanted, frame: frame(seen) };
+    let cover = Cover { seen, wanted: *wanted, frame: square_directions(seen) };
     let pieces = seen.pieces.iter().map(|p| Arc::new(p.clone())).collect();
-    let whole = cover.cell(pieces, (0..seen.samples.len() as u32).collect(), 1);
-    let mut cells = cover.joined(cover.cut_up(whole));
+    let whole = cover.cell_of_samples(pieces, (0..seen.samples.len() as u32).collect(), 1);
+    let mut cells = cover.joined_cells(cover.cut_up(whole));
     let area = |c: &CoverCell| c.samples.iter().map(|&i| seen.samples[i as usize].area_m2).sum::<f64>();
     cells.sort_by(|a, b| area(b).total_cmp(&area(a)));
     cells.iter().filter_map(|c| c.fit.solid(0.25 * wanted.tolerance_m, wanted.thin_m)).collect()
@@ -84,31 +84,31 @@ struct Cut {
 impl Cover<'_> {
     /// The cell of some pieces and samples; its solid and error by every `step`-th sample and, with `step`
     /// above one, by a part of the pieces.
-    fn cell(&self, pieces: Vec<Arc<Piece>>, samples: Vec<u32>, step: usize) -> CoverCell {
-        let of = self.columns(samples.iter().step_by(step).copied());
+    fn cell_of_samples(&self, pieces: Vec<Arc<Piece>>, samples: Vec<u32>, step: usize) -> CoverCell {
+        let of = self.sample_columns(samples.iter().step_by(step).copied());
         let tolerance_m = self.wanted.tolerance_m;
         let sizes = [tolerance_m, self.wanted.thin_m];
         let some = if step > 1 { (pieces.len() / RANKED).max(1) } else { 1 };
         let around = pieces.iter().step_by(some).map(AsRef::as_ref);
         let fit = Fit::new(self.seen, around, &of, &self.frame, sizes);
-        let own: f64 = fit.errors(&of, tolerance_m).iter().sum();
-        let loss = own * step as f64 + self.covered(&fit, &samples);
+        let own: f64 = fit.weighed_errors(&of, tolerance_m).iter().sum();
+        let loss = own * step as f64 + self.error_before_others(&fit, &samples);
         CoverCell { pieces, samples, fit, loss }
     }
 
-    fn columns(&self, samples: impl Iterator<Item = u32>) -> SampleColumns {
-        SampleColumns::of(samples.map(|i| &self.seen.samples[i as usize]))
+    fn sample_columns(&self, samples: impl Iterator<Item = u32>) -> SampleColumns {
+        SampleColumns::of_samples(samples.map(|i| &self.seen.samples[i as usize]))
     }
 
     /// The error of a solid before samples of others, by a part of all; `own` are its samples, sorted.
-    fn covered(&self, fit: &Fit, own: &[u32]) -> f64 {
+    fn error_before_others(&self, fit: &Fit, own: &[u32]) -> f64 {
         let count = self.seen.samples.len();
         let step = count.div_ceil(FOREIGN).max(1);
         let foreign = (0..count as u32)
             .step_by(step)
             .filter(|i| fit.holds(&self.seen.samples[*i as usize].place) && own.binary_search(i).is_err());
-        let foreign = self.columns(foreign);
-        fit.errors(&foreign, self.wanted.tolerance_m).iter().sum::<f64>() * step as f64
+        let foreign = self.sample_columns(foreign);
+        fit.weighed_errors(&foreign, self.wanted.tolerance_m).iter().sum::<f64>() * step as f64
     }
 
     /// Cells cut where it helps most, until no cut is worth a solid or there are enough to join.
@@ -146,23 +146,23 @@ impl Cover<'_> {
         // All planes by a part of the samples, the best by all.
         let step = (cell.samples.len() / RANKED).max(1);
         let halves: Vec<Option<[CoverCell; 2]>> =
-            self.planes(cell).par_iter().map(|plane| self.cut(cell, plane, step)).collect();
+            self.cutting_planes(cell).par_iter().map(|plane| self.halves_at(cell, plane, step)).collect();
         let loss = |h: &[CoverCell; 2]| h[0].loss + h[1].loss;
         let best = halves.into_iter().flatten().min_by(|a, b| loss(a).total_cmp(&loss(b)))?;
-        let whole = |h: CoverCell| if step > 1 { self.cell(h.pieces, h.samples, 1) } else { h };
+        let whole = |h: CoverCell| if step > 1 { self.cell_of_samples(h.pieces, h.samples, 1) } else { h };
         let [left, right] = best;
         let halves: [CoverCell; 2] = rayon::join(|| whole(left), || whole(right)).into();
         Some(Cut { gain: cell.loss - loss(&halves), halves })
     }
 
     /// Planes for cuts of a cell: along its faces with the most error, and across its axes.
-    fn planes(&self, cell: &CoverCell) -> Vec<Plane> {
+    fn cutting_planes(&self, cell: &CoverCell) -> Vec<Plane> {
         let mut by_face: Vec<(u32, f64, f64, u32)> = Vec::new();
-        let samples = self.columns(cell.samples.iter().copied());
+        let samples = self.sample_columns(cell.samples.iter().copied());
         let distances = samples.distances_m(&cell.fit.planes);
         let faces = samples.faces.iter().zip(&samples.areas_m2);
         for ((&i, distance_m), (&face, area_m2)) in cell.samples.iter().zip(distances).zip(faces) {
-            let off = error(distance_m, self.wanted.tolerance_m);
+            let off = distance_error(distance_m, self.wanted.tolerance_m);
             match by_face.iter_mut().find(|f| f.0 == face) {
                 Some(f) => {
                     f.1 += area_m2 * off;
@@ -213,11 +213,11 @@ impl Cover<'_> {
     }
 
     /// The two halves of a cell; `None` where one would be empty.
-    fn cut(&self, cell: &CoverCell, plane: &Plane, step: usize) -> Option<[CoverCell; 2]> {
+    fn halves_at(&self, cell: &CoverCell, plane: &Plane, step: usize) -> Option<[CoverCell; 2]> {
         let slack_m = SLACK * self.wanted.tolerance_m;
         let mut pieces = [Vec::new(), Vec::new()];
         for piece in &cell.pieces {
-            match piece.cut(plane, slack_m) {
+            match piece.cut_at(plane, slack_m) {
                 [Some(_), None] => pieces[0].push(Arc::clone(piece)),
                 [None, Some(_)] => pieces[1].push(Arc::clone(piece)),
                 halves => {
@@ -233,23 +233,23 @@ impl Cover<'_> {
         if behind.is_empty() || before.is_empty() || back.is_empty() || front.is_empty() {
             return None;
         }
-        Some([self.cell(behind, back, step), self.cell(before, front, step)])
+        Some([self.cell_of_samples(behind, back, step), self.cell_of_samples(before, front, step)])
     }
 
     /// Cells joined, the pair with the least added error first, while there are too many or the pair adds no
     /// more than a solid is worth. A cell may be left out instead, where this costs least.
-    fn joined(&self, cells: Vec<CoverCell>) -> Vec<CoverCell> {
+    fn joined_cells(&self, cells: Vec<CoverCell>) -> Vec<CoverCell> {
         let free = WORTH * self.seen.area_m2;
         let mut cells: Vec<Option<CoverCell>> = cells.into_iter().map(Some).collect();
         let mut count = cells.len();
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
         let near: Vec<(usize, usize)> =
             (0..cells.len()).flat_map(|a| (a + 1..count).map(move |b| (a, b))).collect();
-        pairs.extend(self.added(&cells, near));
+        pairs.extend(self.added_errors(&cells, near));
         loop {
             pairs.sort_by(|a, b| b.0.total_cmp(&a.0).then(b.1.cmp(&a.1)).then(b.2.cmp(&a.2)));
             let pair = pairs.last().copied();
-            let (drop_cost, dropped) = self.cheapest(&cells);
+            let (drop_cost, dropped) = self.cheapest_to_drop(&cells);
             if count > self.wanted.solids && pair.is_none_or(|p| drop_cost < p.0) {
                 cells[dropped] = None;
                 count -= 1;
@@ -261,35 +261,39 @@ impl Cover<'_> {
             };
             let (Some(left), Some(right)) = (cells[a].take(), cells[b].take()) else { break };
             pairs.retain(|p| ![p.1, p.2].iter().any(|i| [a, b].contains(i)));
-            cells.push(Some(self.union(&left, &right)));
+            cells.push(Some(self.united_cell(&left, &right)));
             count -= 1;
             let new = cells.len() - 1;
-            pairs.extend(self.added(&cells, (0..new).map(|i| (i, new)).collect()));
+            pairs.extend(self.added_errors(&cells, (0..new).map(|i| (i, new)).collect()));
         }
         cells.into_iter().flatten().collect()
     }
 
-    fn union(&self, a: &CoverCell, b: &CoverCell) -> CoverCell {
+    fn united_cell(&self, a: &CoverCell, b: &CoverCell) -> CoverCell {
         let pieces = a.pieces.iter().chain(&b.pieces).cloned().collect();
         let mut samples: Vec<u32> = a.samples.iter().chain(&b.samples).copied().collect();
         samples.sort_unstable();
-        self.cell(pieces, samples, 1)
+        self.cell_of_samples(pieces, samples, 1)
     }
 
     /// Error added by the union of each pair of cells near each other, with the pair.
-    fn added(&self, cells: &[Option<CoverCell>], pairs: Vec<(usize, usize)>) -> Vec<(f64, usize, usize)> {
+    fn added_errors(
+        &self,
+        cells: &[Option<CoverCell>],
+        pairs: Vec<(usize, usize)>,
+    ) -> Vec<(f64, usize, usize)> {
         let near_pairs = pairs.into_par_iter().filter_map(|(a, b)| {
             let left = cells[a].as_ref()?;
             let right = cells[b].as_ref()?;
-            near(left, right, self.wanted.wall_m).then_some(())?;
-            Some((self.union(left, right).loss - left.loss - right.loss, a, b))
+            are_near(left, right, self.wanted.wall_m).then_some(())?;
+            Some((self.united_cell(left, right).loss - left.loss - right.loss, a, b))
         });
         near_pairs.collect()
     }
 
     /// The cell that costs least to leave out, after its cost.
-    fn cheapest(&self, cells: &[Option<CoverCell>]) -> (f64, usize) {
-        let nothing = error(2.0 * self.wanted.wall_m, self.wanted.tolerance_m);
+    fn cheapest_to_drop(&self, cells: &[Option<CoverCell>]) -> (f64, usize) {
+        let nothing = distance_error(2.0 * self.wanted.wall_m, self.wanted.tolerance_m);
         let mut costs = Vec::with_capacity(cells.len());
         for (i, cell) in cells.iter().enumerate() {
             if let Some(cell) = cell {
@@ -303,7 +307,7 @@ impl Cover<'_> {
 }
 
 /// Whether some face of either keeps the other more than a gap away.
-fn near(a: &CoverCell, b: &CoverCell, gap_m: f64) -> bool {
+fn are_near(a: &CoverCell, b: &CoverCell, gap_m: f64) -> bool {
     !is_apart(&a.fit, b, gap_m) && !is_apart(&b.fit, a, gap_m)
 }
 
@@ -319,7 +323,7 @@ fn lowest_m(piece: &Piece, plane: &Plane) -> f64 {
 }
 
 /// Directions both ways along three square axes: the normal of most area, and of the most area across it.
-fn frame(seen: &SeenSurface) -> Vec<Vector3<f64>> {
+fn square_directions(seen: &SeenSurface) -> Vec<Vector3<f64>> {
     let mut areas = vec![0.0; seen.faces.len()];
     seen.samples.iter().for_each(|s| areas[s.face as usize] += s.area_m2);
     let mut axes: Vec<Vector3<f64>> = Vec::new();

@@ -24,7 +24,7 @@ const NEXT_SHARE: f64 = 0.1;
 /// its square in tolerances. So a fitting place counts more than many almost fitting ones, and a place far
 /// off still has a gradient. It is `rho` of docs/method.md (10.2).
 #[inline(always)]
-pub(super) fn error(distance_m: f64, tolerance_m: f64) -> f64 {
+pub(super) fn distance_error(distance_m: f64, tolerance_m: f64) -> f64 {
     let x = 1.0 + (distance_m / tolerance_m).powi(2);
     // Linear between powers of two: a hundred times as often asked for as anything else here.
     let bits = x.to_bits();
@@ -49,7 +49,7 @@ impl Fit {
         frame: &[Vector3<f64>],
         [tolerance_m, thin_m]: [f64; 2],
     ) -> Self {
-        let (own, closing) = directions(seen, samples, frame);
+        let (own, closing) = face_directions(seen, samples, frame);
         let mut planes: Vec<Plane> = own
             .iter()
             .chain(&closing)
@@ -67,8 +67,8 @@ impl Fit {
                 plane.offset_m = plane.offset_m.max(front + depth);
             }
         }
-        settle(&mut planes, own.len(), samples, tolerance_m);
-        thicken(&mut planes, own.len(), thin_m);
+        settle_planes(&mut planes, own.len(), samples, tolerance_m);
+        thicken_behind(&mut planes, own.len(), thin_m);
         Self { planes }
     }
 
@@ -78,7 +78,7 @@ impl Fit {
     }
 
     /// Errors of samples against the solid by a tolerance, weighed by their areas.
-    pub(super) fn errors(&self, samples: &SampleColumns, tolerance_m: f64) -> Vec<f64> {
+    pub(super) fn weighed_errors(&self, samples: &SampleColumns, tolerance_m: f64) -> Vec<f64> {
         let mut errors = samples.distances_m(&self.planes);
         weigh(&mut errors, &samples.areas_m2, tolerance_m);
         errors
@@ -88,19 +88,20 @@ impl Fit {
     /// no volume.
     pub(super) fn solid(&self, least_m: f64, thin_m: f64) -> Option<ConvexSolid> {
         // Oblique faces may leave a sliver or nothing: it grows until it is a solid.
-        let grown = (0..6).map(|k| self.grown(0.5 * thin_m * f64::from((1 << k) - 1)).bounded(least_m));
+        let grown =
+            (0..6).map(|k| self.grown_by(0.5 * thin_m * f64::from((1 << k) - 1)).bounded_solid(least_m));
         grown.flatten().find(|s| s.thickness_m() >= 0.99 * thin_m)
     }
 
-    fn grown(&self, by_m: f64) -> Self {
+    fn grown_by(&self, by_m: f64) -> Self {
         let planes = self.planes.iter().map(|p| Plane { offset_m: p.offset_m + by_m, ..*p });
         Self { planes: planes.collect() }
     }
 
     /// The solid behind all planes.
-    fn bounded(&self, least_m: f64) -> Option<ConvexSolid> {
+    fn bounded_solid(&self, least_m: f64) -> Option<ConvexSolid> {
         // A box around it, along its own first directions, to be cut by all faces.
-        let axes = axes(&self.planes);
+        let axes = axes_along_first(&self.planes);
         let size = self.planes.iter().map(|p| p.offset_m.abs()).fold(0.0, f64::max);
         let span = 4.0 * size + 1.0;
         let at = |x: f64, y: f64| Point3::from(axes[0] * x + axes[1] * y);
@@ -114,14 +115,14 @@ impl Fit {
             });
             let most = cuts.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
             let Some((_, i)) = most.filter(|(cut, _)| *cut > least_m) else { break };
-            solid = solid.clipped(&left.remove(i))?;
+            solid = solid.clipped_at(&left.remove(i))?;
         }
         (solid.volume_m3() > 0.0).then_some(solid)
     }
 }
 
 /// Right-handed axes along the first direction.
-fn axes(planes: &[Plane]) -> [Vector3<f64>; 3] {
+fn axes_along_first(planes: &[Plane]) -> [Vector3<f64>; 3] {
     let z = planes.first().map_or_else(Vector3::z, |p| p.normal);
     let x = z.cross(&if z.x.abs() < 0.8 { Vector3::x() } else { Vector3::y() }).normalize();
     [x, z.cross(&x), z]
@@ -129,7 +130,7 @@ fn axes(planes: &[Plane]) -> [Vector3<f64>; 3] {
 
 /// Moves faces back until the solid is `thin_m` thick behind each of the first `own`, seen ones: unseen faces
 /// wholly, two seen ones by half each.
-fn thicken(planes: &mut [Plane], own: usize, thin_m: f64) {
+fn thicken_behind(planes: &mut [Plane], own: usize, thin_m: f64) {
     for k in 0..own {
         for i in 0..planes.len() {
             let lack_m = thin_m - planes[k].offset_m - planes[i].offset_m;
@@ -150,7 +151,7 @@ vectorized! {
 #[inline(always)]
 fn weigh_all(distances: &mut [f64], areas_m2: &[f64], tolerance_m: f64) {
     for (distance, area_m2) in distances.iter_mut().zip(areas_m2) {
-        *distance = area_m2 * error(*distance, tolerance_m);
+        *distance = area_m2 * distance_error(*distance, tolerance_m);
     }
 }
 
@@ -168,20 +169,20 @@ struct States {
 const NONE: u64 = u64::MAX;
 
 impl States {
-    fn of(planes: &[Plane], samples: &SampleColumns) -> Self {
+    fn of_planes(planes: &[Plane], samples: &SampleColumns) -> Self {
         let n = samples.len();
         let far = vec![f64::INFINITY; n];
         let mut states = Self { first: far.clone(), second: far, by: vec![NONE; n], outside_m: vec![0.0; n] };
         let mut slopes = Slopes::default();
         for (k, plane) in planes.iter().enumerate() {
-            samples.slopes(&plane.normal, &mut slopes);
+            samples.write_slopes(&plane.normal, &mut slopes);
             meet(&slopes, plane.offset_m, k as u64, &mut states);
         }
         states
     }
 
     /// Distance of a sample to the nearest of all planes but one, meters.
-    fn without(&self, sample: usize, plane: usize) -> f64 {
+    fn nearest_without(&self, sample: usize, plane: usize) -> f64 {
         if self.by[sample] == plane as u64 { self.second[sample] } else { self.first[sample] }
     }
 }
@@ -245,16 +246,16 @@ impl Felt {
         of.clear();
         let all = heights.iter().zip(speeds).zip(0..);
         of.extend(all.filter(|((h, s), _)| **s > GRAZING || **h > lowest_m).map(|(_, i)| i));
-        gather(high, of, |i| heights[i]);
-        gather(fast, of, |i| speeds[i]);
-        gather(without, of, |i| states.without(i, k));
-        gather(outside, of, |i| states.outside_m[i]);
-        gather(areas, of, |i| areas_m2[i]);
+        gather_column(high, of, |i| heights[i]);
+        gather_column(fast, of, |i| speeds[i]);
+        gather_column(without, of, |i| states.nearest_without(i, k));
+        gather_column(outside, of, |i| states.outside_m[i]);
+        gather_column(areas, of, |i| areas_m2[i]);
     }
 }
 
 /// A column of the samples of these numbers.
-fn gather(column: &mut Vec<f64>, of: &[u32], value: impl Fn(usize) -> f64) {
+fn gather_column(column: &mut Vec<f64>, of: &[u32], value: impl Fn(usize) -> f64) {
     column.clear();
     column.extend(of.iter().map(|&i| value(i as usize)));
 }
@@ -273,18 +274,18 @@ fn errors_of(felt: &Felt, [offset_m, tolerance_m]: [f64; 2], errors: &mut [f64])
         let met = if *speed > GRAZING { depth / speed } else { f64::INFINITY };
         let before = if met < *without { met } else { *without };
         let outside = if -depth > *outside { -depth } else { *outside };
-        *sum = area * error(if outside > 0.0 { outside } else { before }, tolerance_m);
+        *sum = area * distance_error(if outside > 0.0 { outside } else { before }, tolerance_m);
     }
 }
 
 /// Moves the first `own` planes, one after the other, from behind all pieces to the offset of least error.
-fn settle(planes: &mut [Plane], own: usize, samples: &SampleColumns, tolerance_m: f64) {
-    let mut states = States::of(planes, samples);
+fn settle_planes(planes: &mut [Plane], own: usize, samples: &SampleColumns, tolerance_m: f64) {
+    let mut states = States::of_planes(planes, samples);
     let mut slopes = Slopes::default();
     let mut felt = Felt::default();
     for (k, plane) in planes.iter_mut().enumerate().take(own) {
         let offset_m = plane.offset_m;
-        samples.slopes(&plane.normal, &mut slopes);
+        samples.write_slopes(&plane.normal, &mut slopes);
         let Slopes { heights, speeds } = &slopes;
         let along = (0..samples.len()).filter(|&i| speeds[i] > ALONG);
         let along = along.map(|i| (heights[i], samples.areas_m2[i])).collect();
@@ -330,7 +331,7 @@ fn tried_offsets(mut along: Vec<(f64, f64)>, offset_m: f64, tolerance_m: f64) ->
 }
 
 /// Directions of the seen faces, and of the faces to close the solid.
-fn directions(
+fn face_directions(
     seen: &SeenSurface,
     samples: &SampleColumns,
     frame: &[Vector3<f64>],

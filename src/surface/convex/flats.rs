@@ -36,7 +36,7 @@ struct FittedPlane {
 }
 
 impl Moments {
-    fn of(corners: &[Vector3<f64>; 3]) -> Self {
+    fn of_triangle(corners: &[Vector3<f64>; 3]) -> Self {
         let [a, b, c] = corners;
         let normal = (b - a).cross(&(c - a)) * 0.5;
         let area = normal.norm();
@@ -47,7 +47,7 @@ impl Moments {
         Self { area, first: sum * (area / 3.0), second, normal }
     }
 
-    fn and(&self, other: &Self) -> Self {
+    fn joined_with(&self, other: &Self) -> Self {
         Self {
             area: self.area + other.area,
             first: self.first + other.first,
@@ -56,7 +56,7 @@ impl Moments {
         }
     }
 
-    fn plane(&self) -> FittedPlane {
+    fn fitted_plane(&self) -> FittedPlane {
         let center = self.first / self.area;
         let spread = self.second / self.area - center * center.transpose();
         let eigen = SymmetricEigen::new(spread);
@@ -76,21 +76,21 @@ impl Moments {
 
 /// Mean squared distance of two patches from their common plane; `None` where they are not flat together.
 fn joint_mean_square(a: &Moments, b: &Moments, flat_m: f64) -> Option<f64> {
-    let both = a.and(b);
-    let FittedPlane { mean_square, .. } = both.plane();
+    let both = a.joined_with(b);
+    let FittedPlane { mean_square, .. } = both.fitted_plane();
     let straight = both.normal.norm() >= LEAST_STRAIGHT * both.area;
     (straight && mean_square <= flat_m * flat_m).then_some(mean_square)
 }
 
 /// Patches within `flat_m` (root mean square) of their planes; largest area first.
-pub(super) fn flats(mesh: &TriangleMesh, flat_m: f64) -> Vec<Patch> {
+pub(super) fn flat_patches(mesh: &TriangleMesh, flat_m: f64) -> Vec<Patch> {
     // About a corner of the mesh: far from the origin the moments would lose digits.
     let origin = mesh.vertices.first().map(|p| p.coords.cast::<f64>()).unwrap_or_default();
     let mut moments: Vec<Moments> = (0..mesh.triangles.len())
-        .map(|t| Moments::of(&mesh.corners(t).map(|p| p.coords.cast::<f64>() - origin)))
+        .map(|t| Moments::of_triangle(&mesh.corners(t).map(|p| p.coords.cast::<f64>() - origin)))
         .collect();
     let mut members: Vec<Vec<u32>> = (0..moments.len() as u32).map(|t| vec![t]).collect();
-    let near = Edges::of(mesh).neighbors(moments.len(), |t| moments[t as usize].area > 0.0);
+    let near = Edges::of_mesh(mesh).neighbors(moments.len(), |t| moments[t as usize].area > 0.0);
     let mut near: Vec<BTreeSet<u32>> = near.into_iter().map(BTreeSet::from_iter).collect();
     // Mean squares are not negative: their bits are in their order.
     let mut queue: BinaryHeap<Reverse<(u64, u32, u32)>> = BinaryHeap::new();
@@ -109,7 +109,7 @@ pub(super) fn flats(mesh: &TriangleMesh, flat_m: f64) -> Vec<Patch> {
             continue;
         }
         let new = moments.len();
-        moments.push(moments[a].and(&moments[b]));
+        moments.push(moments[a].joined_with(&moments[b]));
         let mut all = std::mem::take(&mut members[a]);
         all.append(&mut members[b]);
         members.push(all);
@@ -127,7 +127,7 @@ pub(super) fn flats(mesh: &TriangleMesh, flat_m: f64) -> Vec<Patch> {
     let mut found: Vec<Patch> = (0..moments.len())
         .filter(|&k| alive[k])
         .map(|k| {
-            let FittedPlane { center, normal, .. } = moments[k].plane();
+            let FittedPlane { center, normal, .. } = moments[k].fitted_plane();
             let mut triangles = std::mem::take(&mut members[k]);
             triangles.sort_unstable();
             Patch { triangles, normal, center: Point3::from(center + origin), area_m2: moments[k].area }

@@ -30,11 +30,11 @@ pub(super) fn hidden_walls(
 ) -> Vec<HiddenWall> {
     let total: f64 = patches.iter().map(|p| p.area_m2).sum();
     let large = patches.iter().filter(|p| p.area_m2 >= LEAST_SHARE * total);
-    large.flat_map(|patch| closed(mesh, patch, wall_m, hidden, config)).collect()
+    large.flat_map(|patch| walls_in_gaps(mesh, patch, wall_m, hidden, config)).collect()
 }
 
 /// The fronts of unseen walls, each counterclockwise as seen from before it.
-pub(super) fn fronts(walls: &[HiddenWall]) -> TriangleMesh {
+pub(super) fn front_mesh(walls: &[HiddenWall]) -> TriangleMesh {
     let mut mesh = TriangleMesh::default();
     for HiddenWall { piece, color } in walls {
         let first = mesh.vertices.len() as u32;
@@ -61,14 +61,14 @@ fn mean_color(mesh: &TriangleMesh, patch: &Patch) -> Option<[u8; 3]> {
 }
 
 /// Walls in the gaps of a patch.
-fn closed(
+fn walls_in_gaps(
     mesh: &TriangleMesh,
     patch: &Patch,
     wall_m: f64,
     hidden: Hidden<'_>,
     config: &ConvexConfig,
 ) -> Vec<HiddenWall> {
-    let flat = Flat::of(mesh, patch);
+    let flat = Flat::of_patch(mesh, patch);
     let points: Vec<Point2<f64>> = flat.triangles.iter().flatten().copied().collect();
     let hull = hull_2d(&points);
     if hull.len() < 3 {
@@ -77,14 +77,14 @@ fn closed(
     // Walls may end a little before or behind the plane.
     let walls = walls_across(mesh, &flat, &hull, [-2.0 * wall_m, wall_m], config.min_thickness_m);
     let mut raster = Raster::new(&flat.triangles, &hull, &walls, config.min_thickness_m);
-    if !raster.close_gaps(&walls, |p| hidden(&flat.place(p, -0.5 * wall_m))) {
+    if !raster.close_gaps(&walls, |p| hidden(&flat.place_at_height(p, -0.5 * wall_m))) {
         return Vec::new();
     }
     let back = -patch.normal * wall_m;
     let color = mean_color(mesh, patch);
     let mut walls = Vec::new();
     for corners in raster.closed_rectangles(RECTANGLES) {
-        let front = corners.iter().map(|p| flat.place(p, 0.0).coords).collect();
+        let front = corners.iter().map(|p| flat.place_at_height(p, 0.0).coords).collect();
         walls.push(HiddenWall { piece: Piece { front, back, share_m: wall_m, is_assumed: true }, color });
     }
     walls
@@ -98,7 +98,7 @@ struct Flat {
 }
 
 impl Flat {
-    fn of(mesh: &TriangleMesh, patch: &Patch) -> Self {
+    fn of_patch(mesh: &TriangleMesh, patch: &Patch) -> Self {
         let z = patch.normal;
         let x = z.cross(&if z.x.abs() < 0.8 { Vector3::x() } else { Vector3::y() }).normalize();
         let world_from_flat = Matrix3::from_columns(&[x, z.cross(&x), z]);
@@ -106,18 +106,18 @@ impl Flat {
         flat.triangles = patch
             .triangles
             .iter()
-            .map(|&t| mesh.corners(t as usize).map(|p| flat.local(&p).xy().into()))
+            .map(|&t| mesh.corners(t as usize).map(|p| flat.in_patch_frame(&p).xy().into()))
             .collect();
         flat
     }
 
     /// A point in the patch's frame.
-    fn local(&self, p: &Point3<f32>) -> Vector3<f64> {
+    fn in_patch_frame(&self, p: &Point3<f32>) -> Vector3<f64> {
         self.world_from_flat.tr_mul(&(p.cast::<f64>() - self.origin))
     }
 
     /// A place at a height above the plane.
-    fn place(&self, p: &Point2<f64>, height_m: f64) -> Point3<f64> {
+    fn place_at_height(&self, p: &Point2<f64>, height_m: f64) -> Point3<f64> {
         self.origin + self.world_from_flat * Vector3::new(p.x, p.y, height_m)
     }
 }
@@ -138,7 +138,7 @@ fn walls_across(
     let near = |p: &Point2<f64>| (0..2).all(|k| (lower[k]..=upper[k]).contains(&p[k]));
     let mut points = Vec::new();
     for t in 0..mesh.triangles.len() {
-        let corners = mesh.corners(t).map(|p| flat.local(&p));
+        let corners = mesh.corners(t).map(|p| flat.in_patch_frame(&p));
         let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
         let heights =
             corners.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], c| [lo.min(c.z), hi.max(c.z)]);

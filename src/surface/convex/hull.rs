@@ -38,12 +38,12 @@ pub fn convex_hull(points: &[Point3<f64>]) -> Option<ConvexSolid> {
     if !(extent_m > 0.0 && extent_m.is_finite()) {
         return None;
     }
-    let points = &jittered(points, JITTER_SHARE * extent_m)[..];
+    let points = &jittered_points(points, JITTER_SHARE * extent_m)[..];
     let mut faces = tetrahedron(points, FLAT_SHARE * extent_m)?;
     let slack_m = OUTSIDE_SHARE * extent_m;
     // Rounding can leave a point outside the faces joined to it; no point is joined twice, so this ends.
     let mut joined = vec![false; points.len()];
-    while let Some((_, apex)) = farthest(points, &joined, &faces, slack_m) {
+    while let Some((_, apex)) = farthest_outside(points, &joined, &faces, slack_m) {
         joined[apex as usize] = true;
         let (seen, kept): (Vec<HullFace>, Vec<HullFace>) =
             faces.into_iter().partition(|f| f.plane.distance_m(&points[apex as usize]) > slack_m);
@@ -53,7 +53,7 @@ pub fn convex_hull(points: &[Point3<f64>]) -> Option<ConvexSolid> {
         let rim = all.iter().filter(|[a, b]| !all.contains(&[*b, *a]));
         let count = kept.len();
         faces = kept;
-        faces.extend(rim.filter_map(|&[a, b]| face(points, [a, b, apex])));
+        faces.extend(rim.filter_map(|&[a, b]| face_of_corners(points, [a, b, apex])));
         if faces.len() <= count {
             break;
         }
@@ -69,7 +69,7 @@ pub fn convex_hull(points: &[Point3<f64>]) -> Option<ConvexSolid> {
 }
 
 /// Points moved by up to `by_m` along every axis, always in the same way.
-fn jittered(points: &[Point3<f64>], by_m: f64) -> Vec<Point3<f64>> {
+fn jittered_points(points: &[Point3<f64>], by_m: f64) -> Vec<Point3<f64>> {
     // The generalised golden ratio of three dimensions (Roberts 2018).
     // derived: the real root of x^4 = x + 1, and powers of one over it
     const STEPS: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_970_3];
@@ -80,7 +80,12 @@ fn jittered(points: &[Point3<f64>], by_m: f64) -> Vec<Point3<f64>> {
 }
 
 /// The point farthest outside any face, among those not `joined` yet, after its distance.
-fn farthest(points: &[Point3<f64>], joined: &[bool], faces: &[HullFace], slack_m: f64) -> Option<(f64, u32)> {
+fn farthest_outside(
+    points: &[Point3<f64>],
+    joined: &[bool],
+    faces: &[HullFace],
+    slack_m: f64,
+) -> Option<(f64, u32)> {
     let free = points.iter().enumerate().filter(|(i, _)| !joined[*i]);
     let distances = free.map(|(i, p)| {
         (faces.iter().map(|f| f.plane.distance_m(p)).fold(f64::NEG_INFINITY, f64::max), i as u32)
@@ -88,7 +93,7 @@ fn farthest(points: &[Point3<f64>], joined: &[bool], faces: &[HullFace], slack_m
     distances.filter(|(d, _)| *d > slack_m).max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))
 }
 
-fn face(points: &[Point3<f64>], corners: [u32; 3]) -> Option<HullFace> {
+fn face_of_corners(points: &[Point3<f64>], corners: [u32; 3]) -> Option<HullFace> {
     let [a, b, c] = corners.map(|i| points[i as usize].coords);
     let normal = (b - a).cross(&(c - a)).try_normalize(1e-18)?;
     Some(HullFace { corners, plane: Plane { normal, offset_m: normal.dot(&a) } })
@@ -116,7 +121,7 @@ fn tetrahedron(points: &[Point3<f64>], flat_m: f64) -> Option<Vec<HullFace>> {
     let (d, pd) = largest_by(points, flat_m, |p| (p - pa).dot(&normal).abs())?;
     // The four faces point outward whichever side the last point is on.
     let [b, c] = if (pd - pa).dot(&normal) > 0.0 { [c, b] } else { [b, c] };
-    [[a, b, c], [a, c, d], [c, b, d], [b, a, d]].into_iter().map(|f| face(points, f)).collect()
+    [[a, b, c], [a, c, d], [c, b, d], [b, a, d]].into_iter().map(|f| face_of_corners(points, f)).collect()
 }
 
 #[cfg(test)]
@@ -129,7 +134,7 @@ mod tests {
         fn holds_all_points(points in prop::collection::vec(prop::array::uniform3(-1.0..1.0f64), 5..60)) {
             let points: Vec<Point3<f64>> = points.into_iter().map(Point3::from).collect();
             let hull = convex_hull(&points).unwrap();
-            let planes = hull.planes();
+            let planes = hull.face_planes();
             let worst =
                 |p: &Point3<f64>| planes.iter().map(|q| q.distance_m(p)).fold(f64::NEG_INFINITY, f64::max);
             prop_assert!(points.iter().all(|p| worst(p) < 1e-4));

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::{Plane, flats::flats, rays::Facets};
+use super::{Plane, flats::flat_patches, rays::Facets};
 use crate::{TriangleMesh, patches::Patch};
 
 /// Samples over a part's surface. chosen: time against detail
@@ -39,13 +39,13 @@ pub(super) struct Piece {
 
 impl Piece {
     /// Lowest and highest distance of the corners from a plane, meters.
-    fn range(&self, plane: &Plane) -> [f64; 2] {
+    fn height_range_m(&self, plane: &Plane) -> [f64; 2] {
         let heights = self.front.iter().map(|p| plane.normal.dot(p) - plane.offset_m);
         heights.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], h| [lo.min(h), hi.max(h)])
     }
 
     /// Its triangles, half of its wall's thickness below the front, with that thickness, meters.
-    pub(super) fn plates(&self) -> impl Iterator<Item = ([Vector3<f64>; 3], f64)> + '_ {
+    pub(super) fn wall_plates(&self) -> impl Iterator<Item = ([Vector3<f64>; 3], f64)> + '_ {
         let middle = self.back.try_normalize(0.0).unwrap_or_default() * (0.5 * self.share_m);
         let corner = move |k: usize| self.front[k] + middle;
         (1..self.front.len().max(1) - 1).map(move |k| ([corner(0), corner(k), corner(k + 1)], self.share_m))
@@ -53,8 +53,8 @@ impl Piece {
 
     /// Its parts behind and before a plane. A piece in the plane, give or take `slack_m`, is not cut: its
     /// wall lies behind the plane, or before it if it looks the other way.
-    pub(super) fn cut(&self, plane: &Plane, slack_m: f64) -> [Option<Self>; 2] {
-        let [lo, hi] = self.range(plane);
+    pub(super) fn cut_at(&self, plane: &Plane, slack_m: f64) -> [Option<Self>; 2] {
+        let [lo, hi] = self.height_range_m(plane);
         let along = -plane.normal.dot(&self.back) / self.back.norm();
         if along > ALONG && hi <= slack_m || hi <= ON_PLANE_M {
             return [Some(self.clone()), None];
@@ -63,14 +63,14 @@ impl Piece {
             return [None, Some(self.clone())];
         }
         [1.0, -1.0].map(|sign| {
-            let front = clipped(&self.front, &(plane.normal * sign), plane.offset_m * sign);
+            let front = clipped_polygon(&self.front, &(plane.normal * sign), plane.offset_m * sign);
             (front.len() >= 3).then_some(Self { front, ..*self })
         })
     }
 }
 
 /// The corners of a convex polygon cut at a plane (Sutherland and Hodgman 1974).
-fn clipped(polygon: &[Vector3<f64>], normal: &Vector3<f64>, offset_m: f64) -> Vec<Vector3<f64>> {
+fn clipped_polygon(polygon: &[Vector3<f64>], normal: &Vector3<f64>, offset_m: f64) -> Vec<Vector3<f64>> {
     let mut kept = Vec::with_capacity(polygon.len() + 1);
     for (k, a) in polygon.iter().enumerate() {
         let b = &polygon[(k + 1) % polygon.len()];
@@ -134,24 +134,24 @@ pub(super) struct SeenSurface {
 /// mean plane, its samples on the mesh. Walls are as thick as the way to their other side where it was seen,
 /// at most [`MAX_WALLS`] times `wall_m`, else `wall_m`, and end `clear_m` before `others`; a piece reaches
 /// `thin_m` to `wall_m` into its own. Where the surface ends its wall has a side, but not where `goes_on`.
-pub(super) fn seen(
+pub(super) fn seen_surface(
     mesh: &TriangleMesh,
     others: &TriangleMesh,
     [flat_m, wall_m, thin_m, clear_m]: [f64; 4],
     goes_on: &dyn Fn(&Point3<f64>) -> bool,
 ) -> (SeenSurface, Vec<Patch>) {
-    let found = flats(mesh, flat_m);
+    let found = flat_patches(mesh, flat_m);
     let mut patch_of = vec![u32::MAX; mesh.triangles.len()];
     for (k, patch) in found.iter().enumerate() {
         patch.triangles.iter().for_each(|&t| patch_of[t as usize] = k as u32);
     }
     let reach_m = MAX_WALLS * wall_m;
-    let [own, others] = [mesh, others].map(|m| Facets::of(m, reach_m));
+    let [own, others] = [mesh, others].map(|m| Facets::of_mesh(m, reach_m));
     let depths: Vec<f64> = (0..mesh.triangles.len())
         .into_par_iter()
         .map(|t| {
             let Some(patch) = found.get(patch_of[t] as usize) else { return f64::INFINITY };
-            let middle = mesh.middle(t).coords;
+            let middle = mesh.middle_of(t).coords;
             let inwards = -patch.normal;
             // docs/method.md (10.1): a wall ends where another part was seen to begin.
             let other = others.way_m(&middle, &inwards, false) - clear_m;
@@ -202,7 +202,7 @@ pub(super) fn seen(
     }
     let depths: Vec<f64> = depths.iter().map(|d| d.clamp(thin_m, wall_m.max(thin_m))).collect();
     let walls = PatchWalls { patches: &found, patch_of: &patch_of, depths_m: &depths };
-    sides(mesh, walls, [each, wall_m], goes_on, &mut seen);
+    add_wall_sides(mesh, walls, [each, wall_m], goes_on, &mut seen);
     (seen, found)
 }
 
@@ -227,7 +227,7 @@ fn in_plane(p: &Point3<f32>, patch: &Patch) -> Vector3<f64> {
 }
 
 /// Samples on the sides of walls, where the surface ends.
-fn sides(
+fn add_wall_sides(
     mesh: &TriangleMesh,
     walls: PatchWalls<'_>,
     [each_m2, wall_m]: [f64; 2],

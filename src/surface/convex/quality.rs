@@ -37,14 +37,14 @@ impl SolidFit {
 
     /// Measures solids at places spread evenly over a surface; `None` without area or solids.
     #[must_use]
-    pub fn of(mesh: &TriangleMesh, solids: &[ConvexSolid]) -> Option<Self> {
+    pub fn of_solids(mesh: &TriangleMesh, solids: &[ConvexSolid]) -> Option<Self> {
         let samples = sample_surface(mesh, SAMPLES, &mut stage_rng(0, "solid fit", 0));
-        let planes: Vec<Vec<Plane>> = solids.iter().map(ConvexSolid::planes).collect();
+        let planes: Vec<Vec<Plane>> = solids.iter().map(ConvexSolid::face_planes).collect();
         if samples.points.is_empty() || planes.is_empty() {
             return None;
         }
         let extent_m = mesh.bounds().map_or(0.0, |(lo, hi)| f64::from((hi - lo).norm()));
-        let facets = Facets::of(mesh, extent_m.max(f64::MIN_POSITIVE));
+        let facets = Facets::of_mesh(mesh, extent_m.max(f64::MIN_POSITIVE));
         let found: Vec<(f64, f64)> = samples
             .points
             .par_iter()
@@ -166,13 +166,13 @@ mod tests {
     #[test]
     fn a_box_fits_itself_and_a_larger_one_stands_off() {
         let mesh = box_mesh(Vector3::new(0.2, 0.1, 0.05));
-        let own = SolidFit::of(&mesh, &[cuboid([0.2, 0.1, 0.05])]).unwrap();
+        let own = SolidFit::of_solids(&mesh, &[cuboid([0.2, 0.1, 0.05])]).unwrap();
         assert!(own.is_sound() && own.standing_off < 1e-9 && own.distance_m < 1e-6, "{own}");
         // Taller by 3 mm at the top and at the bottom, which are 8 of 14 parts of the surface.
-        let tall = SolidFit::of(&mesh, &[cuboid([0.2, 0.1, 0.053])]).unwrap();
+        let tall = SolidFit::of_solids(&mesh, &[cuboid([0.2, 0.1, 0.053])]).unwrap();
         assert!(!tall.is_sound() && (tall.standing_off - 8.0 / 14.0).abs() < 0.02, "{tall}");
-        let small = SolidFit::of(&mesh, &[cuboid([0.2, 0.1, 0.04])]).unwrap();
+        let small = SolidFit::of_solids(&mesh, &[cuboid([0.2, 0.1, 0.04])]).unwrap();
         assert!(!small.is_sound() && (small.distance_m - 0.01).abs() < 1e-6, "{small}");
-        assert!(SolidFit::of(&mesh, &[]).is_none());
+        assert!(SolidFit::of_solids(&mesh, &[]).is_none());
     }
 }

@@ -2,8 +2,8 @@
 
 use nalgebra::{Point2, Vector2};
 
-use super::rectangles::{Rectangle, cover};
-use crate::outline::{area, rectangle_direction};
+use super::rectangles::{Rectangle, covering_rectangles};
+use crate::outline::{polygon_area, rectangle_direction};
 
 /// Cells along the longer side of a patch. chosen: time against detail
 const CELLS: f64 = 96.0;
@@ -44,7 +44,7 @@ impl Raster {
     ) -> Self {
         let direction = rectangle_direction(hull);
         let start = (Point2::from([f64::INFINITY; 2]), Point2::from([f64::NEG_INFINITY; 2]));
-        let all = hull.iter().chain(beside).map(|p| turned(&direction, p));
+        let all = hull.iter().chain(beside).map(|p| turned_point(&direction, p));
         let (lower, upper) = all.fold(start, |(lo, hi), p| (lo.inf(&p), hi.sup(&p)));
         let side = upper - lower;
         let cell_m = (side.max() / CELLS).max(min_cell_m);
@@ -60,14 +60,16 @@ impl Raster {
             closed: Vec::new(),
         };
         for triangle in triangles {
-            raster.mark(&triangle.map(|p| Point2::from((turned(&direction, &p) - lower) / cell_m)));
+            raster.mark_triangle(
+                &triangle.map(|p| Point2::from((turned_point(&direction, &p) - lower) / cell_m)),
+            );
         }
         raster
     }
 
     /// Marks the cells with their middle in a triangle (corners in cells).
-    fn mark(&mut self, triangle: &[Point2<f64>; 3]) {
-        let turn = area(triangle);
+    fn mark_triangle(&mut self, triangle: &[Point2<f64>; 3]) {
+        let turn = polygon_area(triangle);
         let [a, b, c] = if turn >= 0.0 { *triangle } else { [triangle[0], triangle[2], triangle[1]] };
         let lo = a.inf(&b).inf(&c);
         let hi = a.sup(&b).sup(&c);
@@ -92,7 +94,7 @@ impl Raster {
     ) -> bool {
         let mut stop = self.filled.clone();
         for p in stops {
-            let at = (turned(&self.direction, p) - self.lower) / self.cell_m;
+            let at = (turned_point(&self.direction, p) - self.lower) / self.cell_m;
             let x = (at.x.max(0.0) as usize).min(self.columns - 1);
             let y = (at.y.max(0.0) as usize).min(self.rows - 1);
             stop[y * self.columns + x] = true;
@@ -110,7 +112,7 @@ impl Raster {
                     let gap = &line[from + 1..k];
                     let of_patch = self.filled[line[from]] || self.filled[i];
                     if of_patch && !gap.is_empty() && gap.len() <= seen {
-                        let count = gap.iter().filter(|g| hidden(&self.middle(**g))).count();
+                        let count = gap.iter().filter(|g| hidden(&self.middle_of_cell(**g))).count();
                         if count as f64 >= HIDDEN * gap.len() as f64 {
                             gap.iter().for_each(|g| closed[*g] = true);
                         }
@@ -129,25 +131,25 @@ impl Raster {
 
     /// At most `most` rectangles over the cells of closed gaps.
     pub(super) fn closed_rectangles(&self, most: usize) -> Vec<[Point2<f64>; 4]> {
-        let rectangles = cover(&self.closed, self.columns, MIN_SIDE, BARE, most);
-        rectangles.iter().map(|r| self.corners(r)).collect()
+        let rectangles = covering_rectangles(&self.closed, self.columns, MIN_SIDE, BARE, most);
+        rectangles.iter().map(|r| self.corners_of(r)).collect()
     }
 
     /// Corners of a rectangle, in the patch's plane.
-    fn corners(&self, r: &Rectangle) -> [Point2<f64>; 4] {
+    fn corners_of(&self, r: &Rectangle) -> [Point2<f64>; 4] {
         let x = r.x as f64;
         let y = r.y as f64;
         let width = r.width as f64;
         let height = r.height as f64;
-        [(x, y), (x + width, y), (x + width, y + height), (x, y + height)].map(|(x, y)| self.back(x, y))
+        [(x, y), (x + width, y), (x + width, y + height), (x, y + height)].map(|(x, y)| self.place_of(x, y))
     }
 
-    fn middle(&self, cell: usize) -> Point2<f64> {
-        self.back((cell % self.columns) as f64 + 0.5, (cell / self.columns) as f64 + 0.5)
+    fn middle_of_cell(&self, cell: usize) -> Point2<f64> {
+        self.place_of((cell % self.columns) as f64 + 0.5, (cell / self.columns) as f64 + 0.5)
     }
 
     /// A place given in cells, in the patch's plane.
-    fn back(&self, x: f64, y: f64) -> Point2<f64> {
+    fn place_of(&self, x: f64, y: f64) -> Point2<f64> {
         // The last cells may reach beyond the patch.
         let p = self.lower + Vector2::new(x * self.cell_m, y * self.cell_m).inf(&self.side);
         Point2::from(self.direction * p.x + Vector2::new(-self.direction.y, self.direction.x) * p.y)
@@ -159,6 +161,6 @@ fn cells_between(lo: f64, hi: f64, n: usize) -> std::ops::Range<usize> {
     (lo.floor().max(0.0) as usize)..((hi.ceil().max(0.0) as usize).min(n))
 }
 
-fn turned(direction: &Vector2<f64>, p: &Point2<f64>) -> Point2<f64> {
+fn turned_point(direction: &Vector2<f64>, p: &Point2<f64>) -> Point2<f64> {
     Point2::new(p.coords.dot(direction), direction.perp(&p.coords))
 }

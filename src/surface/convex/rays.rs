@@ -30,7 +30,7 @@ pub(super) struct Facets {
 
 impl Facets {
     /// The triangles of a mesh, for rays up to a length.
-    pub(super) fn of(mesh: &TriangleMesh, reach_m: f64) -> Self {
+    pub(super) fn of_mesh(mesh: &TriangleMesh, reach_m: f64) -> Self {
         let facets: Vec<RayFacet> =
             (0..mesh.triangles.len()).filter_map(|t| RayFacet::of_triangle(mesh, t)).collect();
         // As wide as the rays are long, but not too many for a large triangle.

@@ -18,7 +18,7 @@ impl Rectangle {
 /// Rectangles over the filled cells (row-major, `columns` a row) without empty ones, the largest first, until
 /// less than `rest` of the cells is bare, the next would be narrower than `min_side` cells, or there are
 /// `most` of them.
-pub(super) fn cover(
+pub(super) fn covering_rectangles(
     filled: &[bool],
     columns: usize,
     min_side: usize,
@@ -31,7 +31,7 @@ pub(super) fn cover(
     let mut found = Vec::new();
     while found.len() < most && bare as f64 > rest * total as f64 {
         // It may lie over covered cells, for rectangles without gaps between them: only new cells count.
-        let Some(best) = largest(&left, filled, columns, min_side) else { break };
+        let Some(best) = largest_rectangle(&left, filled, columns, min_side) else { break };
         for y in best.y..best.y + best.height {
             for cell in &mut left[y * columns + best.x..y * columns + best.x + best.width] {
                 bare -= usize::from(*cell);
@@ -44,7 +44,7 @@ pub(super) fn cover(
 }
 
 /// The largest rectangle of bare cells, grown over filled ones as far as it goes.
-fn largest(bare: &[bool], filled: &[bool], columns: usize, min_side: usize) -> Option<Rectangle> {
+fn largest_rectangle(bare: &[bool], filled: &[bool], columns: usize, min_side: usize) -> Option<Rectangle> {
     let rows = bare.len().checked_div(columns)?;
     // The largest rectangle under a row of heights, row by row: linear in the cells. The empty column behind
     // the last one closes open rectangles.
@@ -70,10 +70,10 @@ fn largest(bare: &[bool], filled: &[bool], columns: usize, min_side: usize) -> O
             }
         }
     }
-    best.map(|b| grown(b, filled, columns, rows))
+    best.map(|b| grown_rectangle(b, filled, columns, rows))
 }
 
-fn grown(mut r: Rectangle, filled: &[bool], columns: usize, rows: usize) -> Rectangle {
+fn grown_rectangle(mut r: Rectangle, filled: &[bool], columns: usize, rows: usize) -> Rectangle {
     let column = |x: usize, r: &Rectangle| (r.y..r.y + r.height).all(|y| filled[y * columns + x]);
     let row =
         |y: usize, r: &Rectangle| filled[y * columns + r.x..y * columns + r.x + r.width].iter().all(|c| *c);
@@ -111,7 +111,7 @@ mod tests {
             "##########",
             "##########",
         ]);
-        let found = cover(&filled, columns, 1, 0.0, 32);
+        let found = covering_rectangles(&filled, columns, 1, 0.0, 32);
         assert_eq!(found.len(), 4, "{found:?}");
         let covered = |x: usize, y: usize| {
             found.iter().any(|r| (r.x..r.x + r.width).contains(&x) && (r.y..r.y + r.height).contains(&y))
@@ -124,7 +124,10 @@ mod tests {
     #[test]
     fn one_rectangle_is_one_and_slivers_are_left() {
         let (filled, columns) = raster(&["......", ".####.", ".####.", "....#."]);
-        assert_eq!(cover(&filled, columns, 2, 0.0, 9), [Rectangle { x: 1, y: 1, width: 4, height: 2 }]);
-        assert_eq!(cover(&[false; 6], 3, 1, 0.0, 9), []);
+        assert_eq!(
+            covering_rectangles(&filled, columns, 2, 0.0, 9),
+            [Rectangle { x: 1, y: 1, width: 4, height: 2 }]
+        );
+        assert_eq!(covering_rectangles(&[false; 6], 3, 1, 0.0, 9), []);
     }
 }

@@ -32,7 +32,7 @@ struct Distances {
 }
 
 impl SampleColumns {
-    pub(super) fn of<'a>(samples: impl Iterator<Item = &'a Sample>) -> Self {
+    pub(super) fn of_samples<'a>(samples: impl Iterator<Item = &'a Sample>) -> Self {
         let mut columns = Self {
             places: Default::default(),
             normals: Default::default(),
@@ -55,7 +55,7 @@ impl SampleColumns {
     }
 
     /// How they lie to a normal.
-    pub(super) fn slopes(&self, normal: &Vector3<f64>, slopes: &mut Slopes) {
+    pub(super) fn write_slopes(&self, normal: &Vector3<f64>, slopes: &mut Slopes) {
         slopes.heights.resize(self.len(), 0.0);
         slopes.speeds.resize(self.len(), 0.0);
         along(&self.places, normal, &mut slopes.heights);
@@ -69,7 +69,7 @@ impl SampleColumns {
         let mut found = Distances { nearest: vec![f64::INFINITY; n], outside: vec![0.0; n] };
         let mut slopes = Slopes::default();
         for plane in planes {
-            self.slopes(&plane.normal, &mut slopes);
+            self.write_slopes(&plane.normal, &mut slopes);
             stand(&slopes, plane.offset_m, &mut found);
         }
         let distances = found.nearest.into_iter().zip(found.outside);
@@ -132,7 +132,7 @@ mod tests {
         ];
         // Many of them, so that whole registers and the rest are both met.
         let many: Vec<Sample> = samples.iter().copied().cycle().take(4 * 11).collect();
-        let found = SampleColumns::of(many.iter()).distances_m(&planes);
+        let found = SampleColumns::of_samples(many.iter()).distances_m(&planes);
         for of_four in found.chunks_exact(4) {
             let off =
                 of_four.iter().zip([0.3, 0.7, 0.5, 0.2]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);

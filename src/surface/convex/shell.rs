@@ -7,9 +7,9 @@ use nalgebra::Point3;
 
 use super::{
     ConvexConfig, ConvexSolid, Hidden,
-    cover::{Wanted, cover},
-    hidden::{fronts, hidden_walls},
-    pieces::{Piece, SeenSurface, seen},
+    cover::{Wanted, covering_solids},
+    hidden::{front_mesh, hidden_walls},
+    pieces::{Piece, SeenSurface, seen_surface},
 };
 use crate::{ShellInertia, TriangleMesh, inertia::plates_inertia, keep_components, simplify};
 
@@ -45,7 +45,7 @@ impl Walls {
     /// meshes should be [`few_triangles`].
     /// See docs/method.md 10.1.
     #[must_use]
-    pub fn of(
+    pub fn behind_surface(
         mesh: &TriangleMesh,
         others: &TriangleMesh,
         wall_m: f64,
@@ -55,9 +55,10 @@ impl Walls {
         // Of noise, two standard deviations are within the tolerance where one is half of it.
         let flat_m = FLAT * config.tolerance_m;
         let sizes = [flat_m, wall_m, config.min_thickness_m, config.gap_m];
-        let (mut seen, patches) = seen(mesh, others, sizes, &|p| hidden.is_some_and(|hidden| hidden(p)));
+        let (mut seen, patches) =
+            seen_surface(mesh, others, sizes, &|p| hidden.is_some_and(|hidden| hidden(p)));
         let walls = hidden.map_or_else(Vec::new, |h| hidden_walls(mesh, &patches, wall_m, h, config));
-        let assumed = fronts(&walls);
+        let assumed = front_mesh(&walls);
         seen.pieces.extend(walls.into_iter().map(|wall| wall.piece));
         let bounds = mesh.bounds().filter(|_| !mesh.is_empty()).map(|(lo, hi)| (lo.cast(), hi.cast()));
         Self { seen, assumed, bounds, wall_m, config: config.clone() }
@@ -65,17 +66,17 @@ impl Walls {
 
     /// The faces of walls in hidden places, in the color of the seen part of the wall.
     #[must_use]
-    pub fn assumed(&self) -> &TriangleMesh {
+    pub fn assumed_faces(&self) -> &TriangleMesh {
         &self.assumed
     }
 
     /// Convex solids: at least one for a surface with area, at most `max_solids`. Deterministic. See
     /// docs/method.md 10.1.
     #[must_use]
-    pub fn solids(&self) -> Vec<ConvexSolid> {
+    pub fn convex_solids(&self) -> Vec<ConvexSolid> {
         let ConvexConfig { max_solids, tolerance_m, min_thickness_m, .. } = self.config;
         let wanted = Wanted { solids: max_solids, tolerance_m, thin_m: min_thickness_m, wall_m: self.wall_m };
-        let mut solids = cover(&self.seen, &wanted);
+        let mut solids = covering_solids(&self.seen, &wanted);
         if let Some((lower, upper)) = self.bounds.filter(|_| solids.is_empty()) {
             // Too small for pieces: its box.
             let pads = (upper - lower).map(|side| (min_thickness_m - side).max(0.0) * 0.5);
@@ -87,8 +88,8 @@ impl Walls {
     /// Mass properties of the walls: of plates of one density, as thick as their walls; a wall seen from both
     /// sides weighs half on either side. `None` without area. See docs/method.md 10.2.
     #[must_use]
-    pub fn inertia(&self, density_kg_m3: f64) -> Option<ShellInertia> {
-        let plates = self.seen.pieces.iter().flat_map(Piece::plates);
+    pub fn shell_inertia(&self, density_kg_m3: f64) -> Option<ShellInertia> {
+        let plates = self.seen.pieces.iter().flat_map(Piece::wall_plates);
         plates_inertia(plates, density_kg_m3)
     }
 
@@ -101,7 +102,7 @@ impl Walls {
 
     /// Volume of the counted pieces, cubic meters.
     fn volume_m3(&self, is_counted: fn(&Piece) -> bool) -> f64 {
-        let plates = self.seen.pieces.iter().filter(|p| is_counted(p)).flat_map(Piece::plates);
+        let plates = self.seen.pieces.iter().filter(|p| is_counted(p)).flat_map(Piece::wall_plates);
         plates.map(|([a, b, c], thick_m)| 0.5 * (b - a).cross(&(c - a)).norm() * thick_m).sum()
     }
 }

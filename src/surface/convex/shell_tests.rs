@@ -2,14 +2,14 @@
 
 use super::*;
 use crate::{
-    marching_cubes, merge,
+    marching_cubes, merged_mesh,
     shapes::{box_mesh, grid_of, sphere_mesh, torus},
 };
 use geometry::Pose;
 use nalgebra::Vector3;
 
 fn solids_within(mesh: &TriangleMesh, hidden: Option<Hidden<'_>>, config: &ConvexConfig) -> Vec<ConvexSolid> {
-    Walls::of(mesh, &TriangleMesh::default(), 0.008, hidden, config).solids()
+    Walls::behind_surface(mesh, &TriangleMesh::default(), 0.008, hidden, config).convex_solids()
 }
 
 fn solids_of(mesh: &TriangleMesh) -> Vec<ConvexSolid> {
@@ -17,7 +17,7 @@ fn solids_of(mesh: &TriangleMesh) -> Vec<ConvexSolid> {
 }
 
 fn holds(solids: &[ConvexSolid], p: [f64; 3]) -> bool {
-    solids.iter().any(|s| s.planes().iter().all(|q| q.distance_m(&Point3::from(p)) <= 0.0))
+    solids.iter().any(|s| s.face_planes().iter().all(|q| q.distance_m(&Point3::from(p)) <= 0.0))
 }
 
 /// A box with sides of the given lengths about a place.
@@ -31,14 +31,14 @@ fn block(size: [f32; 3], middle: [f32; 3]) -> TriangleMesh {
 fn table() -> TriangleMesh {
     let leg = |x: f32, y: f32| block([0.04, 0.04, 0.4], [x, y, 0.2]);
     let legs = [leg(-0.25, -0.15), leg(0.25, -0.15), leg(-0.25, 0.15), leg(0.25, 0.15)];
-    merge(&[&block([0.6, 0.4, 0.03], [0.0, 0.0, 0.415]), &legs[0], &legs[1], &legs[2], &legs[3]])
+    merged_mesh(&[&block([0.6, 0.4, 0.03], [0.0, 0.0, 0.415]), &legs[0], &legs[1], &legs[2], &legs[3]])
 }
 
 /// A door with a bar on two posts, 30 mm before it.
 fn door() -> TriangleMesh {
     let posts = [-0.08f32, 0.08].map(|z| block([0.03, 0.012, 0.012], [0.035, 0.1, z]));
     let bar = block([0.012, 0.012, 0.2], [0.056, 0.1, 0.0]);
-    merge(&[&block([0.04, 0.4, 0.6], [0.0; 3]), &bar, &posts[0], &posts[1]])
+    merged_mesh(&[&block([0.04, 0.4, 0.6], [0.0; 3]), &bar, &posts[0], &posts[1]])
 }
 
 /// Distance to a tray: walls 10 mm thick around a hollow that is open at the top.
@@ -89,7 +89,7 @@ fn what_a_patch_hides_of_its_noise_counts() {
     // Waves that patches hide. Fitted to the planes of these, solids stood more than 2 mm before 3.4 % of it.
     let mesh = wavy_box(0.0012);
     let solids = solids_of(&mesh);
-    let fit = crate::SolidFit::of(&mesh, &solids).unwrap();
+    let fit = crate::SolidFit::of_solids(&mesh, &solids).unwrap();
     assert!(fit.standing_off < 0.02, "{fit}");
     assert!(solids.len() <= 25, "{}", solids.len());
 }
@@ -98,7 +98,7 @@ fn what_a_patch_hides_of_its_noise_counts() {
 fn a_noisy_box_has_its_faces_in_the_middle_of_the_noise() {
     let mesh = wavy_box(0.001);
     let solids = solids_of(&mesh);
-    let fit = crate::SolidFit::of(&mesh, &solids).unwrap();
+    let fit = crate::SolidFit::of_solids(&mesh, &solids).unwrap();
     assert!(fit.is_sound(), "{fit}");
     let top = solids.iter().map(|s| s.bounds().1.z).fold(0.0, f64::max);
     assert!((top - 0.08).abs() < 0.0015, "{top}");
@@ -158,8 +158,9 @@ fn the_faces_of_a_wall_that_no_view_saw_lie_in_the_gap_in_the_color_of_the_rest(
     let color = |p: &Point3<f32>| if p.z < -0.04 { [90, 60, 30] } else { [200; 3] };
     mesh.colors = mesh.vertices.iter().map(color).collect();
     let faces = |hidden: Option<Hidden<'_>>| {
-        let walls = Walls::of(&mesh, &TriangleMesh::default(), 0.008, hidden, &ConvexConfig::default());
-        walls.assumed().clone()
+        let walls =
+            Walls::behind_surface(&mesh, &TriangleMesh::default(), 0.008, hidden, &ConvexConfig::default());
+        walls.assumed_faces().clone()
     };
     assert!(faces(None).is_empty());
     let faces = faces(Some(&behind));
@@ -224,7 +225,7 @@ fn a_wall_ends_before_another_part() {
     };
     let config = ConvexConfig::default();
     let lowest = |others: &TriangleMesh| {
-        let solids = Walls::of(&quad(0.0), others, 0.008, None, &config).solids();
+        let solids = Walls::behind_surface(&quad(0.0), others, 0.008, None, &config).convex_solids();
         solids.iter().map(|s| s.bounds().0.z).fold(0.0, f64::min)
     };
     assert!((lowest(&TriangleMesh::default()) + 0.008).abs() < 1e-4);
@@ -237,7 +238,10 @@ fn a_wall_weighs_the_same_whatever_the_cap() {
     let mesh = block([0.5, 0.4, 0.02], [0.0; 3]);
     let mass = |n: usize| {
         let config = ConvexConfig { max_solids: n, ..ConvexConfig::default() };
-        Walls::of(&mesh, &TriangleMesh::default(), 0.008, None, &config).inertia(600.0).unwrap().mass_kg
+        Walls::behind_surface(&mesh, &TriangleMesh::default(), 0.008, None, &config)
+            .shell_inertia(600.0)
+            .unwrap()
+            .mass_kg
     };
     assert_eq!(mass(64).to_bits(), mass(2).to_bits());
     // The rim, which is seen as well, adds its own walls.

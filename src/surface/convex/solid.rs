@@ -59,12 +59,12 @@ impl ConvexSolid {
 
     /// The planes of its faces; faces without area have none.
     #[must_use]
-    pub fn planes(&self) -> Vec<Plane> {
-        self.faces.iter().filter_map(|f| self.plane(f)).collect()
+    pub fn face_planes(&self) -> Vec<Plane> {
+        self.faces.iter().filter_map(|f| self.face_plane(f)).collect()
     }
 
     /// The plane of a face; `None` of one without area.
-    pub fn plane(&self, face: &[u32]) -> Option<Plane> {
+    pub fn face_plane(&self, face: &[u32]) -> Option<Plane> {
         let normal = self.twice_area(face).try_normalize(1e-16)?;
         let heights = face.iter().map(|&i| normal.dot(&self.vertices[i as usize].coords));
         // Rounding leaves the corners of a cut face beside its plane: their mean is nearest to all.
@@ -73,8 +73,8 @@ impl ConvexSolid {
     }
 
     /// Unit normal and area of every face with area, square meters.
-    pub fn areas(&self) -> impl Iterator<Item = (Vector3<f64>, f64)> + '_ {
-        self.faces.iter().filter_map(|f| Some((self.plane(f)?.normal, 0.5 * self.twice_area(f).norm())))
+    pub fn face_areas(&self) -> impl Iterator<Item = (Vector3<f64>, f64)> + '_ {
+        self.faces.iter().filter_map(|f| Some((self.face_plane(f)?.normal, 0.5 * self.twice_area(f).norm())))
     }
 
     /// Twice the area of a face along its normal.
@@ -86,7 +86,7 @@ impl ConvexSolid {
 
     /// Its part inside a half space; `None` where it has none.
     #[must_use]
-    pub fn clipped(&self, plane: &Plane) -> Option<Self> {
+    pub fn clipped_at(&self, plane: &Plane) -> Option<Self> {
         let side: Vec<f64> = self.vertices.iter().map(|p| plane.distance_m(p)).collect();
         // Corners within rounding of the plane lie on it: no sliver is cut off.
         if side.iter().all(|s| *s <= ON_PLANE_M) {
@@ -127,19 +127,19 @@ impl ConvexSolid {
         }
         cap.extend(cuts.into_values());
         if cap.len() >= 3 {
-            faces.push(around(&vertices, cap, &plane.normal));
+            faces.push(ordered_around(&vertices, cap, &plane.normal));
         }
-        Some(Self { vertices, faces }.compact())
+        Some(Self { vertices, faces }.without_unused_corners())
     }
 
     /// Its part inside all half spaces; `None` where it has none.
     #[must_use]
     pub fn clipped_by(&self, planes: &[Plane]) -> Option<Self> {
-        planes.iter().try_fold(self.clone(), |solid, plane| solid.clipped(plane))
+        planes.iter().try_fold(self.clone(), |solid, plane| solid.clipped_at(plane))
     }
 
     /// Without unused corners.
-    fn compact(self) -> Self {
+    fn without_unused_corners(self) -> Self {
         let mut index = vec![u32::MAX; self.vertices.len()];
         let mut vertices = Vec::new();
         let mut faces = self.faces;
@@ -174,7 +174,7 @@ impl ConvexSolid {
     /// Smallest extent along the normal of a face, meters: how thin it is. 0 for a solid without faces.
     #[must_use]
     pub fn thickness_m(&self) -> f64 {
-        let planes = self.planes();
+        let planes = self.face_planes();
         let extents =
             planes.iter().map(|p| self.vertices.iter().map(|v| -p.distance_m(v)).fold(0.0, f64::max));
         extents.min_by(f64::total_cmp).unwrap_or(0.0)
@@ -189,11 +189,11 @@ impl ConvexSolid {
 
     /// Its axes: the normal of its largest face, the longest side of this face, and across both.
     #[must_use]
-    pub fn axes(&self) -> Matrix3<f64> {
+    pub fn main_axes(&self) -> Matrix3<f64> {
         let largest =
             self.faces.iter().max_by(|a, b| self.twice_area(a).norm().total_cmp(&self.twice_area(b).norm()));
         let Some(face) = largest else { return Matrix3::identity() };
-        let Some(plane) = self.plane(face) else { return Matrix3::identity() };
+        let Some(plane) = self.face_plane(face) else { return Matrix3::identity() };
         let at = |k: usize| self.vertices[face[k % face.len()] as usize];
         let sides = (0..face.len()).map(|k| at(k + 1) - at(k));
         let longest = sides.max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared())).unwrap_or_default();
@@ -215,8 +215,8 @@ impl ConvexSolid {
     /// either. `None` where they are apart or touch.
     #[must_use]
     pub fn penetration_m(&self, other: &Self) -> Option<f64> {
-        let theirs = other.planes();
-        let shortest = self.depth_behind_m(&theirs).min(other.depth_behind_m(&self.planes()));
+        let theirs = other.face_planes();
+        let shortest = self.depth_behind_m(&theirs).min(other.depth_behind_m(&self.face_planes()));
         // Normals of faces alone may miss a separating axis between two edges; cutting decides.
         (shortest > ON_PLANE_M && self.clipped_by(&theirs).is_some()).then_some(shortest)
     }
@@ -231,7 +231,7 @@ impl ConvexSolid {
 
     /// As triangles.
     #[must_use]
-    pub fn mesh(&self) -> TriangleMesh {
+    pub fn to_mesh(&self) -> TriangleMesh {
         let triangles = self.faces.iter().flat_map(|f| (1..f.len() - 1).map(|k| [f[0], f[k], f[k + 1]]));
         TriangleMesh {
             vertices: self.vertices.iter().map(|p| p.cast()).collect(),
@@ -242,7 +242,7 @@ impl ConvexSolid {
 }
 
 /// Corners of a convex polygon in order around a normal.
-fn around(vertices: &[Point3<f64>], mut corners: Vec<u32>, normal: &Vector3<f64>) -> Vec<u32> {
+fn ordered_around(vertices: &[Point3<f64>], mut corners: Vec<u32>, normal: &Vector3<f64>) -> Vec<u32> {
     let at = |i: u32| vertices[i as usize];
     let center =
         Point3::from(corners.iter().map(|&i| at(i).coords).sum::<Vector3<f64>>() / corners.len() as f64);
@@ -281,7 +281,7 @@ mod tests {
             let normal = Vector3::from(n).normalize();
             let plane = Plane { normal, offset_m: offset };
             let other = Plane { normal: -normal, offset_m: -offset };
-            let halves = [plane, other].map(|p| unit_box().clipped(&p).unwrap());
+            let halves = [plane, other].map(|p| unit_box().clipped_at(&p).unwrap());
             prop_assert!(halves.iter().all(is_closed));
             prop_assert!((halves[0].volume_m3() + halves[1].volume_m3() - 1.0).abs() < 1e-9);
         }
@@ -290,7 +290,8 @@ mod tests {
     #[test]
     fn a_corner_cut_off_is_a_tetrahedron() {
         let normal = Vector3::new(1.0, 1.0, 1.0).normalize();
-        let corner = unit_box().clipped(&Plane { normal: -normal, offset_m: -(1.2 / 3f64.sqrt()) }).unwrap();
+        let corner =
+            unit_box().clipped_at(&Plane { normal: -normal, offset_m: -(1.2 / 3f64.sqrt()) }).unwrap();
         assert_eq!((corner.vertices.len(), corner.faces.len()), (4, 4));
         assert!((corner.volume_m3() - 0.3f64.powi(3) / 6.0).abs() < 1e-12);
     }

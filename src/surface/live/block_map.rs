@@ -10,9 +10,9 @@ use super::{
 };
 use crate::{
     rows::RowCamera,
-    tsdf_view::{FREE_WEIGHT, NodeReading, behind_weight, said},
+    tsdf_view::{FREE_WEIGHT, NodeReading, behind_weight, reading_of_node},
 };
-use capture::cell;
+use capture::cell_of_point;
 use geometry::Grid3;
 
 /// Nodes along a side of a block.
@@ -36,7 +36,7 @@ struct Block {
 }
 
 impl Block {
-    fn empty() -> Box<Self> {
+    fn boxed_empty() -> Box<Self> {
         Box::new(Self {
             distance_m: [0.0; NODES],
             weight: [0.0; NODES],
@@ -47,7 +47,7 @@ impl Block {
 
     /// Takes a distance into the mean of a node; returns the change of a surface there, meters; `None` where
     /// none is near.
-    fn take(&mut self, node: usize, distance_m: f32, weight: f32, near_m: f32) -> Option<f32> {
+    fn take_distance(&mut self, node: usize, distance_m: f32, weight: f32, near_m: f32) -> Option<f32> {
         let old_m = self.distance_m[node];
         let old = self.weight[node];
         let new_m = old_m + (distance_m - old_m) * weight / (old + weight);
@@ -97,7 +97,7 @@ impl BlockMap {
     }
 
     /// Places of the blocks about a view's surface, sorted, and the number of new ones.
-    pub(super) fn about(&self, view: &ViewDepth) -> (Vec<Key>, usize) {
+    pub(super) fn blocks_about(&self, view: &ViewDepth) -> (Vec<Key>, usize) {
         let k = &view.frame.intrinsics;
         let block_m = self.spacing_m * SIDE as f64;
         // Rays a third of a block apart miss none but corners; other views hit these.
@@ -109,12 +109,12 @@ impl BlockMap {
                 if !r.is_surface() {
                     continue;
                 }
-                let ray = view.frame.world_from_camera * k.ray(u as f64, v as f64);
+                let ray = view.frame.world_from_camera * k.ray_at(u as f64, v as f64);
                 let steps = (2.0 * self.truncation_m / (0.5 * block_m)).ceil();
                 for i in 0..=steps as usize {
                     let along = i as f64 / steps * 2.0 - 1.0;
                     let point = view.eye() + ray * (f64::from(r.depth_m) + along * self.truncation_m);
-                    if let Some(key) = cell(&point, block_m).filter(|key| keys.last() != Some(key)) {
+                    if let Some(key) = cell_of_point(&point, block_m).filter(|key| keys.last() != Some(key)) {
                         keys.push(key);
                     }
                 }
@@ -129,7 +129,7 @@ impl BlockMap {
     /// Makes blocks where there are none.
     pub(super) fn allocate(&mut self, keys: &[Key]) {
         for key in keys {
-            self.blocks.entry(*key).or_insert_with(Block::empty);
+            self.blocks.entry(*key).or_insert_with(Block::boxed_empty);
         }
     }
 
@@ -145,26 +145,34 @@ impl BlockMap {
         for (key, block) in &mut self.blocks {
             let first = Point3::from(key.map(|k| f64::from(k) * SIDE as f64 * spacing_m));
             let center = view.camera_from_world * (first + Vector3::repeat(half_m));
-            if clearance.piece(&center.coords.cast(), radius_m, truncation_m) == SpaceState::Nothing {
+            if clearance.state_of_ball(&center.coords.cast(), radius_m, truncation_m) == SpaceState::Nothing {
                 continue;
             }
             let camera = RowCamera::new(intrinsics, &view.camera_from_world, &first, spacing_m);
             let mut sum_m = 0.0f32;
             let mut count = 0;
             for (y, z) in (0..SIDE).flat_map(|z| (0..SIDE).map(move |y| (y, z))) {
-                let row = camera.row(y, z, SIDE);
+                let row = camera.row_in_image(y, z, SIDE);
                 for x in row.range.clone() {
                     let node = x + SIDE * (y + SIDE * z);
-                    let change_m = match said(&view.readings, intrinsics, &camera, &row.at(x), truncation_m) {
+                    let change_m = match reading_of_node(
+                        &view.readings,
+                        intrinsics,
+                        &camera,
+                        &row.at(x),
+                        truncation_m,
+                    ) {
                         None => None,
                         // A reading from far behind empty space is as sure of it.
-                        Some(NodeReading::Free { .. }) => block.take(node, truncation_m, FREE_WEIGHT, near_m),
+                        Some(NodeReading::Free { .. }) => {
+                            block.take_distance(node, truncation_m, FREE_WEIGHT, near_m)
+                        }
                         Some(NodeReading::Near { s, weight, pixel }) => {
                             if s.abs() < 1.0 {
                                 block.take_color(node, view.frame.rgb[pixel]);
                             }
                             let weight = weight * behind_weight(s, 1.0);
-                            block.take(node, s.min(1.0) * truncation_m, weight, near_m)
+                            block.take_distance(node, s.min(1.0) * truncation_m, weight, near_m)
                         }
                     };
                     sum_m += change_m.unwrap_or(0.0);
@@ -186,7 +194,7 @@ impl BlockMap {
         let old_m = self.spacing_m as f32;
         for (key, fine) in old {
             let parent = key.map(|k| k.div_euclid(2));
-            let coarse = self.blocks.entry(parent).or_insert_with(Block::empty);
+            let coarse = self.blocks.entry(parent).or_insert_with(Block::boxed_empty);
             let at = key.map(|k| k.rem_euclid(2) as usize * SIDE / 2);
             for i in 0..NODES / 8 {
                 let half = [i % 4, i / 4 % 4, i / 16];
@@ -196,7 +204,7 @@ impl BlockMap {
                 let known = if fine.weight[from] > 0.0 {
                     Some((fine.distance_m[from], fine.weight[from], fine.color[from]))
                 } else {
-                    beside(half.map(|h| 2 * h))
+                    neighbors_in_block(half.map(|h| 2 * h))
                         .map(index)
                         .filter(|n| fine.weight[*n] > 0.0 && fine.distance_m[*n] < 0.0)
                         .map(|n| (fine.distance_m[n] - old_m, fine.weight[n], fine.color[n]))
@@ -218,7 +226,12 @@ impl BlockMap {
 
     /// Distances, NaN where nothing is known, and colors about the cells of some blocks, `side` along each
     /// axis from `first`; of every `stride`th node.
-    pub(super) fn grid(&self, first: Key, side: usize, stride: usize) -> (Grid3<f32>, Vec<[u8; 4]>) {
+    pub(super) fn grid_of_blocks(
+        &self,
+        first: Key,
+        side: usize,
+        stride: usize,
+    ) -> (Grid3<f32>, Vec<[u8; 4]>) {
         let nodes = side * SIDE / stride + 1;
         let count = nodes * nodes * nodes;
         let corner = Point3::from(first.map(|k| f64::from(k) * SIDE as f64 * self.spacing_m));
@@ -260,7 +273,7 @@ fn index([x, y, z]: [usize; 3]) -> usize {
 }
 
 /// The six neighbors of a node in its block.
-fn beside(node: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
+fn neighbors_in_block(node: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
     (0..3).flat_map(move |axis| {
         [-1isize, 1].into_iter().filter_map(move |step| {
             let mut other = node;

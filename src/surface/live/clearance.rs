@@ -72,7 +72,7 @@ impl Clearance {
             farthest_m = farthest_m.max(known[1]);
         }
         Self {
-            tiles: DepthTiles::of(k.width, k.height, |i| [clear_m[i], reach_m[i]]),
+            tiles: DepthTiles::of_image(k.width, k.height, |i| [clear_m[i], reach_m[i]]),
             focal: [k.fx as f32, k.fy as f32],
             center: [k.cx as f32, k.cy as f32],
             clear_m,
@@ -94,7 +94,7 @@ impl Clearance {
 
     /// State of a ball about a point in the optical frame; space up to `behind_m` behind the seen surface is
     /// still examined.
-    pub(super) fn piece(&self, p: &Vector3<f32>, radius_m: f32, behind_m: f32) -> SpaceState {
+    pub(super) fn state_of_ball(&self, p: &Vector3<f32>, radius_m: f32, behind_m: f32) -> SpaceState {
         if p.z + radius_m <= 0.0 || p.z - radius_m > self.farthest_m + behind_m {
             return SpaceState::Nothing;
         }
@@ -104,7 +104,7 @@ impl Clearance {
         }
         let mut is_cut = false;
         let mut range = [[0usize; 2]; 2];
-        for (axis, size) in self.tiles.size().into_iter().enumerate() {
+        for (axis, size) in self.tiles.image_size().into_iter().enumerate() {
             let middle = self.focal[axis] * p[axis] / p.z + self.center[axis];
             let half = self.focal[axis] * radius_m * (1.0 + (p[axis] / p.z).abs()) / (p.z - radius_m);
             let from = middle - half;
@@ -117,7 +117,7 @@ impl Clearance {
             is_cut |= from < 0.0 || to > last;
             range[axis] = [from.max(0.0) as usize, to.min(last) as usize];
         }
-        let [clear_m, reach_m] = self.tiles.over(range);
+        let [clear_m, reach_m] = self.tiles.depths_over(range);
         match () {
             () if reach_m + behind_m < p.z - radius_m => SpaceState::Nothing,
             () if clear_m >= p.z + radius_m && !is_cut => SpaceState::Empty,

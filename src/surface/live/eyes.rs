@@ -41,7 +41,7 @@ impl Eyes {
     }
 
     /// Remembers a view.
-    pub(super) fn add(&mut self, view: &ViewDepth) {
+    pub(super) fn remember_view(&mut self, view: &ViewDepth) {
         self.intrinsics = view.frame.intrinsics;
         if self.count.is_multiple_of(self.every) {
             self.views.push((view.frame.world_from_camera, view.median_m));
@@ -55,7 +55,7 @@ impl Eyes {
     }
 
     /// The common focus; `None` without views.
-    fn focus(&self) -> Option<Focus> {
+    fn common_point(&self) -> Option<Focus> {
         let poses: Vec<Pose> = self.views.iter().map(|v| v.0).collect();
         let ahead: Vec<Point3<f64>> = self.views.iter().map(|(p, z)| p * Point3::new(0.0, 0.0, *z)).collect();
         let along = |k: usize| median(ahead.iter().map(|p| p[k]).collect());
@@ -72,8 +72,8 @@ impl Eyes {
 
     /// The largest ball about the focus within the image from their median distance: focus and radius in
     /// meters.
-    pub(super) fn ball(&self) -> Option<(Focus, f64)> {
-        let focus = self.focus()?;
+    pub(super) fn focus_ball(&self) -> Option<(Focus, f64)> {
+        let focus = self.common_point()?;
         let k = &self.intrinsics;
         let half = (0.5 * k.width as f64 / k.fx).min(0.5 * k.height as f64 / k.fy);
         let radius_m = focus.distance_m * half.atan().sin();
@@ -83,7 +83,7 @@ impl Eyes {
     /// Whether at least half of the views have a point in their image.
     pub(super) fn half_show(&self, point: &Point3<f64>) -> bool {
         let pixels =
-            self.views.iter().map(|(pose, _)| self.intrinsics.pixel(&pose.inverse_transform_point(point)));
+            self.views.iter().map(|(pose, _)| self.intrinsics.pixel_of(&pose.inverse_transform_point(point)));
         2 * pixels.flatten().count() >= self.views.len()
     }
 }

@@ -59,7 +59,7 @@ impl LiveMesh {
     }
 
     /// Marks the surface in some blocks as changed.
-    pub(super) fn mark(&mut self, blocks: &[Key]) {
+    pub(super) fn mark_changed(&mut self, blocks: &[Key]) {
         for key in blocks {
             // A cell ends at the first nodes of the next block.
             for corner in 0..8 {
@@ -74,7 +74,7 @@ impl LiveMesh {
         self.chunks.clear();
         self.triangles = 0;
         let keys: Vec<Key> = map.keys().copied().collect();
-        self.mark(&keys);
+        self.mark_changed(&keys);
     }
 
     /// The same where the map's spacing doubled: as many nodes count as before, or more.
@@ -93,18 +93,18 @@ impl LiveMesh {
             self.ball = ball;
             self.begin_again(map);
         }
-        self.remake(map);
+        self.remake_stale(map);
         let coarsest = self.strides.iter().position(|s| *s > 1);
         if let Some(finer) = coarsest.filter(|_| FEWER * self.triangles < MOST_TRIANGLES) {
             self.strides[finer] /= 2;
             self.begin_again(map);
-            self.remake(map);
+            self.remake_stale(map);
         }
         while self.triangles > MOST_TRIANGLES {
             let Some(coarser) = [1, 0].into_iter().find(|k| self.strides[*k] < LARGEST_STRIDE) else { break };
             self.strides[coarser] *= 2;
             self.begin_again(map);
-            self.remake(map);
+            self.remake_stale(map);
         }
     }
 
@@ -116,10 +116,10 @@ impl LiveMesh {
         self.strides[usize::from(!is_near)]
     }
 
-    fn remake(&mut self, map: &BlockMap) {
+    fn remake_stale(&mut self, map: &BlockMap) {
         self.version += 1;
         for key in std::mem::take(&mut self.stale) {
-            let mesh = self.made(map, key);
+            let mesh = self.mesh_of_chunk(map, key);
             let known = self.chunks.get(&key);
             self.triangles -= known.map_or(0, |c| c.mesh.triangles.len());
             self.triangles += mesh.triangles.len();
@@ -136,8 +136,9 @@ impl LiveMesh {
         }
     }
 
-    fn made(&self, map: &BlockMap, key: Key) -> TriangleMesh {
-        let (grid, colors) = map.grid(key.map(|k| k * BLOCKS), BLOCKS as usize, self.stride_of(map, key));
+    fn mesh_of_chunk(&self, map: &BlockMap, key: Key) -> TriangleMesh {
+        let (grid, colors) =
+            map.grid_of_blocks(key.map(|k| k * BLOCKS), BLOCKS as usize, self.stride_of(map, key));
         let mut mesh = marching_cubes(&grid, 0.0);
         let last = grid.dims[0] - 1;
         mesh.colors = mesh

@@ -7,14 +7,14 @@ use super::{
     clearance::Clearance,
     eyes::Eyes,
     live_mesh::{LiveMesh, MeshChunk},
-    moved::{Moved, changed},
+    moved::{Moved, changed_surface},
     next_view::{NextView, next_view},
     region::Region,
     sight_map::SightMap,
-    unseen::{Unseen, unseen},
+    unseen::{Unseen, unseen_of_region},
     view_depth::ViewDepth,
 };
-use crate::{TriangleMesh, merge};
+use crate::{TriangleMesh, merged_mesh};
 use capture::{NoiseConfig, RgbdFrame};
 
 /// Least and largest first distance between nodes, meters.
@@ -83,8 +83,8 @@ impl LiveMap {
         if self.before.is_some() {
             return;
         }
-        map.draw();
-        while map.sight.bytes() > self.share(8) {
+        map.refresh_mesh();
+        while map.sight.bytes() > self.share_of_memory(8) {
             map.sight.coarsen();
         }
         let chunks = map.mesh.chunks().cloned().collect();
@@ -92,23 +92,23 @@ impl LiveMap {
     }
 
     /// A part of the memory, bytes.
-    fn share(&self, part: usize) -> usize {
+    fn share_of_memory(&self, part: usize) -> usize {
         self.settings.most_bytes.max(LiveSettings::LEAST_BYTES) / part
     }
 
     /// Adds a view, with its mask where it has one: then of its object alone the surface counts. Whether it
     /// was taken: not where it reads no depth, or its sizes, camera or pose make no sense.
-    pub fn add(&mut self, frame: &RgbdFrame) -> bool {
+    pub fn add_view(&mut self, frame: &RgbdFrame) -> bool {
         let Some(view) = ViewDepth::new(frame, &self.settings.noise) else { return false };
         // Half for surfaces; an eighth each for space seen now and before; the rest for the mesh and work
         // under way.
-        let most_blocks = self.share(2);
-        let most_sight = self.share(8);
+        let most_blocks = self.share_of_memory(2);
+        let most_sight = self.share_of_memory(8);
         let map = self.now.get_or_insert_with(|| StateMap::new(&view));
         loop {
             let clearance = Clearance::new(&view, map.sight.cell_m());
-            let (looks, new_sight) = map.sight.looks(&view, &clearance);
-            let (keys, new_blocks) = map.blocks.about(&view);
+            let (looks, new_sight) = map.sight.looks_of_view(&view, &clearance);
+            let (keys, new_blocks) = map.blocks.blocks_about(&view);
             let sight_bytes = map.sight.bytes() + SightMap::bytes_of(new_sight);
             let block_bytes = map.blocks.bytes() + BlockMap::bytes_of(new_blocks);
             if sight_bytes > most_sight {
@@ -119,11 +119,11 @@ impl LiveMap {
                 map.coarsen();
                 continue;
             }
-            map.sight.take(&looks);
+            map.sight.add_looks(&looks);
             map.blocks.allocate(&keys);
             let changed = map.blocks.integrate(&view, &clearance);
-            map.mesh.mark(&changed);
-            map.eyes.add(&view);
+            map.mesh.mark_changed(&changed);
+            map.eyes.remember_view(&view);
             return true;
         }
     }
@@ -131,7 +131,7 @@ impl LiveMap {
     /// Makes the surface again where it changed since the last time.
     pub fn refresh(&mut self) {
         if let Some(map) = &mut self.now {
-            map.draw();
+            map.refresh_mesh();
         }
     }
 
@@ -143,40 +143,40 @@ impl LiveMap {
     /// The surface as one mesh, as [`Self::refresh`] left it; its triangles are not joined across chunks.
     #[must_use]
     pub fn mesh(&self) -> TriangleMesh {
-        merge(&self.chunks().map(|c| &c.mesh).collect::<Vec<_>>())
+        merged_mesh(&self.chunks().map(|c| &c.mesh).collect::<Vec<_>>())
     }
 
     /// The unseen part of the region of the views, and the next view, where it is worth it; `None` before the
     /// first view.
     #[must_use]
-    pub fn look(&self) -> Option<(Unseen, Option<NextView>)> {
+    pub fn unseen_and_next(&self) -> Option<(Unseen, Option<NextView>)> {
         let map = self.now.as_ref()?;
         let region = Region::new(&map.eyes, &map.sight)?;
         let seen_m2: f64 = map
             .mesh
             .chunks()
             .flat_map(|c| (0..c.mesh.triangles.len()).map(|t| (&c.mesh, t)))
-            .filter(|(mesh, t)| region.holds(&mesh.middle(*t)))
+            .filter(|(mesh, t)| region.holds(&mesh.middle_of(*t)))
             .map(|(mesh, t)| 0.5 * f64::from(mesh.area_normal(t).norm()))
             .fold(0.0, |sum, area| sum + area);
-        let unseen = unseen(&region, seen_m2);
+        let unseen = unseen_of_region(&region, seen_m2);
         let next = next_view(&region, &map.sight, unseen.area_m2 + seen_m2);
         Some((unseen, next))
     }
 
     /// The moved surface since the first state; `None` where there is none, or the present one has no view.
     #[must_use]
-    pub fn moved(&self) -> Option<Moved> {
+    pub fn moved_surface(&self) -> Option<Moved> {
         let map = self.now.as_ref()?;
         let before = self.before.as_ref()?;
         Some(Moved {
-            appeared: changed(
+            appeared: changed_surface(
                 map.mesh.chunks().map(AsRef::as_ref),
                 map.spacing_m(),
                 &map.sight,
                 &before.sight,
             ),
-            gone: changed(
+            gone: changed_surface(
                 before.chunks.iter().map(AsRef::as_ref),
                 before.spacing_m,
                 &before.sight,
@@ -194,7 +194,7 @@ impl LiveMap {
 
     /// Number of accepted views of the present state.
     #[must_use]
-    pub fn views(&self) -> usize {
+    pub fn view_count(&self) -> usize {
         self.now.as_ref().map_or(0, |map| map.eyes.count)
     }
 
@@ -242,8 +242,8 @@ impl StateMap {
         self.blocks.spacing_m() * self.mesh.stride() as f64
     }
 
-    fn draw(&mut self) {
-        let ball = self.eyes.ball().map(|(focus, radius_m)| (focus.point, radius_m));
+    fn refresh_mesh(&mut self) {
+        let ball = self.eyes.focus_ball().map(|(focus, radius_m)| (focus.point, radius_m));
         self.mesh.refresh(&self.blocks, ball);
     }
 

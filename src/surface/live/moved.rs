@@ -11,8 +11,8 @@ use super::{
     live_mesh::MeshChunk,
     sight_map::{SightCount, SightMap},
 };
-use crate::{TriangleMesh, merge};
-use capture::{CLEARLY, LEAST_PATCH, cell, clusters};
+use crate::{TriangleMesh, merged_mesh};
+use capture::{CLEARLY, LEAST_PATCH, cell_of_point, clusters_of_cells};
 
 /// Least number of agreeing views of each state, as there.
 /// derived: one reading may be wrong
@@ -37,8 +37,8 @@ impl Moved {
 /// Whether a state saw space empty about a point: in its cell, and in the six next to it, as a wrong pose
 /// moves the rim of the seen surface sideways.
 fn is_empty(sight: &SightMap, point: &Point3<f64>) -> bool {
-    let Some(at) = cell(point, sight.cell_m()) else { return false };
-    if !is_seen_through(sight.of(at)) {
+    let Some(at) = cell_of_point(point, sight.cell_m()) else { return false };
+    if !is_seen_through(sight.count_of_cell(at)) {
         return false;
     }
     let steps = (0..3).flat_map(|axis| [(axis, -1), (axis, 1)]);
@@ -47,7 +47,7 @@ fn is_empty(sight: &SightMap, point: &Point3<f64>) -> bool {
         other[axis] += step;
         other
     });
-    beside.all(|c| is_seen_through(sight.of(c)))
+    beside.all(|c| is_seen_through(sight.count_of_cell(c)))
 }
 
 fn is_seen_through(seen: SightCount) -> bool {
@@ -55,7 +55,7 @@ fn is_seen_through(seen: SightCount) -> bool {
 }
 
 /// Triangles of one state's surface, of cells so wide, in space seen empty by the other state.
-pub(super) fn changed<'a>(
+pub(super) fn changed_surface<'a>(
     surface: impl Iterator<Item = &'a MeshChunk>,
     spacing_m: f64,
     own: &SightMap,
@@ -66,20 +66,23 @@ pub(super) fn changed<'a>(
     let mut found = Vec::new();
     for chunk in surface {
         for triangle in 0..chunk.mesh.triangles.len() {
-            let middle = chunk.mesh.middle(triangle);
-            if own.at(&middle).filled >= LEAST_VIEWS && is_empty(other, &middle) {
-                found.extend(cell(&middle, size_m).map(|c| (c, chunk, triangle)));
+            let middle = chunk.mesh.middle_of(triangle);
+            if own.count_at_point(&middle).filled >= LEAST_VIEWS && is_empty(other, &middle) {
+                found.extend(cell_of_point(&middle, size_m).map(|c| (c, chunk, triangle)));
             }
         }
     }
     let cells: BTreeSet<[i32; 3]> = found.iter().map(|f| f.0).collect();
     let cells: Vec<[i32; 3]> = cells.into_iter().collect();
-    let kept: BTreeSet<[i32; 3]> =
-        clusters(&cells, 1).into_iter().filter(|patch| patch.len() >= LEAST_PATCH).flatten().collect();
+    let kept: BTreeSet<[i32; 3]> = clusters_of_cells(&cells, 1)
+        .into_iter()
+        .filter(|patch| patch.len() >= LEAST_PATCH)
+        .flatten()
+        .collect();
     let pieces = found.iter().filter(|f| kept.contains(&f.0)).map(|(_, chunk, triangle)| {
         let vertices = chunk.mesh.corners(*triangle).to_vec();
         TriangleMesh { vertices, triangles: vec![[0, 1, 2]], colors: Vec::new() }
     });
     let pieces: Vec<TriangleMesh> = pieces.collect();
-    merge(&pieces.iter().collect::<Vec<_>>())
+    merged_mesh(&pieces.iter().collect::<Vec<_>>())
 }

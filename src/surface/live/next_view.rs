@@ -30,7 +30,7 @@ pub struct NextView {
 pub(super) fn next_view(region: &Region, sight: &SightMap, all_m2: f64) -> Option<NextView> {
     let focus = &region.focus;
     let mut best: Option<NextView> = None;
-    for direction in places() {
+    for direction in lattice_directions() {
         // No lower than a camera was, by half of the distance between two places: there may be a floor.
         let is_low = direction.dot(&focus.up) < focus.lowest - (std::f64::consts::PI / PLACES as f64).sqrt();
         let eye = focus.point + direction * focus.distance_m;
@@ -68,7 +68,7 @@ pub(super) fn gain_m2(region: &Region, world_from_camera: &Pose) -> f64 {
 }
 
 /// Directions evenly spread (a Fibonacci lattice).
-fn places() -> impl Iterator<Item = Vector3<f64>> {
+fn lattice_directions() -> impl Iterator<Item = Vector3<f64>> {
     let turn_rad = std::f64::consts::PI * (3.0 - 5f64.sqrt());
     (0..PLACES).map(move |i| {
         let z = 1.0 - (2.0 * i as f64 + 1.0) / PLACES as f64;
@@ -84,7 +84,7 @@ fn can_stand(eye: &Point3<f64>, region: &Region, sight: &SightMap) -> bool {
     let free_m = to.norm() - region.radius_m;
     let steps = (free_m / sight.cell_m()).ceil().clamp(1.0, 1e4);
     (0..=steps as usize).all(|i| {
-        let seen = sight.at(&(eye + to.normalize() * (free_m * i as f64 / steps)));
+        let seen = sight.count_at_point(&(eye + to.normalize() * (free_m * i as f64 / steps)));
         seen.filled == 0 || seen.empty >= 2
     })
 }

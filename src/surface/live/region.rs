@@ -43,7 +43,7 @@ pub(super) struct Region {
 impl Region {
     /// Of the views so far; `None` without any.
     pub(super) fn new(eyes: &Eyes, sight: &SightMap) -> Option<Self> {
-        let (focus, radius_m) = eyes.ball()?;
+        let (focus, radius_m) = eyes.focus_ball()?;
         let fine_m = sight.cell_m();
         let per = (2.0 * radius_m / fine_m / MOST_CELLS as f64).ceil().max(1.0);
         let cell_m = per * fine_m;
@@ -58,7 +58,7 @@ impl Region {
         let count = side * side * side;
         let mut empty = vec![0u16; count];
         let mut filled = vec![false; count];
-        sight.each([low, high], |cell, seen| {
+        sight.for_each_cell([low, high], |cell, seen| {
             let at = [0, 1, 2].map(|k| (cell[k] - low[k]).div_euclid(per));
             if at.iter().all(|a| (0..side as i32).contains(a)) {
                 let i = index(at.map(|a| a as usize), side);
@@ -77,12 +77,12 @@ impl Region {
         }
         let origin = Point3::from(low.map(|l| f64::from(l) * fine_m));
         let mut region = Self { focus, radius_m, cell_m, origin, side, cells };
-        region.cut(eyes);
+        region.cut_to_images(eyes);
         Some(region)
     }
 
     /// Takes off cells outside the region.
-    fn cut(&mut self, eyes: &Eyes) {
+    fn cut_to_images(&mut self, eyes: &Eyes) {
         let patches = self.side.div_ceil(PATCH);
         let mut shown = Vec::with_capacity(patches * patches * patches);
         for i in 0..patches * patches * patches {
@@ -92,7 +92,7 @@ impl Region {
         }
         for i in 0..self.cells.len() {
             let at = [i % self.side, i / self.side % self.side, i / self.side / self.side];
-            let is_near = (self.middle(at) - self.focus.point).norm() <= self.radius_m;
+            let is_near = (self.middle_of_cell(at) - self.focus.point).norm() <= self.radius_m;
             if !is_near || !shown[index(at.map(|a| a / PATCH), patches)] {
                 self.cells[i] = Cell::Outside;
             }
@@ -100,12 +100,12 @@ impl Region {
     }
 
     /// Middle of a cell.
-    pub(super) fn middle(&self, at: [usize; 3]) -> Point3<f64> {
+    pub(super) fn middle_of_cell(&self, at: [usize; 3]) -> Point3<f64> {
         self.origin + Vector3::from(at.map(|a| a as f64 + 0.5)) * self.cell_m
     }
 
     /// State of a cell.
-    pub(super) fn cell(&self, at: [usize; 3]) -> Cell {
+    pub(super) fn cell_state(&self, at: [usize; 3]) -> Cell {
         self.cells[index(at, self.side)]
     }
 
@@ -139,7 +139,7 @@ impl Region {
         });
         let mut along = enter;
         loop {
-            let met = self.cell(at.map(|a| a as usize));
+            let met = self.cell_state(at.map(|a| a as usize));
             if matches!(met, Cell::Unknown | Cell::Filled) {
                 return Some((met, along));
             }

@@ -9,7 +9,7 @@ use super::{
     view_depth::ViewDepth,
 };
 use crate::rows::RowCamera;
-use capture::cell;
+use capture::cell_of_point;
 
 /// Cells along a side of a block; a layer of them is the bits of a word.
 pub(super) const SIDE: usize = 8;
@@ -36,11 +36,11 @@ pub(super) struct SightCount {
 }
 
 impl BlockSight {
-    fn at(&self, cell: [usize; 3]) -> SightCount {
+    fn count_at(&self, cell: [usize; 3]) -> SightCount {
         SightCount { empty: number_at(&self.empty, cell), filled: number_at(&self.filled, cell) }
     }
 
-    fn set(&mut self, cell: [usize; 3], seen: SightCount) {
+    fn set_count(&mut self, cell: [usize; 3], seen: SightCount) {
         set_number(&mut self.empty, cell, seen.empty);
         set_number(&mut self.filled, cell, seen.filled);
     }
@@ -59,7 +59,7 @@ fn set_number(digits: &mut [Bits], [x, y, z]: [usize; 3], number: u8) {
 }
 
 /// Counts one more where bits are set and the count is not full.
-fn count(digits: &mut [Bits], z: usize, more: u64) {
+fn count_one_more(digits: &mut [Bits], z: usize, more: u64) {
     let full = digits.iter().fold(u64::MAX, |all, bits| all & bits[z]);
     let mut carry = more & !full;
     for bits in digits {
@@ -103,17 +103,17 @@ impl SightMap {
     }
 
     /// A view's blocks, and the number of new ones.
-    pub(super) fn looks(&self, view: &ViewDepth, clearance: &Clearance) -> (Vec<Look>, usize) {
+    pub(super) fn looks_of_view(&self, view: &ViewDepth, clearance: &Clearance) -> (Vec<Look>, usize) {
         let block_m = self.cell_m * SIDE as f64;
         let radius_m = (0.5 * 3f64.sqrt() * block_m) as f32;
-        let [low, high] = self.bounds(view, f64::from(clearance.sight_m));
+        let [low, high] = self.block_range(view, f64::from(clearance.sight_m));
         let first = Point3::from(low.map(|k| (f64::from(k) + 0.5) * block_m));
         let intrinsics = &view.frame.intrinsics;
         let camera = RowCamera::new(intrinsics, &view.camera_from_world, &first, block_m);
         let count = [0, 1, 2].map(|k| (high[k] - low[k] + 1).max(0) as usize);
         let mut looks = Vec::new();
         for (y, z) in (0..count[2]).flat_map(|z| (0..count[1]).map(move |y| (y, z))) {
-            let row = camera.row(y, z, count[0]);
+            let row = camera.row_in_image(y, z, count[0]);
             // A block with its middle beside the image may reach into it.
             let range = row.range.start.saturating_sub(1)..(row.range.end + 1).min(count[0]);
             for x in range.filter(|_| !row.range.is_empty()) {
@@ -122,10 +122,10 @@ impl SightMap {
                     continue;
                 }
                 let key = [low[0] + x as i32, low[1] + y as i32, low[2] + z as i32];
-                match clearance.piece(&middle, radius_m, 0.0) {
+                match clearance.state_of_ball(&middle, radius_m, 0.0) {
                     SpaceState::Nothing => {}
                     SpaceState::Empty => looks.push(Look { key, empty: [u64::MAX; SIDE], filled: [0; SIDE] }),
-                    SpaceState::Mixed => looks.extend(self.detail(key, view, clearance)),
+                    SpaceState::Mixed => looks.extend(self.look_in_detail(key, view, clearance)),
                 }
             }
         }
@@ -134,47 +134,47 @@ impl SightMap {
     }
 
     /// Adds a view's blocks.
-    pub(super) fn take(&mut self, looks: &[Look]) {
+    pub(super) fn add_looks(&mut self, looks: &[Look]) {
         for look in looks {
             let sight = self.blocks.entry(look.key).or_default();
             for z in 0..SIDE {
-                count(&mut sight.empty, z, look.empty[z]);
-                count(&mut sight.filled, z, look.filled[z]);
+                count_one_more(&mut sight.empty, z, look.empty[z]);
+                count_one_more(&mut sight.filled, z, look.filled[z]);
             }
         }
     }
 
     /// First and last block of the box about a view's frustum.
-    fn bounds(&self, view: &ViewDepth, farthest_m: f64) -> [Key; 2] {
+    fn block_range(&self, view: &ViewDepth, farthest_m: f64) -> [Key; 2] {
         let block_m = self.cell_m * SIDE as f64;
         let k = &view.frame.intrinsics;
         let corners = [(0, 0), (k.width, 0), (0, k.height), (k.width, k.height)];
         let far = corners.map(|(u, v)| {
-            let ray = view.frame.world_from_camera * k.ray(u as f64 - 0.5, v as f64 - 0.5);
+            let ray = view.frame.world_from_camera * k.ray_at(u as f64 - 0.5, v as f64 - 0.5);
             view.eye() + ray * farthest_m
         });
         let ends = far.iter().fold([view.eye(), view.eye()], |[low, high], p| [low.inf(p), high.sup(p)]);
         // A wrong camera may see round a corner: its box is cut about its eye.
         let reach = Vector3::repeat(2.0 * farthest_m);
         let cut = [ends[0].sup(&(view.eye() - reach)), ends[1].inf(&(view.eye() + reach))];
-        let keys = cut.map(|p| cell(&p, block_m));
+        let keys = cut.map(|p| cell_of_point(&p, block_m));
         match keys {
             [Some(low), Some(high)] => [low, high],
             _ => [[0; 3], [-1; 3]],
         }
     }
 
-    fn detail(&self, key: Key, view: &ViewDepth, clearance: &Clearance) -> Option<Look> {
+    fn look_in_detail(&self, key: Key, view: &ViewDepth, clearance: &Clearance) -> Option<Look> {
         let first = Point3::from(key.map(|k| (f64::from(k) * SIDE as f64 + 0.5) * self.cell_m));
         let camera = RowCamera::new(&view.frame.intrinsics, &view.camera_from_world, &first, self.cell_m);
         let mut look = Look { key, empty: [0; SIDE], filled: [0; SIDE] };
         for z in 0..SIDE {
             for y in 0..SIDE {
-                let row = camera.row(y, z, SIDE);
+                let row = camera.row_in_image(y, z, SIDE);
                 for x in row.range.clone() {
                     let p = row.at(x);
                     let bit = 1 << (x + SIDE * y);
-                    match clearance.is_filled(camera.pixel(&p), p.z) {
+                    match clearance.is_filled(camera.pixel_of(&p), p.z) {
                         Some(false) => look.empty[z] |= bit,
                         Some(true) => look.filled[z] |= bit,
                         None => {}
@@ -186,19 +186,23 @@ impl SightMap {
     }
 
     /// Views of the cell of a point.
-    pub(super) fn at(&self, point: &Point3<f64>) -> SightCount {
-        cell(point, self.cell_m).map_or_else(SightCount::default, |c| self.of(c))
+    pub(super) fn count_at_point(&self, point: &Point3<f64>) -> SightCount {
+        cell_of_point(point, self.cell_m).map_or_else(SightCount::default, |c| self.count_of_cell(c))
     }
 
     /// Views of a cell.
-    pub(super) fn of(&self, cell: [i32; 3]) -> SightCount {
+    pub(super) fn count_of_cell(&self, cell: [i32; 3]) -> SightCount {
         let side = SIDE as i32;
         let sight = self.blocks.get(&cell.map(|c| c.div_euclid(side)));
-        sight.map_or_else(SightCount::default, |s| s.at(cell.map(|c| c.rem_euclid(side) as usize)))
+        sight.map_or_else(SightCount::default, |s| s.count_at(cell.map(|c| c.rem_euclid(side) as usize)))
     }
 
     /// Calls `take` with every cell of the seen blocks from one to another.
-    pub(super) fn each(&self, [low, high]: [[i32; 3]; 2], mut take: impl FnMut([i32; 3], SightCount)) {
+    pub(super) fn for_each_cell(
+        &self,
+        [low, high]: [[i32; 3]; 2],
+        mut take: impl FnMut([i32; 3], SightCount),
+    ) {
         let side = SIDE as i32;
         let [first, last] = [low, high].map(|c| c.map(|v| v.div_euclid(side)));
         for z in first[2]..=last[2] {
@@ -209,7 +213,7 @@ impl SightMap {
                         let within = [i % SIDE, i / SIDE % SIDE, i / SIDE / SIDE];
                         let block = [x, y, z];
                         let cell = [0, 1, 2].map(|k| block[k] * side + within[k] as i32);
-                        take(cell, sight.at(within));
+                        take(cell, sight.count_at(within));
                     }
                 }
             }
@@ -224,12 +228,12 @@ impl SightMap {
             let at = key.map(|k| k.rem_euclid(2) as usize * SIDE / 2);
             for i in 0..SIDE * SIDE * SIDE / 8 {
                 let half = [i % 4, i / 4 % 4, i / 16];
-                let eight = (0..8).map(|c| fine.at([0, 1, 2].map(|k| 2 * half[k] + (c >> k & 1))));
+                let eight = (0..8).map(|c| fine.count_at([0, 1, 2].map(|k| 2 * half[k] + (c >> k & 1))));
                 let seen = eight.reduce(|a, b| SightCount {
                     empty: a.empty.min(b.empty),
                     filled: a.filled.max(b.filled),
                 });
-                coarse.set([0, 1, 2].map(|k| at[k] + half[k]), seen.unwrap_or_default());
+                coarse.set_count([0, 1, 2].map(|k| at[k] + half[k]), seen.unwrap_or_default());
             }
         }
         self.cell_m *= 2.0;

@@ -4,7 +4,7 @@ use super::{LiveMap, LiveSettings, Moved};
 use crate::shapes::{cuboid, looking_at_origin, orbit, sphere, view_of};
 use capture::{NoiseConfig, PoseNoise, RgbdFrame};
 use geometry::{Intrinsics, Pose};
-use numeric::random::{isotropic, normal, stage_rng};
+use numeric::random::{isotropic_normal, stage_rng, standard_normal};
 
 const CAMERA: Intrinsics = Intrinsics { width: 200, height: 160, fx: 210.0, fy: 208.0, cx: 101.3, cy: 78.6 };
 
@@ -47,11 +47,11 @@ fn noisy_arc(shape: &dyn Fn(&Point3<f64>) -> f64, seed: u64, poses: &PoseNoise) 
             let mut frame = from([0.9 * cos, 0.9 * sin, 0.35], shape);
             frame.mask = None;
             for z in frame.depth_m.iter_mut().filter(|z| **z > 0.0) {
-                *z += (noise.sigma_m(f64::from(*z)) * normal(&mut rng)) as f32;
+                *z += (noise.sigma_m(f64::from(*z)) * standard_normal(&mut rng)) as f32;
             }
             let off = Pose::new(
-                isotropic(&mut rng, poses.translation_m * 3f64.sqrt()),
-                isotropic(&mut rng, poses.rotation_rad * 3f64.sqrt()),
+                isotropic_normal(&mut rng, poses.translation_m * 3f64.sqrt()),
+                isotropic_normal(&mut rng, poses.rotation_rad * 3f64.sqrt()),
             );
             frame.world_from_camera *= off;
             frame
@@ -61,19 +61,19 @@ fn noisy_arc(shape: &dyn Fn(&Point3<f64>) -> f64, seed: u64, poses: &PoseNoise) 
 
 fn moved(before: &[RgbdFrame], after: &[RgbdFrame]) -> Moved {
     let mut map = map_of(64);
-    before.iter().for_each(|f| assert!(map.add(f)));
-    assert_eq!(map.moved(), None);
+    before.iter().for_each(|f| assert!(map.add_view(f)));
+    assert_eq!(map.moved_surface(), None);
     map.begin_state();
-    assert_eq!(map.moved(), None);
-    after.iter().for_each(|f| assert!(map.add(f)));
+    assert_eq!(map.moved_surface(), None);
+    after.iter().for_each(|f| assert!(map.add_view(f)));
     map.refresh();
-    map.moved().unwrap()
+    map.moved_surface().unwrap()
 }
 
 #[test]
 fn a_sphere_and_a_wall_lie_within_a_fraction_of_a_spacing() {
     let mut map = map_of(64);
-    orbit(&sphere(0.2), 24, 0.8).iter().for_each(|f| assert!(map.add(f)));
+    orbit(&sphere(0.2), 24, 0.8).iter().for_each(|f| assert!(map.add_view(f)));
     map.refresh();
     let [largest_m, mean_m] = errors_m(&map, &sphere(0.2));
     let spacing_m = map.spacing_m();
@@ -90,7 +90,7 @@ fn a_sphere_and_a_wall_lie_within_a_fraction_of_a_spacing() {
     let wall = |p: &Point3<f64>| p.x + 0.1;
     let mut map = map_of(64);
     for y in [-0.3, -0.1, 0.1, 0.3] {
-        assert!(map.add(&from([0.8, y, 0.2], &wall)));
+        assert!(map.add_view(&from([0.8, y, 0.2], &wall)));
     }
     map.refresh();
     let [largest_m, mean_m] = errors_m(&map, &wall);
@@ -108,7 +108,7 @@ fn an_endless_corridor_gets_coarser_and_no_larger() {
         pose.translation.vector.x = 0.25 * f64::from(i);
         let mut frame = view_of(&corridor, CAMERA, pose);
         frame.mask = None;
-        assert!(map.add(&frame));
+        assert!(map.add_view(&frame));
         map.refresh();
         assert!(map.bytes() <= 8 << 20, "{i}: {}", map.bytes());
         spacings.push(map.spacing_m());
@@ -133,11 +133,16 @@ fn the_back_is_unseen_and_the_next_view_looks_there() {
         frame
     };
     let mut map = map_of(64);
-    (0..3).for_each(|i| assert!(map.add(&front(i))));
+    (0..3).for_each(|i| assert!(map.add_view(&front(i))));
     map.refresh();
-    let (unseen, next) = map.look().unwrap();
+    let (unseen, next) = map.unseen_and_next().unwrap();
     // The shadow of the box: its sides and its top; the face that was seen is not unseen.
-    assert!(unseen.area_m2 > 0.03 && unseen.share() > 0.1, "{} {}", unseen.area_m2, unseen.share());
+    assert!(
+        unseen.area_m2 > 0.03 && unseen.unseen_share() > 0.1,
+        "{} {}",
+        unseen.area_m2,
+        unseen.unseen_share()
+    );
     let is_front = |p: &Point3<f64>| p.x > 0.13 && p.y.abs() < 0.08 && p.z.abs() < 0.08;
     assert!(unseen.patches.iter().all(|p| !is_front(&p.center)));
     assert!(unseen.patches.iter().any(|p| p.center.x < -0.05));
@@ -151,22 +156,22 @@ fn the_back_is_unseen_and_the_next_view_looks_there() {
 
     let mut frame = view_of(&shape, CAMERA, next.world_from_camera);
     frame.mask = None;
-    assert!(map.add(&frame));
+    assert!(map.add_view(&frame));
     map.refresh();
     let left_m2 = map.gain_m2(&next.world_from_camera).unwrap();
     assert!((0.5..1.5).contains(&((next.gain_m2 - left_m2) / next.gain_m2)), "{} {left_m2}", next.gain_m2);
-    let (after, _) = map.look().unwrap();
+    let (after, _) = map.unseen_and_next().unwrap();
     assert!(after.area_m2 < 0.8 * unseen.area_m2, "{} {}", after.area_m2, unseen.area_m2);
-    assert!(after.seen_m2 > unseen.seen_m2 && after.share() < unseen.share());
+    assert!(after.seen_m2 > unseen.seen_m2 && after.unseen_share() < unseen.unseen_share());
 }
 
 #[test]
 fn an_object_seen_all_around_needs_no_further_view() {
     let mut map = map_of(64);
-    orbit(&sphere(0.2), 40, 0.8).iter().for_each(|f| assert!(map.add(f)));
+    orbit(&sphere(0.2), 40, 0.8).iter().for_each(|f| assert!(map.add_view(f)));
     map.refresh();
-    let (unseen, next) = map.look().unwrap();
-    assert!(unseen.share() < 0.02 && next.is_none(), "{} {next:?}", unseen.share());
+    let (unseen, next) = map.unseen_and_next().unwrap();
+    assert!(unseen.unseen_share() < 0.02 && next.is_none(), "{} {next:?}", unseen.unseen_share());
 }
 
 #[test]
@@ -212,11 +217,11 @@ fn the_same_views_give_the_same_bytes() {
         let work = || {
             let mut map = map_of(64);
             frames.iter().for_each(|f| {
-                map.add(f);
+                map.add_view(f);
                 map.refresh();
             });
             let ids: Vec<(i32, u64)> = map.chunks().map(|c| (c.id, c.version)).collect();
-            (ids, map.mesh(), map.look(), map.bytes())
+            (ids, map.mesh(), map.unseen_and_next(), map.bytes())
         };
         rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
     };
@@ -231,12 +236,12 @@ fn a_surface_that_is_seen_through_goes() {
     let gone = |p: &Point3<f64>| (p.z + 0.2).min(p.x + 0.6);
     let none = PoseNoise { translation_m: 0.0, rotation_rad: 0.0 };
     let mut map = map_of(64);
-    assert!(map.add(&noisy_arc(&there, 1, &none)[4]));
+    assert!(map.add_view(&noisy_arc(&there, 1, &none)[4]));
     map.refresh();
     let above = |map: &LiveMap| map.mesh().vertices.iter().filter(|p| p.z > 0.0 && p.x > -0.5).count();
     assert!(above(&map) > 200);
     let empty = noisy_arc(&gone, 2, &none);
-    (0..30).for_each(|i| _ = map.add(&empty[i % 10]));
+    (0..30).for_each(|i| _ = map.add_view(&empty[i % 10]));
     map.refresh();
     assert!(above(&map) < 20, "{}", above(&map));
 }
@@ -248,7 +253,7 @@ fn what_makes_no_sense_is_left_out() {
     let mut spoil = |change: fn(&mut RgbdFrame)| {
         let mut frame = good.clone();
         change(&mut frame);
-        map.add(&frame)
+        map.add_view(&frame)
     };
     assert!(!spoil(|f| f.world_from_camera.translation.vector.x = f64::NAN));
     assert!(!spoil(|f| f.world_from_camera.translation.vector.x = 1e300));
@@ -261,16 +266,16 @@ fn what_makes_no_sense_is_left_out() {
     assert!(!spoil(|f| f.depth_m.fill(f32::NAN)));
     assert!(!spoil(|f| f.depth_m.fill(f32::INFINITY)));
     assert!(!spoil(|f| f.depth_m.fill(-1.0)));
-    assert_eq!((map.views(), map.bytes()), (0, 0));
+    assert_eq!((map.view_count(), map.bytes()), (0, 0));
     // A wide and a narrow camera, depths at both ends: bounded, whatever they show.
     for (fx, depth_m) in [(1e-3, 2.9), (1e9, 2.9), (200.0, 1e-6), (200.0, 2.99), (1e-3, 1e-3)] {
         let mut frame = good.clone();
         (frame.intrinsics.fx, frame.intrinsics.fy) = (fx, fx);
         frame.mask = None;
         frame.depth_m.fill(depth_m);
-        map.add(&frame);
+        map.add_view(&frame);
         map.refresh();
-        _ = map.look();
+        _ = map.unseen_and_next();
         assert!(map.bytes() <= LiveSettings::LEAST_BYTES, "{fx} {depth_m} {}", map.bytes());
     }
 }

@@ -37,7 +37,7 @@ pub struct Unseen {
 impl Unseen {
     /// Unseen share of the surface: 1 where nothing was seen.
     #[must_use]
-    pub fn share(&self) -> f64 {
+    pub fn unseen_share(&self) -> f64 {
         let all_m2 = self.area_m2 + self.seen_m2;
         if all_m2 > 0.0 { self.area_m2 / all_m2 } else { 1.0 }
     }
@@ -54,7 +54,7 @@ struct FaceSums {
 impl FaceSums {
     /// The patch, of cells so wide; `None` of too few faces. The faces of cells along a slanted plane add up
     /// to more than its area; as vectors, to its area.
-    fn patch(&self, cell_m: f64) -> Option<UnseenPatch> {
+    fn to_patch(&self, cell_m: f64) -> Option<UnseenPatch> {
         let size = self.faces.norm();
         (size >= LEAST_FACES).then(|| UnseenPatch {
             center: Point3::from(self.centers / self.count),
@@ -65,13 +65,13 @@ impl FaceSums {
 }
 
 /// The unseen surface of a region with so much seen surface, square meters.
-pub(super) fn unseen(region: &Region, seen_m2: f64) -> Unseen {
+pub(super) fn unseen_of_region(region: &Region, seen_m2: f64) -> Unseen {
     let mut sums: BTreeMap<[usize; 3], FaceSums> = BTreeMap::new();
     let side = region.side;
     for z in 0..side {
         for y in 0..side {
             for x in 0..side {
-                if region.cell([x, y, z]) != Cell::Unknown {
+                if region.cell_state([x, y, z]) != Cell::Unknown {
                     continue;
                 }
                 for axis in 0..3 {
@@ -81,11 +81,12 @@ pub(super) fn unseen(region: &Region, seen_m2: f64) -> Unseen {
                             continue;
                         };
                         other[axis] = next;
-                        if region.cell(other) == Cell::Empty {
+                        if region.cell_state(other) == Cell::Empty {
                             let sum = sums.entry([x / PATCH, y / PATCH, z / PATCH]).or_default();
                             sum.faces[axis] += step as f64;
-                            sum.centers +=
-                                (region.middle([x, y, z]).coords + region.middle(other).coords) / 2.0;
+                            sum.centers += (region.middle_of_cell([x, y, z]).coords
+                                + region.middle_of_cell(other).coords)
+                                / 2.0;
                             sum.count += 1.0;
                         }
                     }
@@ -93,7 +94,7 @@ pub(super) fn unseen(region: &Region, seen_m2: f64) -> Unseen {
             }
         }
     }
-    let mut patches: Vec<UnseenPatch> = sums.values().filter_map(|s| s.patch(region.cell_m)).collect();
+    let mut patches: Vec<UnseenPatch> = sums.values().filter_map(|s| s.to_patch(region.cell_m)).collect();
     let area_m2 = patches.iter().fold(0.0, |sum, p| sum + p.area_m2);
     if patches.len() > MOST_PATCHES {
         let mut areas: Vec<f64> = patches.iter().map(|p| p.area_m2).collect();

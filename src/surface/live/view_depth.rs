@@ -42,7 +42,7 @@ impl<'a> ViewDepth<'a> {
         let roles = object_roles(frame, &cosines);
         let mut readings = TsdfView::new(frame, &cosines, &roles, Pose::identity(), noise).readings;
         for r in readings.iter_mut().filter(|r| r.depth_m > MAX_DEPTH_M) {
-            *r = Reading::free(f32::INFINITY, r.weight());
+            *r = Reading::of_free_space(f32::INFINITY, r.weight());
         }
         let surface = readings.iter().step_by(EVERY).filter(|r| r.is_surface());
         let median_m = median(surface.map(|r| f64::from(r.depth_m)).collect())?;

@@ -21,7 +21,7 @@ fn handles_are_closed_and_of_the_sizes_that_are_sold() {
     for (seed, style) in (0..10).flat_map(|seed| STYLES.map(|style| (seed, style))) {
         let object = made(seed, Some(style));
         for (k, part) in object.parts.iter().enumerate() {
-            assert!(is_watertight(&object.mesh(k)), "seed {seed}: {}", part.name);
+            assert!(is_watertight(&object.mesh_of_part(k)), "seed {seed}: {}", part.name);
             let Some(handle) = part.handle else { continue };
             count += 1;
             // The factor of a small plate is that of all sizes.
@@ -62,7 +62,7 @@ fn handles_are_where_the_truth_says() {
                 let ray = frame * -Vector3::z();
                 let hit = |s: &Solid| {
                     let to = s.part_from_solid.inverse();
-                    s.shape.hit(&(to * from), &(to * ray), 0.0).map(|h| h.at)
+                    s.shape.hit_by(&(to * from), &(to * ray), 0.0).map(|h| h.at)
                 };
                 0.05 - part.solids.iter().filter_map(hit).fold(f64::INFINITY, f64::min)
             };
@@ -128,8 +128,9 @@ fn handles_meet_nothing_on_their_way() {
             joints.flat_map(|j| j.positions.map(|q| (j.limits, q))).all(|([l, h], q)| (l..=h).contains(&q))
         );
         let rng = &mut stage_rng(seed, "way", 0);
-        let points: Vec<_> =
-            (0..object.parts.len()).map(|k| sample_surface(&object.mesh(k), 600, rng).points).collect();
+        let points: Vec<_> = (0..object.parts.len())
+            .map(|k| sample_surface(&object.mesh_of_part(k), 600, rng).points)
+            .collect();
         for share in (0..=60).map(|step| f64::from(step) / 60.0) {
             let poses = object.rest_from_parts(share);
             for (a, b) in (0..points.len()).flat_map(|a| (0..points.len()).map(move |b| (a, b))) {
@@ -172,7 +173,7 @@ const FORMER: [(u64, usize, f64, f64); 6] = [
 fn seeds_make_what_they_made_before() {
     for (seed, parts, area_m2, positions) in FORMER {
         let object = made(seed, None);
-        let area: f64 = (0..object.parts.len()).map(|k| object.mesh(k).area_m2()).sum();
+        let area: f64 = (0..object.parts.len()).map(|k| object.mesh_of_part(k).area_m2()).sum();
         let sum: f64 = object.parts.iter().filter_map(|p| p.joint).flat_map(|j| j.positions).sum();
         assert_eq!(object.parts.len(), parts);
         assert!((area - area_m2).abs() < 1e-5 && (sum - positions).abs() < 1e-8, "{seed}: {area} {sum}");
@@ -192,6 +193,6 @@ fn without_the_option_nothing_changes_and_without_handles_nothing_stands_out() {
         assert!(fronts(&bare).iter().all(|n| [1, 5].contains(n)), "{:?}", fronts(&bare));
         assert!(fronts(&today).iter().all(|n| [2, 6].contains(n)), "{:?}", fronts(&today));
     }
-    assert_eq!(HandleStyle::named("mixed"), Some(HandleStyle::Mixed));
-    assert_eq!(HandleStyle::named("rope"), None);
+    assert_eq!(HandleStyle::by_name("mixed"), Some(HandleStyle::Mixed));
+    assert_eq!(HandleStyle::by_name("rope"), None);
 }

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 /// The color of a row-major image at a place `[u, v]`; the border repeats.
-pub(super) fn bilinear(colors: &[Vector3<f64>], width: usize, [u, v]: [f64; 2]) -> Vector3<f64> {
+pub(super) fn bilinear_color(colors: &[Vector3<f64>], width: usize, [u, v]: [f64; 2]) -> Vector3<f64> {
     let height = colors.len() / width;
     let u = u.clamp(0.0, (width - 1) as f64);
     let v = v.clamp(0.0, (height - 1) as f64);

@@ -44,60 +44,69 @@ impl HandheldCamera {
     /// others as they are.
     #[must_use]
     pub fn drawn(sensor: HandheldSensor, k: &Intrinsics, seed: u64) -> Self {
-        let rng = |effect| stream(seed, "camera", effect, 0);
+        let rng = |effect| effect_stream(seed, "camera", effect, 0);
         let mut warp = Vec::new();
         // Without the effect no field is made: one of zeros would cost as much.
-        let warp_level = sensor.of(Effect::DepthWarp);
+        let warp_level = sensor.level_of(Effect::DepthWarp);
         if warp_level > 0.0 {
-            warp = depth_warp::field(warp_level, k.width, k.height, &mut rng(Effect::DepthWarp));
+            warp = depth_warp::warp_field(warp_level, k.width, k.height, &mut rng(Effect::DepthWarp));
         }
         Self {
             sensor,
-            depth_scale: depth_scale::draw(sensor.of(Effect::DepthScale), &mut rng(Effect::DepthScale)),
+            depth_scale: depth_scale::drawn_scale_error(
+                sensor.level_of(Effect::DepthScale),
+                &mut rng(Effect::DepthScale),
+            ),
             depth_warp: warp,
-            color_shift_px: color_shift::draw(
-                sensor.of(Effect::ColorShift),
+            color_shift_px: color_shift::drawn_shift_px(
+                sensor.level_of(Effect::ColorShift),
                 k.width,
                 &mut rng(Effect::ColorShift),
             ),
-            lag_s: pose_lag::draw(sensor.of(Effect::PoseLag), &mut rng(Effect::PoseLag)),
+            lag_s: pose_lag::drawn_lag_s(sensor.level_of(Effect::PoseLag), &mut rng(Effect::PoseLag)),
             seed,
         }
     }
 
-    fn level(&self, effect: Effect) -> f64 {
-        self.sensor.of(effect)
+    fn effect_level(&self, effect: Effect) -> f64 {
+        self.sensor.level_of(effect)
     }
 
-    fn rng(&self, take: usize, effect: Effect, step: usize) -> Pcg64Mcg {
-        stream(self.seed, &format!("take{take}"), effect, step)
+    fn effect_rng(&self, take: usize, effect: Effect, step: usize) -> Pcg64Mcg {
+        effect_stream(self.seed, &format!("take{take}"), effect, step)
     }
 
     /// Things on the floor around the box of an object, in all takes.
     #[must_use]
-    pub fn clutter(&self, room: &[Point3<f64>; 2], floor_z_m: f64) -> Vec<Solid> {
+    pub fn clutter_solids(&self, room: &[Point3<f64>; 2], floor_z_m: f64) -> Vec<Solid> {
         if !self.sensor.has(Effect::Clutter) {
             return Vec::new();
         }
-        clutter::things(room, floor_z_m, &mut stream(self.seed, "room", Effect::Clutter, 0))
+        clutter::drawn_things(room, floor_z_m, &mut effect_stream(self.seed, "room", Effect::Clutter, 0))
     }
 
     /// The hand before an object in a view of a take; nothing in most.
     #[must_use]
-    pub fn hand(
+    pub fn hand_solids(
         &self,
         take: usize,
         view: usize,
         world_from_camera: &Pose,
         sphere: &BoundingSphere,
     ) -> Vec<Solid> {
-        let rng = &mut self.rng(take, Effect::Hand, view);
-        hand::hand(self.level(Effect::Hand), world_from_camera, &sphere.center, sphere.radius_m, rng)
+        let rng = &mut self.effect_rng(take, Effect::Hand, view);
+        hand::drawn_hand(
+            self.effect_level(Effect::Hand),
+            world_from_camera,
+            &sphere.center,
+            sphere.radius_m,
+            rng,
+        )
     }
 
     /// The light of a view of a take on the object of a sphere, where the lamp of take 0 is `lamp`.
     #[must_use]
-    pub fn light(
+    pub fn light_of_view(
         &self,
         take: usize,
         i: usize,
@@ -108,41 +117,41 @@ impl HandheldCamera {
     ) -> Light {
         let mut light = Light::from_lamp(*lamp);
         if take > 0 {
-            let rng = &mut self.rng(take, Effect::Light, 0);
-            (light.lamp, light.tint) = lamp::turned(self.level(Effect::Light), lamp, rng);
+            let rng = &mut self.effect_rng(take, Effect::Light, 0);
+            (light.lamp, light.tint) = lamp::turned_lamp(self.effect_level(Effect::Light), lamp, rng);
         }
         if !self.has_bulbs() {
             return light;
         }
         // Depth is lost where a bulb is mirrored, whether or not the color shows it.
-        let rng = &mut self.rng(take, Effect::Highlights, i);
-        light.bulbs = highlights::bulb(scene, world_from_camera, sphere, rng).into_iter().collect();
-        light.shine = highlights::shine(self.level(Effect::Highlights));
+        let rng = &mut self.effect_rng(take, Effect::Highlights, i);
+        light.bulbs = highlights::drawn_bulb(scene, world_from_camera, sphere, rng).into_iter().collect();
+        light.shine = highlights::bulb_brightness(self.effect_level(Effect::Highlights));
         light
     }
 
     fn has_bulbs(&self) -> bool {
-        [Effect::Highlights, Effect::DepthLoss].iter().any(|e| self.level(*e) > 0.0)
+        [Effect::Highlights, Effect::DepthLoss].iter().any(|e| self.effect_level(*e) > 0.0)
     }
 
     /// Errors of the poses of a take's cameras.
     #[must_use]
-    pub fn poses(&self, take: usize, cameras: &[Pose]) -> TakePoses {
-        let world = relocalization::draw(
-            self.level(Effect::Relocalization),
-            &mut self.rng(take, Effect::Relocalization, 0),
+    pub fn pose_errors(&self, take: usize, cameras: &[Pose]) -> TakePoses {
+        let world = relocalization::drawn_relocalization(
+            self.effect_level(Effect::Relocalization),
+            &mut self.effect_rng(take, Effect::Relocalization, 0),
         );
-        let level = self.level(Effect::PoseJitter);
+        let level = self.effect_level(Effect::PoseJitter);
         let jitter = (0..cameras.len())
-            .map(|i| pose_jitter::draw(level, &mut self.rng(take, Effect::PoseJitter, i)))
+            .map(|i| pose_jitter::drawn_jitter(level, &mut self.effect_rng(take, Effect::PoseJitter, i)))
             .collect();
         TakePoses {
             // Take 0 gives the world; the others are off from it.
             relocalization: if take == 0 { Pose::identity() } else { world },
-            drift: pose_drift::walk(
-                self.level(Effect::PoseDrift),
+            drift: pose_drift::drift_walk(
+                self.effect_level(Effect::PoseDrift),
                 cameras,
-                &mut self.rng(take, Effect::PoseDrift, 0),
+                &mut self.effect_rng(take, Effect::PoseDrift, 0),
             ),
             jitter,
         }
@@ -151,7 +160,7 @@ impl HandheldCamera {
     /// Errors of the depth of a view.
     #[must_use]
     pub fn depth_errors(&self, take: usize, i: usize, view: &View, k: &Intrinsics) -> DepthErrors {
-        let at = |effect: Effect| (self.level(effect), self.rng(take, effect, i));
+        let at = |effect: Effect| (self.effect_level(effect), self.effect_rng(take, effect, i));
         let mut errors = DepthErrors::default();
         if self.depth_scale != 0.0 || !self.depth_warp.is_empty() {
             errors.factor = (0..k.width * k.height)
@@ -160,11 +169,11 @@ impl HandheldCamera {
         }
         let (level, mut rng) = at(Effect::DepthNoise);
         if level > 0.0 {
-            errors.disparity_px = depth_noise::field(level, k.width, k.height, &mut rng);
+            errors.disparity_px = depth_noise::disparity_noise(level, k.width, k.height, &mut rng);
         }
         let (level, mut rng) = at(Effect::DepthLoss);
         if level > 0.0 {
-            errors.lost = depth_loss::lost(level, view, &mut rng);
+            errors.lost = depth_loss::lost_pixels(level, view, &mut rng);
         }
         let (level, mut rng) = at(Effect::FlyingPixels);
         if level > 0.0 {
@@ -175,13 +184,16 @@ impl HandheldCamera {
 
     /// Factor on linear red, green and blue of a view.
     #[must_use]
-    pub fn gain(&self, take: usize, i: usize) -> Vector3<f64> {
-        exposure::gain(self.level(Effect::Exposure), &mut self.rng(take, Effect::Exposure, i))
+    pub fn color_gain(&self, take: usize, i: usize) -> Vector3<f64> {
+        exposure::drawn_gain(
+            self.effect_level(Effect::Exposure),
+            &mut self.effect_rng(take, Effect::Exposure, i),
+        )
     }
 
     /// Linear colors of a view as they reach the imager; `velocity` is the camera's in its optical frame.
     #[must_use]
-    pub fn colors(
+    pub fn colors_of_view(
         &self,
         take: usize,
         i: usize,
@@ -191,22 +203,28 @@ impl HandheldCamera {
     ) -> Vec<Vector3<f64>> {
         // On linear color: blur and gain act on light, before it is encoded.
         let mut colors = view.color.clone();
-        if self.level(Effect::MotionBlur) > 0.0 {
-            colors = motion_blur::blurred(self.level(Effect::MotionBlur), &colors, view, k, velocity);
+        if self.effect_level(Effect::MotionBlur) > 0.0 {
+            colors = motion_blur::blurred_colors(
+                self.effect_level(Effect::MotionBlur),
+                &colors,
+                view,
+                k,
+                velocity,
+            );
         }
-        if self.level(Effect::ColorShift) > 0.0 {
-            colors = color_shift::shifted(&colors, k.width, self.color_shift_px);
+        if self.effect_level(Effect::ColorShift) > 0.0 {
+            colors = color_shift::shifted_colors(&colors, k.width, self.color_shift_px);
         }
-        let gain = self.gain(take, i);
+        let gain = self.color_gain(take, i);
         for (pixel, color) in colors.iter_mut().enumerate() {
-            *color =
-                color.component_mul(&gain) * vignetting::factor(self.level(Effect::Vignetting), k, pixel);
+            *color = color.component_mul(&gain)
+                * vignetting::vignetting_factor(self.effect_level(Effect::Vignetting), k, pixel);
         }
         colors
     }
 }
 
-fn stream(seed: u64, of: &str, effect: Effect, step: usize) -> Pcg64Mcg {
+fn effect_stream(seed: u64, of: &str, effect: Effect, step: usize) -> Pcg64Mcg {
     // By name: a new effect leaves the draws of the others as they are.
     stage_rng(seed, &format!("synth/sensor/{of}/{}", effect.name()), step as u64)
 }
@@ -218,7 +236,7 @@ mod tests {
 
     fn box_on_floor() -> (Object, Material) {
         let material = Material::plain(Vector3::repeat(0.5));
-        let solids = vec![Solid::between([-0.3, -0.3, 0.0], [0.3, 0.3, 0.5], &material)];
+        let solids = vec![Solid::box_between([-0.3, -0.3, 0.0], [0.3, 0.3, 0.5], &material)];
         let part = Part { name: "box".into(), joint: None, solids, handle: None };
         (Object { family: "box", parts: vec![part], world_from_rest: Pose::identity() }, material)
     }
@@ -235,7 +253,7 @@ mod tests {
         is_half(half.lag_s, whole.lag_s);
         (0..2).for_each(|k| is_half(half.color_shift_px[k], whole.color_shift_px[k]));
         half.depth_warp.iter().zip(&whole.depth_warp).for_each(|(a, b)| is_half(*a, *b));
-        let [a, b] = [&half, &whole].map(|c| c.poses(1, &[Pose::identity(); 4]));
+        let [a, b] = [&half, &whole].map(|c| c.pose_errors(1, &[Pose::identity(); 4]));
         is_half(a.relocalization.translation.vector.x, b.relocalization.translation.vector.x);
         is_half(a.jitter[2].translation.vector.y, b.jitter[2].translation.vector.y);
         is_half(a.drift[1].translation.vector.z, b.drift[1].translation.vector.z);
@@ -254,8 +272,8 @@ mod tests {
         // What each effect draws, by the effect.
         let draws = |camera: &HandheldCamera| {
             let errors = camera.depth_errors(1, 3, &view, &k);
-            let poses = camera.poses(1, &cameras);
-            let light = camera.light(1, 3, &Vector3::x(), &scene, &eye, &sphere);
+            let poses = camera.pose_errors(1, &cameras);
+            let light = camera.light_of_view(1, 3, &Vector3::x(), &scene, &eye, &sphere);
             [
                 (Effect::DepthScale, format!("{}", camera.depth_scale)),
                 (Effect::DepthWarp, format!("{:?}", camera.depth_warp)),
@@ -267,15 +285,15 @@ mod tests {
                 (Effect::PoseDrift, format!("{:?}", poses.drift)),
                 (Effect::PoseJitter, format!("{:?}", poses.jitter)),
                 (Effect::Relocalization, format!("{:?}", poses.relocalization)),
-                (Effect::Exposure, format!("{:?}", camera.gain(1, 3))),
+                (Effect::Exposure, format!("{:?}", camera.color_gain(1, 3))),
                 (Effect::Light, format!("{:?}", (light.lamp, light.tint))),
                 (Effect::Highlights, format!("{:?}", (light.shine, light.bulbs))),
-                (Effect::Clutter, format!("{:?}", camera.clutter(&room, 0.0))),
+                (Effect::Clutter, format!("{:?}", camera.clutter_solids(&room, 0.0))),
                 (
                     Effect::Hand,
                     format!(
                         "{:?}",
-                        (0..40).map(|i| camera.hand(1, i, &cameras[0], &sphere)).collect::<Vec<_>>()
+                        (0..40).map(|i| camera.hand_solids(1, i, &cameras[0], &sphere)).collect::<Vec<_>>()
                     ),
                 ),
             ]
@@ -296,13 +314,13 @@ mod tests {
         let camera = drawn(HandheldSensor::clean());
         let (view, k) = wall(1.0);
         assert_eq!(camera.depth_errors(1, 0, &view, &k), DepthErrors::default());
-        assert_eq!(camera.colors(1, 0, &view, &k, &[Vector3::x(); 2]), view.color);
+        assert_eq!(camera.colors_of_view(1, 0, &view, &k, &[Vector3::x(); 2]), view.color);
         let (object, floor) = box_on_floor();
         let scene = Scene::new(&object, 0, &floor, 1.0);
         let sphere = BoundingSphere { center: Point3::origin(), radius_m: 0.5 };
-        let light = camera.light(1, 0, &Vector3::x(), &scene, &Pose::identity(), &sphere);
+        let light = camera.light_of_view(1, 0, &Vector3::x(), &scene, &Pose::identity(), &sphere);
         assert_eq!(light, Light::from_lamp(Vector3::x()));
         let sphere = BoundingSphere { center: Point3::origin(), radius_m: 1.0 };
-        assert!((0..200).all(|i| camera.hand(0, i, &Pose::identity(), &sphere).is_empty()));
+        assert!((0..200).all(|i| camera.hand_solids(0, i, &Pose::identity(), &sphere).is_empty()));
     }
 }

@@ -21,23 +21,23 @@ const DARK_SHARE: f64 = 0.6;
 const DARK: f64 = 0.03;
 
 /// Things on the floor around a box.
-pub(super) fn things(room: &[Point3<f64>; 2], floor_z_m: f64, rng: &mut impl Rng) -> Vec<Solid> {
+pub(super) fn drawn_things(room: &[Point3<f64>; 2], floor_z_m: f64, rng: &mut impl Rng) -> Vec<Solid> {
     let [lower, upper] = room;
     let center = nalgebra::center(lower, upper);
     let half_m = (upper - lower) * 0.5;
     let radius_m = half_m.norm();
     let mut things = Vec::with_capacity(THINGS);
     for k in 0..THINGS {
-        let half = Vector3::from_fn(|_, _| radius_m * random::range(rng, HALF_RADII[0], HALF_RADII[1]));
+        let half = Vector3::from_fn(|_, _| radius_m * random::uniform_in(rng, HALF_RADII[0], HALF_RADII[1]));
         // One thing a sector: they do not stand in each other.
-        let azimuth = TAU * (k as f64 + random::range(rng, 0.1, 0.9)) / THINGS as f64;
-        let gap_m = radius_m * random::range(rng, GAP_RADII[0], GAP_RADII[1]);
-        let yaw = random::range(rng, 0.0, TAU);
-        let is_dark = random::chance(rng, DARK_SHARE);
-        let tone = random::range(rng, 0.2, 0.7);
-        let hue = Vector3::from_fn(|_, _| random::range(rng, 0.5, 1.0));
-        let is_can = random::chance(rng, 0.4);
-        let seed = random::below(rng, 1 << 30) as u32;
+        let azimuth = TAU * (k as f64 + random::uniform_in(rng, 0.1, 0.9)) / THINGS as f64;
+        let gap_m = radius_m * random::uniform_in(rng, GAP_RADII[0], GAP_RADII[1]);
+        let yaw = random::uniform_in(rng, 0.0, TAU);
+        let is_dark = random::is_chosen(rng, DARK_SHARE);
+        let tone = random::uniform_in(rng, 0.2, 0.7);
+        let hue = Vector3::from_fn(|_, _| random::uniform_in(rng, 0.5, 1.0));
+        let is_can = random::is_chosen(rng, 0.4);
+        let seed = random::index_below(rng, 1 << 30) as u32;
         // From the box's border outward by the gap and the thing's own reach, whatever its yaw.
         let out = Vector3::new(azimuth.cos(), azimuth.sin(), 0.0);
         let border_m = (half_m.x / out.x.abs()).min(half_m.y / out.y.abs());
@@ -54,7 +54,7 @@ pub(super) fn things(room: &[Point3<f64>; 2], floor_z_m: f64, rng: &mut impl Rng
         things.push(if is_can {
             Solid::cylinder(half.x, half.z, stands, &material)
         } else {
-            Solid { part_from_solid: stands, ..Solid::between((-half).into(), half.into(), &material) }
+            Solid { part_from_solid: stands, ..Solid::box_between((-half).into(), half.into(), &material) }
         });
     }
     things
@@ -69,7 +69,7 @@ mod tests {
     fn things_stand_on_the_floor_outside_the_box() {
         let room = [Point3::new(-0.3, -0.5, 0.006), Point3::new(0.6, 0.2, 0.8)];
         for seed in 0..50 {
-            let things = things(&room, 0.0, &mut stage_rng(seed, "clutter", 0));
+            let things = drawn_things(&room, 0.0, &mut stage_rng(seed, "clutter", 0));
             assert_eq!(things.len(), THINGS);
             for thing in things {
                 let at = thing.part_from_solid.translation.vector;

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 use rand_core::Rng;
 
-use super::bilinear::bilinear;
+use super::bilinear::bilinear_color;
 use numeric::random;
 
 /// Length of the shift, as a share of the image's width (1.5 of 640 pixels), in a direction of its own for
@@ -13,15 +13,15 @@ use numeric::random;
 const SHIFT_SHARE: f64 = 1.5 / 640.0;
 
 /// By how much the color of one camera lies off, pixels along u and v.
-pub(super) fn draw(level: f64, width: usize, rng: &mut impl Rng) -> [f64; 2] {
-    let (sin, cos) = random::range(rng, 0.0, TAU).sin_cos();
+pub(super) fn drawn_shift_px(level: f64, width: usize, rng: &mut impl Rng) -> [f64; 2] {
+    let (sin, cos) = random::uniform_in(rng, 0.0, TAU).sin_cos();
     [cos, sin].map(|part| level * SHIFT_SHARE * width as f64 * part)
 }
 
 /// Colors moved by a number of pixels; the border repeats.
-pub(super) fn shifted(colors: &[Vector3<f64>], width: usize, by_px: [f64; 2]) -> Vec<Vector3<f64>> {
+pub(super) fn shifted_colors(colors: &[Vector3<f64>], width: usize, by_px: [f64; 2]) -> Vec<Vector3<f64>> {
     let places = (0..colors.len()).map(|i| [(i % width) as f64 - by_px[0], (i / width) as f64 - by_px[1]]);
-    places.map(|place| bilinear(colors, width, place)).collect()
+    places.map(|place| bilinear_color(colors, width, place)).collect()
 }
 
 #[cfg(test)]
@@ -31,16 +31,16 @@ mod tests {
 
     #[test]
     fn colors_move_by_the_stated_length() {
-        let [du, dv] = draw(1.0, 640, &mut stage_rng(7, "shift", 0));
+        let [du, dv] = drawn_shift_px(1.0, 640, &mut stage_rng(7, "shift", 0));
         assert!((du.hypot(dv) - 1.5).abs() < 1e-12);
-        assert_eq!(draw(0.5, 640, &mut stage_rng(7, "shift", 0)), [0.5 * du, 0.5 * dv]);
+        assert_eq!(drawn_shift_px(0.5, 640, &mut stage_rng(7, "shift", 0)), [0.5 * du, 0.5 * dv]);
         // On a ramp the shift can be read off.
         let w = 20;
         let h = 10;
         let ramp: Vec<_> = (0..w * h).map(|i| Vector3::new((i % w) as f64, (i / w) as f64, 0.0)).collect();
-        let moved = shifted(&ramp, w, [du, dv]);
+        let moved = shifted_colors(&ramp, w, [du, dv]);
         let middle = 5 * w + 10;
         assert!((moved[middle] - (ramp[middle] - Vector3::new(du, dv, 0.0))).norm() < 1e-12);
-        assert_eq!(shifted(&ramp, w, [0.0, 0.0]), ramp);
+        assert_eq!(shifted_colors(&ramp, w, [0.0, 0.0]), ramp);
     }
 }

@@ -24,14 +24,14 @@ const GRAZING_COSINE: f64 = 0.26;
 const GRAZING_SHARE: f64 = 0.8;
 
 /// Pixels without a reading.
-pub(super) fn lost(level: f64, view: &View, rng: &mut impl Rng) -> Vec<bool> {
+pub(super) fn lost_pixels(level: f64, view: &View, rng: &mut impl Rng) -> Vec<bool> {
     let mut lost = Vec::with_capacity(view.depth_m.len());
     for i in 0..view.depth_m.len() {
         let dark = if view.reflectance[i] < DARK { DARK_SHARE } else { 0.0 };
         let glossy = GLOSSY_SHARE * view.gloss[i];
         let grazing = GRAZING_SHARE * (1.0 - view.cosine[i] / GRAZING_COSINE).max(0.0);
         // Three draws for every pixel: neither view nor level shifts the draws of later ones.
-        let draws = [(); 3].map(|()| random::unit(rng));
+        let draws = [(); 3].map(|()| random::unit_uniform(rng));
         lost.push([dark, glossy, grazing].iter().zip(draws).any(|(share, draw)| draw < level * share));
     }
     lost
@@ -48,7 +48,7 @@ mod tests {
         view.reflectance.fill(reflectance);
         view.gloss.fill(gloss);
         view.cosine.fill(cosine);
-        let lost = lost(level, &view, &mut stage_rng(2, "loss", 0));
+        let lost = lost_pixels(level, &view, &mut stage_rng(2, "loss", 0));
         lost.iter().filter(|l| **l).count() as f64 / lost.len() as f64
     }
 

@@ -9,8 +9,8 @@ use numeric::random;
 const SIGMA: f64 = 0.004;
 
 /// Relative error of the depth of one camera.
-pub(super) fn draw(level: f64, rng: &mut impl Rng) -> f64 {
-    level * SIGMA * random::normal(rng)
+pub(super) fn drawn_scale_error(level: f64, rng: &mut impl Rng) -> f64 {
+    level * SIGMA * random::standard_normal(rng)
 }
 
 #[cfg(test)]
@@ -20,7 +20,7 @@ mod tests {
 
     #[test]
     fn cameras_differ_by_the_stated_deviation_times_the_level() {
-        let draws = |level| (0..4000).map(move |k| draw(level, &mut stage_rng(k, "scale", 0)));
+        let draws = |level| (0..4000).map(move |k| drawn_scale_error(level, &mut stage_rng(k, "scale", 0)));
         let rms = |level| (draws(level).map(|s| s * s).sum::<f64>() / 4000.0).sqrt();
         assert!((rms(1.0) / 0.004 - 1.0).abs() < 0.05, "{}", rms(1.0));
         assert!(draws(0.5).zip(draws(1.0)).all(|(half, whole)| half == 0.5 * whole));

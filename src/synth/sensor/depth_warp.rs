@@ -7,7 +7,7 @@
 
 use rand_core::Rng;
 
-use crate::smooth::smooth;
+use crate::smooth::smoothed_noise;
 use numeric::random;
 
 /// Root mean square over the pixels, of the range.
@@ -19,10 +19,10 @@ const CORRELATION_SHARE: f64 = 90.0 / 640.0;
 
 /// Relative error of depth of every pixel of one camera, row-major. Its mean over the image is zero, since a
 /// camera's mean is its scale.
-pub(super) fn field(level: f64, width: usize, height: usize, rng: &mut impl Rng) -> Vec<f64> {
-    let white: Vec<f64> = (0..width * height).map(|_| random::normal(rng)).collect();
+pub(super) fn warp_field(level: f64, width: usize, height: usize, rng: &mut impl Rng) -> Vec<f64> {
+    let white: Vec<f64> = (0..width * height).map(|_| random::standard_normal(rng)).collect();
     // A Gaussian of deviation s gives the correlation exp(-d^2 / 4 s^2).
-    let rough = smooth(&white, width, height, 0.5 * CORRELATION_SHARE * width as f64);
+    let rough = smoothed_noise(&white, width, height, 0.5 * CORRELATION_SHARE * width as f64);
     let n = rough.len() as f64;
     let mean = rough.iter().sum::<f64>() / n;
     let rms = (rough.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / n).sqrt();
@@ -41,7 +41,7 @@ mod tests {
         let mut at_lag = 0.0;
         let mut squares = 0.0;
         for seed in 0..30 {
-            let field = field(1.0, w, h, &mut stage_rng(seed, "warp", 0));
+            let field = warp_field(1.0, w, h, &mut stage_rng(seed, "warp", 0));
             let mean = field.iter().sum::<f64>() / field.len() as f64;
             let rms = (field.iter().map(|f| f * f).sum::<f64>() / field.len() as f64).sqrt();
             assert!((rms / 0.004 - 1.0).abs() < 1e-9 && mean.abs() < 1e-12, "{rms} {mean}");
@@ -61,7 +61,7 @@ mod tests {
 
     #[test]
     fn the_level_scales_it() {
-        let of = |level| field(level, 96, 72, &mut stage_rng(3, "warp", 0));
+        let of = |level| warp_field(level, 96, 72, &mut stage_rng(3, "warp", 0));
         assert!(of(0.5).iter().zip(of(1.0)).all(|(half, whole)| (half - 0.5 * whole).abs() < 1e-15));
     }
 }

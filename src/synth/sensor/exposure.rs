@@ -12,9 +12,9 @@ const EXPOSURE: f64 = 0.15;
 const WHITE_BALANCE: f64 = 0.03;
 
 /// Factor on linear red, green and blue of a view.
-pub(super) fn gain(level: f64, rng: &mut impl Rng) -> Vector3<f64> {
+pub(super) fn drawn_gain(level: f64, rng: &mut impl Rng) -> Vector3<f64> {
     let [exposure, red, blue] =
-        [EXPOSURE, WHITE_BALANCE, WHITE_BALANCE].map(|s| level * s * random::normal(rng));
+        [EXPOSURE, WHITE_BALANCE, WHITE_BALANCE].map(|s| level * s * random::standard_normal(rng));
     // Errors of the logarithm: a gain stays positive at any level.
     Vector3::new(exposure + red, exposure, exposure + blue).map(f64::exp)
 }
@@ -30,11 +30,11 @@ mod tests {
         let mut green = 0.0;
         let mut red = 0.0;
         for _ in 0..4000 {
-            let log = gain(0.5, rng).map(f64::ln);
+            let log = drawn_gain(0.5, rng).map(f64::ln);
             green += log.y.powi(2) / 4000.0;
             red += (log.x - log.y).powi(2) / 4000.0;
         }
         assert!((green.sqrt() / 0.075 - 1.0).abs() < 0.05 && (red.sqrt() / 0.015 - 1.0).abs() < 0.05);
-        assert_eq!(gain(0.0, rng), Vector3::repeat(1.0));
+        assert_eq!(drawn_gain(0.0, rng), Vector3::repeat(1.0));
     }
 }

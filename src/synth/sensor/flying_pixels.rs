@@ -19,7 +19,7 @@ pub(super) fn between_m(level: f64, view: &View, k: &Intrinsics, rng: &mut impl 
     let mut between_m = Vec::with_capacity(k.width * k.height);
     for i in 0..k.width * k.height {
         // Drawn for every pixel, on an edge or not: the view does not shift later draws.
-        let [draw, share] = [random::unit(rng), random::range(rng, MARGIN, 1.0 - MARGIN)];
+        let [draw, share] = [random::unit_uniform(rng), random::uniform_in(rng, MARGIN, 1.0 - MARGIN)];
         let depth_m = view.depth_m[i];
         let step = depth_step(&view.depth_m, k, i);
         let other_m = view.depth_m[step.neighbor];

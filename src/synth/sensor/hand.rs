@@ -33,7 +33,7 @@ const FINGERS: usize = 4;
 const SKIN: Vector3<f64> = Vector3::new(0.55, 0.30, 0.21);
 
 /// The hand of a view, in the world; nothing in most. The arm comes from below or a side of the image.
-pub(super) fn hand(
+pub(super) fn drawn_hand(
     level: f64,
     world_from_camera: &Pose,
     center: &Point3<f64>,
@@ -41,10 +41,10 @@ pub(super) fn hand(
     rng: &mut impl Rng,
 ) -> Vec<Solid> {
     // The level decides whether there is a hand, not where: all draws come first.
-    let is_there = random::unit(rng) < level * SHARE;
-    let share = random::range(rng, DEPTH_SHARE[0], DEPTH_SHARE[1]);
-    let aside = random::range(rng, ASIDE_SHARE[0], ASIDE_SHARE[1]);
-    let (down, right) = random::range(rng, 0.0, PI).sin_cos();
+    let is_there = random::unit_uniform(rng) < level * SHARE;
+    let share = random::uniform_in(rng, DEPTH_SHARE[0], DEPTH_SHARE[1]);
+    let aside = random::uniform_in(rng, ASIDE_SHARE[0], ASIDE_SHARE[1]);
+    let (down, right) = random::uniform_in(rng, 0.0, PI).sin_cos();
     if !is_there {
         return Vec::new();
     }
@@ -90,7 +90,7 @@ mod tests {
         for level in [0.0, 1.0, 2.0] {
             let mut views = 0;
             for seed in 0..2000 {
-                let solids = hand(level, &camera, &center, 0.4, &mut stage_rng(seed, "hand", 0));
+                let solids = drawn_hand(level, &camera, &center, 0.4, &mut stage_rng(seed, "hand", 0));
                 let Some(finger) = solids.first() else { continue };
                 views += 1;
                 let tip = camera.inverse() * Point3::from(finger.part_from_solid.translation.vector);

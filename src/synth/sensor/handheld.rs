@@ -61,7 +61,7 @@ impl HandheldSensor {
     }
 
     /// Level of an effect; 0 when it is off.
-    pub(crate) fn of(&self, effect: Effect) -> f64 {
+    pub(crate) fn level_of(&self, effect: Effect) -> f64 {
         if self.has(effect) { self.level } else { 0.0 }
     }
 }
@@ -103,7 +103,7 @@ mod tests {
         }
         let [warp, hand] = [Effect::DepthWarp, Effect::Hand];
         assert_eq!(sensor.only(&[warp]).effects(), [warp]);
-        assert_eq!([sensor.only(&[warp]).of(warp), sensor.only(&[warp]).of(hand)], [0.5, 0.0]);
+        assert_eq!([sensor.only(&[warp]).level_of(warp), sensor.only(&[warp]).level_of(hand)], [0.5, 0.0]);
         let rest = sensor.without(&[hand]);
         assert!(!rest.has(hand) && rest.effects().len() == Effect::ALL.len() - 1);
         assert!(HandheldSensor::clean().effects().is_empty());

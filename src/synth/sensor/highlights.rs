@@ -20,21 +20,22 @@ const SHINE: f64 = 0.7;
 const TRIES: usize = 20;
 
 /// Place of a bulb mirrored in a view by the object of a sphere; none in the other views.
-pub(super) fn bulb(
+pub(super) fn drawn_bulb(
     scene: &Scene,
     world_from_camera: &Pose,
     &BoundingSphere { center, radius_m }: &BoundingSphere,
     rng: &mut impl Rng,
 ) -> Option<Point3<f64>> {
-    if !random::chance(rng, SHARE) {
+    if !random::is_chosen(rng, SHARE) {
         return None;
     }
     let eye = Point3::from(world_from_camera.translation.vector);
-    let distance_m = radius_m * random::range(rng, DISTANCE_RADII[0], DISTANCE_RADII[1]);
+    let distance_m = radius_m * random::uniform_in(rng, DISTANCE_RADII[0], DISTANCE_RADII[1]);
     (0..TRIES).find_map(|_| {
-        let aim = center + random::direction(rng).into_inner() * (0.8 * radius_m * random::unit(rng));
+        let aim = center
+            + random::random_direction(rng).into_inner() * (0.8 * radius_m * random::unit_uniform(rng));
         let ray = (aim - eye).normalize();
-        let sight = scene.sight(&eye, &ray, f64::INFINITY).filter(|s| s.part.is_some())?;
+        let sight = scene.first_sight(&eye, &ray, f64::INFINITY).filter(|s| s.part.is_some())?;
         // A bulb along the mirrored ray is seen at this place.
         let mirrored: Vector3<f64> = ray - sight.normal * (2.0 * ray.dot(&sight.normal));
         Some(eye + ray * sight.at + mirrored * distance_m)
@@ -42,7 +43,7 @@ pub(super) fn bulb(
 }
 
 /// Linear brightness of a mirror image.
-pub(super) fn shine(level: f64) -> f64 {
+pub(super) fn bulb_brightness(level: f64) -> f64 {
     level * SHINE
 }
 
@@ -64,15 +65,17 @@ mod tests {
         let mut views = 0;
         for seed in 0..400 {
             let rng = &mut stage_rng(seed, "bulb", 0);
-            let Some(bulb) = bulb(&scene, &camera, &sphere, rng) else { continue };
+            let Some(bulb) = drawn_bulb(&scene, &camera, &sphere, rng) else { continue };
             views += 1;
             // Some ray to the object meets the middle of the highlight.
             let light = Light { bulbs: vec![bulb], ..Light::from_lamp(Vector3::z()) };
             let brightest = (0..4000).map(|_| {
-                let aim = center + random::direction(rng).into_inner() * (0.8 * radius_m * random::unit(rng));
+                let aim = center
+                    + random::random_direction(rng).into_inner()
+                        * (0.8 * radius_m * random::unit_uniform(rng));
                 let ray = (aim - eye).normalize();
-                let sight = scene.sight(&eye, &ray, f64::INFINITY).filter(|s| s.part.is_some());
-                sight.map_or(0.0, |s| light.gloss(&eye, &(eye + ray * s.at), &s.normal))
+                let sight = scene.first_sight(&eye, &ray, f64::INFINITY).filter(|s| s.part.is_some());
+                sight.map_or(0.0, |s| light.gloss_at(&eye, &(eye + ray * s.at), &s.normal))
             });
             let brightest = brightest.fold(0.0, f64::max);
             assert!(brightest > 0.8, "{brightest}");

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::bilinear::bilinear;
+use super::bilinear::bilinear_color;
 use crate::View;
 use geometry::Intrinsics;
 
@@ -17,7 +17,7 @@ const FAR_M: f64 = 1e3;
 
 /// Colors of a view, each a mean along the trace of its surface point while the shutter is open; `velocity`
 /// is the camera's in its optical frame, m/s and rad/s.
-pub(super) fn blurred(
+pub(super) fn blurred_colors(
     level: f64,
     colors: &[Vector3<f64>],
     view: &View,
@@ -31,7 +31,7 @@ pub(super) fn blurred(
         // About the middle of the exposure: blur does not shift the image.
         let shares = (0..samples as usize).map(|s| (s as f64 + 0.5) / samples - 0.5);
         let along =
-            shares.map(|share| bilinear(colors, k.width, [u + share * trace[0], v + share * trace[1]]));
+            shares.map(|share| bilinear_color(colors, k.width, [u + share * trace[0], v + share * trace[1]]));
         along.sum::<Vector3<f64>>() / samples
     });
     blurred.collect()
@@ -39,7 +39,7 @@ pub(super) fn blurred(
 
 /// Speed in the image of the surface point at a pixel, pixels a second.
 fn trace_px(depth_m: f64, k: &Intrinsics, [u, v]: [f64; 2], velocity: &[Vector3<f64>; 2]) -> [f64; 2] {
-    let ray = k.ray(u, v);
+    let ray = k.ray_at(u, v);
     // Far off only the turn of the camera smears.
     let z = if depth_m > 0.0 { depth_m } else { FAR_M };
     let [shift, turn] = velocity;
@@ -76,11 +76,11 @@ mod tests {
         // Ten pixels in the 8 ms of the exposure.
         let velocity = [Vector3::new(10.0 / 0.008 * 2.0 / k.fx, 0.0, 0.0), Vector3::zeros()];
         let row = |level| {
-            let blurred = blurred(level, &colors, &view, &k, &velocity);
+            let blurred = blurred_colors(level, &colors, &view, &k, &velocity);
             let middle = k.height / 2 * k.width;
             blurred[middle..middle + k.width].iter().filter(|c| c.x > 0.01 && c.x < 0.99).count()
         };
         assert!((9..=11).contains(&row(1.0)) && (4..=6).contains(&row(0.5)), "{} {}", row(1.0), row(0.5));
-        assert_eq!(blurred(0.0, &colors, &view, &k, &velocity), colors);
+        assert_eq!(blurred_colors(0.0, &colors, &view, &k, &velocity), colors);
     }
 }

@@ -16,14 +16,14 @@ const STEP_RAD: f64 = 0.06 * std::f64::consts::PI / 180.0;
 const SWEEP_VIEWS: f64 = 30.0;
 
 /// The world's place at each view by odometry from the first view on, for true camera poses.
-pub(super) fn walk(level: f64, cameras: &[Pose], rng: &mut impl Rng) -> Vec<Pose> {
+pub(super) fn drift_walk(level: f64, cameras: &[Pose], rng: &mut impl Rng) -> Vec<Pose> {
     // Variances of independent steps add up.
     let step = level * (SWEEP_VIEWS / cameras.len() as f64).sqrt();
     let mut reported_from_world = Pose::identity();
     let mut at = Vec::with_capacity(cameras.len());
     for (i, camera) in cameras.iter().enumerate() {
-        let [shift, turn] =
-            [STEP_M, STEP_RAD].map(|sigma| Vector3::from_fn(|_, _| step * sigma * random::normal(rng)));
+        let [shift, turn] = [STEP_M, STEP_RAD]
+            .map(|sigma| Vector3::from_fn(|_, _| step * sigma * random::standard_normal(rng)));
         if i > 0 {
             // A step errs in the camera's frame, and all later poses keep its error.
             reported_from_world = reported_from_world * camera * Pose::new(shift, turn) * camera.inverse();
@@ -41,7 +41,7 @@ mod tests {
     /// Root mean square error of the pose after `steps` of 30 views: meters along an axis, radians about one.
     fn rms(level: f64, steps: usize) -> [f64; 2] {
         let squares = (0..400).fold([0.0; 2], |sum, seed| {
-            let last = walk(level, &vec![Pose::identity(); 30], &mut stage_rng(seed, "walk", 0))[steps];
+            let last = drift_walk(level, &vec![Pose::identity(); 30], &mut stage_rng(seed, "walk", 0))[steps];
             [
                 sum[0] + last.translation.vector.norm_squared() / 3.0,
                 sum[1] + last.rotation.angle().powi(2) / 3.0,
@@ -60,14 +60,17 @@ mod tests {
             let [half_m, half_rad] = rms(0.5, steps);
             assert!((half_m / m - 0.5).abs() < 1e-3 && (half_rad / rad - 0.5).abs() < 1e-3);
         }
-        assert_eq!(walk(1.0, &[Pose::identity(); 2], &mut stage_rng(0, "walk", 0))[0], Pose::identity());
+        assert_eq!(
+            drift_walk(1.0, &[Pose::identity(); 2], &mut stage_rng(0, "walk", 0))[0],
+            Pose::identity()
+        );
     }
 
     #[test]
     fn a_turned_step_moves_what_the_camera_sees_from_where_it_stands() {
         // A camera that stands away from the origin keeps its own place in a step that only turns it.
         let cameras = [Pose::translation(3.0, 0.0, 0.0); 2];
-        let error = walk(1.0, &cameras, &mut stage_rng(4, "walk", 0))[1];
+        let error = drift_walk(1.0, &cameras, &mut stage_rng(4, "walk", 0))[1];
         let moved = error * cameras[1].translation.vector - cameras[1].translation.vector;
         let origin = (error * nalgebra::Point3::origin()).coords.norm();
         assert!(moved.norm() > 0.0 && origin > 0.0);

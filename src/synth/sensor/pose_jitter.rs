@@ -12,9 +12,9 @@ const SHIFT_M: f64 = 0.001;
 const TURN_RAD: f64 = 0.05 * std::f64::consts::PI / 180.0;
 
 /// Error of a pose in the camera's frame.
-pub(super) fn draw(level: f64, rng: &mut impl Rng) -> Pose {
-    let [shift, turn] =
-        [SHIFT_M, TURN_RAD].map(|sigma| Vector3::from_fn(|_, _| level * sigma * random::normal(rng)));
+pub(super) fn drawn_jitter(level: f64, rng: &mut impl Rng) -> Pose {
+    let [shift, turn] = [SHIFT_M, TURN_RAD]
+        .map(|sigma| Vector3::from_fn(|_, _| level * sigma * random::standard_normal(rng)));
     Pose::new(shift, turn)
 }
 
@@ -29,7 +29,7 @@ mod tests {
         let mut m2 = 0.0;
         let mut rad2 = 0.0;
         for _ in 0..2000 {
-            let error = draw(2.0, rng);
+            let error = drawn_jitter(2.0, rng);
             m2 += error.translation.vector.norm_squared() / 3.0;
             rad2 += error.rotation.angle().powi(2) / 3.0;
         }

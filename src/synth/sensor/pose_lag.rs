@@ -12,8 +12,8 @@ use numeric::random;
 const LAG_S: f64 = 0.003;
 
 /// By how much the reported poses of one camera are older than its images, seconds.
-pub(super) fn draw(level: f64, rng: &mut impl Rng) -> f64 {
-    level * LAG_S * random::range(rng, 0.5, 1.5)
+pub(super) fn drawn_lag_s(level: f64, rng: &mut impl Rng) -> f64 {
+    level * LAG_S * random::uniform_in(rng, 0.5, 1.5)
 }
 
 #[cfg(test)]
@@ -23,7 +23,7 @@ mod tests {
 
     #[test]
     fn lags_lie_about_the_stated_one() {
-        let of = |level, seed| draw(level, &mut stage_rng(seed, "lag", 0));
+        let of = |level, seed| drawn_lag_s(level, &mut stage_rng(seed, "lag", 0));
         assert!((0..200).all(|k| (0.0015..0.0045).contains(&of(1.0, k)) && of(2.0, k) == 2.0 * of(1.0, k)));
     }
 }

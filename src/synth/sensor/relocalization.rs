@@ -12,9 +12,9 @@ const TURN_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
 
 /// Place of state 0's world in another take's: the whole amount, in a random direction and about a random
 /// axis through the origin, near the object's foot.
-pub(super) fn draw(level: f64, rng: &mut impl Rng) -> Pose {
-    let shift = random::direction(rng).into_inner() * (level * SHIFT_M);
-    let turn = random::direction(rng).into_inner() * (level * TURN_RAD);
+pub(super) fn drawn_relocalization(level: f64, rng: &mut impl Rng) -> Pose {
+    let shift = random::random_direction(rng).into_inner() * (level * SHIFT_M);
+    let turn = random::random_direction(rng).into_inner() * (level * TURN_RAD);
     Pose::new(shift, turn)
 }
 
@@ -26,7 +26,7 @@ mod tests {
     #[test]
     fn a_world_is_off_by_the_stated_amount() {
         for level in [0.5, 1.0] {
-            let off = draw(level, &mut stage_rng(8, "world", 0));
+            let off = drawn_relocalization(level, &mut stage_rng(8, "world", 0));
             assert!((off.translation.vector.norm() - 0.0037 * level).abs() < 1e-12);
             assert!((off.rotation.angle().to_degrees() - 0.3 * level).abs() < 1e-9);
         }

@@ -8,7 +8,7 @@ use crate::{
     camera::model::{
         parameter::HypothesisParameter,
         scales::MISPLACED,
-        trial::{CameraEffect, Column, column, free_joints},
+        trial::{CameraEffect, Column, free_joints, prior_column},
     },
     judge::finding::ParameterEstimate,
 };
@@ -21,7 +21,7 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
         let mut all = Vec::new();
         for j in free_joints(twin) {
             let shift_m = MISPLACED * scales.child_lever_m(twin, j);
-            let turning = twin.joints[j].kind.turns();
+            let turning = twin.joints[j].kind.is_turning();
             // Turn, shift and both are ways of their own: one with fewer columns has more evidence where
             // it suffices.
             let turns = columns_of_normals(HypothesisParameter::AxisTurn, j, MISPLACED);
@@ -34,8 +34,9 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
             // Along the axis of a slide a shift is a change of position.
             let along = if turning { 3 } else { 2 };
             let shifts: Vec<_> =
-                (0..along).map(|k| column(HypothesisParameter::Frame(j, k), shift_m)).collect();
-            let turns: Vec<_> = (3..5).map(|k| column(HypothesisParameter::Frame(j, k), MISPLACED)).collect();
+                (0..along).map(|k| prior_column(HypothesisParameter::Frame(j, k), shift_m)).collect();
+            let turns: Vec<_> =
+                (3..5).map(|k| prior_column(HypothesisParameter::Frame(j, k), MISPLACED)).collect();
             all.push((Some(j), [shifts.clone(), turns.clone()].concat()));
             all.extend([(Some(j), shifts), (Some(j), turns)]);
         }
@@ -45,12 +46,12 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
     reported: |f| {
         let own = f.trial.joint.and_then(|j| f.twin.own.joints.get(j)).copied().unwrap_or_default();
         let all = [
-            ("axis_angle", "rad", f.columns(true), own.axis_rad),
-            ("axis_position", "m", f.columns(false), own.place_m),
+            ("axis_angle", "rad", f.turn_columns(true), own.axis_rad),
+            ("axis_position", "m", f.turn_columns(false), own.place_m),
         ];
         all.into_iter()
             .filter(|(_, _, columns, _)| !columns.is_empty())
-            .map(|(name, unit, columns, own)| widened(f.length(name, unit, &columns), own))
+            .map(|(name, unit, columns, own)| with_own_error(f.length_estimate(name, unit, &columns), own))
             .collect()
     },
     types: None,
@@ -64,11 +65,11 @@ fn columns_of_normals(
     joint: usize,
     prior: f64,
 ) -> Vec<Column> {
-    (0..2).map(|k| column(parameter(joint, k), prior)).collect()
+    (0..2).map(|k| prior_column(parameter(joint, k), prior)).collect()
 }
 
 /// A length with its interval widened by the twin's own error, `own`, a standard deviation.
-fn widened(mut p: ParameterEstimate, own: f64) -> ParameterEstimate {
+fn with_own_error(mut p: ParameterEstimate, own: f64) -> ParameterEstimate {
     let own = HALF_WIDTH_95 * own;
     p.interval =
         (p.value - (p.value - p.interval.0).hypot(own), p.value + (p.interval.1 - p.value).hypot(own));

@@ -6,7 +6,7 @@
 
 use crate::camera::model::{
     parameter::HypothesisParameter,
-    trial::{CameraEffect, Column, STATEWISE, column, free_joints},
+    trial::{CameraEffect, Column, STATEWISE, free_joints, prior_column},
 };
 
 /// Prior of play, in radians and as a share of the child's size.
@@ -29,8 +29,8 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
     reported: |f| {
         let runs = (f.hypothesis.positions.len().max(1) as f64).sqrt();
         let mut all = vec![
-            f.length("play_angle_rms", "rad", &f.columns(true)),
-            f.length("play_shift_rms", "m", &f.columns(false)),
+            f.length_estimate("play_angle_rms", "rad", &f.turn_columns(true)),
+            f.length_estimate("play_shift_rms", "m", &f.turn_columns(false)),
         ];
         for p in &mut all {
             // The length is over all recordings together; reports give the root mean square of one.
@@ -49,7 +49,7 @@ fn play_columns(joint: usize, runs: usize, lever_m: f64) -> Vec<Column> {
     for run in 0..runs {
         for k in 0..6 {
             let prior = PLAY * if k < 3 { lever_m } else { 1.0 };
-            columns.push(column(HypothesisParameter::Extra(run, joint, k), prior));
+            columns.push(prior_column(HypothesisParameter::Extra(run, joint, k), prior));
         }
     }
     columns

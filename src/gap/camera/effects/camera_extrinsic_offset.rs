@@ -7,7 +7,7 @@
 use crate::camera::model::{
     parameter::HypothesisParameter,
     scales::MISCALIBRATED,
-    trial::{CameraEffect, column},
+    trial::{CameraEffect, prior_column},
 };
 
 /// The effect.
@@ -15,12 +15,15 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "camera_extrinsic_offset",
     trials: |_, _, scales| {
         let prior = |k| MISCALIBRATED * if k < 3 { scales.range_m } else { 1.0 };
-        vec![(None, (0..6).map(|k| column(HypothesisParameter::Extrinsic(k), prior(k))).collect())]
+        vec![(None, (0..6).map(|k| prior_column(HypothesisParameter::Extrinsic(k), prior(k))).collect())]
     },
     log_odds: 0.0,
     reported: |f| {
-        let mut all: Vec<_> = ["x", "y", "z"].iter().enumerate().map(|(k, n)| f.column(n, "m", k)).collect();
-        all.extend(["roll", "pitch", "yaw"].iter().enumerate().map(|(k, n)| f.column(n, "rad", 3 + k)));
+        let mut all: Vec<_> =
+            ["x", "y", "z"].iter().enumerate().map(|(k, n)| f.column_estimate(n, "m", k)).collect();
+        all.extend(
+            ["roll", "pitch", "yaw"].iter().enumerate().map(|(k, n)| f.column_estimate(n, "rad", 3 + k)),
+        );
         all
     },
     types: None,

@@ -5,7 +5,7 @@
 
 use crate::camera::model::{
     parameter::HypothesisParameter,
-    trial::{CameraEffect, column},
+    trial::{CameraEffect, prior_column},
 };
 
 /// Prior of the offset, seconds.
@@ -19,10 +19,10 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
     trials: |_, runs, _| {
         // Without the camera's velocities nothing shows a delay.
         let known = runs.iter().all(|r| r.velocities.len() == r.frames.len() && !r.frames.is_empty());
-        if known { vec![(None, vec![column(HypothesisParameter::Delay, FRAME_S)])] } else { Vec::new() }
+        if known { vec![(None, vec![prior_column(HypothesisParameter::Delay, FRAME_S)])] } else { Vec::new() }
     },
     log_odds: 0.0,
-    reported: |f| vec![f.column("offset", "s", 0)],
+    reported: |f| vec![f.column_estimate("offset", "s", 0)],
     types: None,
     in_urdf: "not expressible",
     experiment: "move the camera to and fro, and rest between: \

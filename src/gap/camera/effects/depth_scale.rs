@@ -5,17 +5,17 @@
 use crate::camera::model::{
     parameter::HypothesisParameter,
     scales::MISCALIBRATED,
-    trial::{CameraEffect, column},
+    trial::{CameraEffect, prior_column},
 };
 
 /// The effect.
 pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "depth_scale",
-    trials: |_, _, _| vec![(None, vec![column(HypothesisParameter::DepthScale, MISCALIBRATED)])],
+    trials: |_, _, _| vec![(None, vec![prior_column(HypothesisParameter::DepthScale, MISCALIBRATED)])],
     log_odds: 0.0,
     reported: |f| {
         // The column is the scale less one.
-        let mut p = f.column("scale", "1", 0);
+        let mut p = f.column_estimate("scale", "1", 0);
         (p.value, p.interval) = (1.0 + p.value, (1.0 + p.interval.0, 1.0 + p.interval.1));
         vec![p]
     },

@@ -5,7 +5,7 @@
 use crate::camera::model::{
     parameter::HypothesisParameter,
     scales::MISPLACED,
-    trial::{CameraEffect, column},
+    trial::{CameraEffect, prior_column},
 };
 
 /// The effect.
@@ -15,17 +15,20 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
         let mut all = Vec::new();
         for (j, joint) in twin.joints.iter().enumerate() {
             if runs.iter().all(|r| r.positions.contains_key(&joint.name)) {
-                let lever = if joint.kind.turns() { 1.0 } else { scales.child_lever_m(twin, j) };
-                all.push((Some(j), vec![column(HypothesisParameter::EncoderBias(j), MISPLACED * lever)]));
+                let lever = if joint.kind.is_turning() { 1.0 } else { scales.child_lever_m(twin, j) };
+                all.push((
+                    Some(j),
+                    vec![prior_column(HypothesisParameter::EncoderBias(j), MISPLACED * lever)],
+                ));
             }
         }
         all
     },
     log_odds: 0.0,
     reported: |f| {
-        let turns = f.trial.joint.is_some_and(|j| f.twin.joints[j].kind.turns());
+        let turns = f.trial.joint.is_some_and(|j| f.twin.joints[j].kind.is_turning());
         // The column is added to reported positions, so the bias is its opposite.
-        let mut p = f.column("bias", if turns { "rad" } else { "m" }, 0);
+        let mut p = f.column_estimate("bias", if turns { "rad" } else { "m" }, 0);
         (p.value, p.interval) = (-p.value, (-p.interval.1, -p.interval.0));
         vec![p]
     },

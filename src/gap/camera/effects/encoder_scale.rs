@@ -5,7 +5,7 @@
 use crate::camera::model::{
     parameter::HypothesisParameter,
     scales::MISPLACED,
-    trial::{CameraEffect, column},
+    trial::{CameraEffect, prior_column},
 };
 
 /// The effect.
@@ -15,14 +15,14 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
         let mut all = Vec::new();
         for (j, joint) in twin.joints.iter().enumerate() {
             if runs.iter().all(|r| r.positions.contains_key(&joint.name)) {
-                all.push((Some(j), vec![column(HypothesisParameter::EncoderScale(j), MISPLACED)]));
+                all.push((Some(j), vec![prior_column(HypothesisParameter::EncoderScale(j), MISPLACED)]));
             }
         }
         all
     },
     log_odds: 0.0,
     reported: |f| {
-        let mut p = f.column("scale", "1", 0);
+        let mut p = f.column_estimate("scale", "1", 0);
         // The encoder reports `scale` times the position.
         let low = 1.0 / (1.0 + p.interval.1);
         let high = 1.0 / (1.0 + p.interval.0);

@@ -37,7 +37,7 @@ pub const CATALOGUE: [CameraEffect; 10] = [
 
 /// All trials of the effects of the catalogue.
 #[must_use]
-pub fn trials(twin: &SeenTwin, runs: &[FrameRun], scales: &Scales) -> Vec<Trial> {
+pub fn all_trials(twin: &SeenTwin, runs: &[FrameRun], scales: &Scales) -> Vec<Trial> {
     let mut all = Vec::new();
     for (effect, spec) in CATALOGUE.iter().enumerate() {
         for (joint, columns) in (spec.trials)(twin, runs, scales) {

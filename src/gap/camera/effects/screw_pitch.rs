@@ -6,7 +6,7 @@
 use crate::camera::model::{
     parameter::HypothesisParameter,
     scales::{GATE, MISPLACED},
-    trial::{CameraEffect, column, free_joints},
+    trial::{CameraEffect, free_joints, prior_column},
 };
 
 /// Least pitch with a search of its own, in sizes of the child a radian.
@@ -25,15 +25,18 @@ const PITCH: f64 = 0.5 * LEAST_PITCH * (1 << (PITCHES - 1)) as f64;
 pub const EFFECT: CameraEffect = CameraEffect {
     name: "wrong_joint_type",
     trials: |twin, _, scales| {
-        let turning = free_joints(twin).filter(|&j| twin.joints[j].kind.turns());
+        let turning = free_joints(twin).filter(|&j| twin.joints[j].kind.is_turning());
         turning
             .map(|j| {
-                (Some(j), vec![column(HypothesisParameter::Pitch(j), PITCH * scales.child_lever_m(twin, j))])
+                (
+                    Some(j),
+                    vec![prior_column(HypothesisParameter::Pitch(j), PITCH * scales.child_lever_m(twin, j))],
+                )
             })
             .collect()
     },
     log_odds: 0.0,
-    reported: |f| vec![f.column("pitch", "m/rad", 0)],
+    reported: |f| vec![f.column_estimate("pitch", "m/rad", 0)],
     types: Some(["revolute", "screw"]),
     in_urdf: "not expressible",
     experiment: "film the joint at three more positions over its whole range: \

@@ -5,7 +5,7 @@
 
 use crate::camera::model::{
     parameter::HypothesisParameter,
-    trial::{CameraEffect, STATEWISE, column, free_joints},
+    trial::{CameraEffect, STATEWISE, free_joints, prior_column},
 };
 
 /// Prior of the second way, in radians and as a share of the child's size.
@@ -24,8 +24,9 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
         for j in free_joints(twin) {
             for k in 0..6 {
                 let prior = SECOND * if k < 3 { scales.child_lever_m(twin, j) } else { 1.0 };
-                let columns =
-                    (0..runs.len()).map(|r| column(HypothesisParameter::Extra(r, j, k), prior)).collect();
+                let columns = (0..runs.len())
+                    .map(|r| prior_column(HypothesisParameter::Extra(r, j, k), prior))
+                    .collect();
                 all.push((Some(j), columns));
             }
         }
@@ -35,7 +36,7 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
     reported: |f| {
         let turns = f.trial.columns.iter().any(|c| c.parameter.is_turn());
         let (name, unit) = if turns { ("turn", "rad") } else { ("slide", "m") };
-        (0..f.trial.columns.len()).map(|k| f.column(&format!("{name}_{k}"), unit, k)).collect()
+        (0..f.trial.columns.len()).map(|k| f.column_estimate(&format!("{name}_{k}"), unit, k)).collect()
     },
     types: None,
     in_urdf: "not expressible",

@@ -28,8 +28,8 @@ impl VarianceComponents {
     /// The searched grid: each component from the twin's accuracy to a share of the gate, evenly on a
     /// logarithmic scale: the evidence is flat on it.
     #[must_use]
-    pub fn grid(scales: &Scales) -> Vec<Self> {
-        let [surface, frame, rest] = STEPS.map(|n| ladder(scales, n));
+    pub fn search_grid(scales: &Scales) -> Vec<Self> {
+        let [surface, frame, rest] = STEPS.map(|n| component_values(scales, n));
         let mut all = Vec::new();
         for &surface_m in &surface {
             for &frame_m in &frame {
@@ -41,7 +41,7 @@ impl VarianceComponents {
 
     /// The middle of the grid, while a hypothesis is being moved.
     #[must_use]
-    pub fn middle(scales: &Scales) -> Self {
+    pub fn middle_of_grid(scales: &Scales) -> Self {
         // The geometric mean, since the grid is even on a logarithmic scale.
         let m = (scales.accuracy_m * largest_m(scales)).sqrt();
         Self { surface_m: m, frame_m: m, rest_m: m }
@@ -61,7 +61,7 @@ pub fn largest_m(scales: &Scales) -> f64 {
     (LARGEST * scales.gate_m()).max(scales.accuracy_m)
 }
 
-fn ladder(scales: &Scales, steps: usize) -> Vec<f64> {
+fn component_values(scales: &Scales, steps: usize) -> Vec<f64> {
     let ratio = largest_m(scales) / scales.accuracy_m;
     (0..steps).map(|k| scales.accuracy_m * ratio.powf(k as f64 / (steps - 1) as f64)).collect()
 }
@@ -73,7 +73,7 @@ mod tests {
     #[test]
     fn the_grid_runs_from_the_accuracy_to_a_share_of_the_gate() {
         let scales = Scales { radius_m: 0.4, range_m: 1.2, reading_m: 0.004, accuracy_m: 0.0003 };
-        let grid = VarianceComponents::grid(&scales);
+        let grid = VarianceComponents::search_grid(&scales);
         assert_eq!(grid.len(), 36);
         let first = grid[0];
         let last = grid[35];
@@ -81,6 +81,6 @@ mod tests {
         assert!((last.frame_m - largest_m(&scales)).abs() < 1e-12);
         // A twin that errs by more than all errors without names leaves one value.
         let rough = Scales { accuracy_m: 0.1, ..scales };
-        assert!(VarianceComponents::grid(&rough).iter().all(|c| (c.surface_m - 0.1).abs() < 1e-12));
+        assert!(VarianceComponents::search_grid(&rough).iter().all(|c| (c.surface_m - 0.1).abs() < 1e-12));
     }
 }

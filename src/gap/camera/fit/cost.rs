@@ -17,14 +17,14 @@ pub const SAME_COST: f64 = 1.05;
 /// Mean cost of all pixels, conflicts at a fixed cost: comparable between hypotheses of different types.
 #[must_use]
 pub fn mean_cost(problem: &FrameProblem, hypothesis: &Hypothesis) -> f64 {
-    costs(problem, hypothesis).last().copied().unwrap_or(f64::INFINITY)
+    mean_costs_by_part(problem, hypothesis).last().copied().unwrap_or(f64::INFINITY)
 }
 
 /// Mean cost of the pixels of every part, and over all.
 #[must_use]
-pub fn costs(problem: &FrameProblem, hypothesis: &Hypothesis) -> Vec<f64> {
-    let samples = problem.compare(hypothesis, problem.gate_m());
-    let unnamed_m = VarianceComponents::middle(&problem.scales).total_m();
+pub fn mean_costs_by_part(problem: &FrameProblem, hypothesis: &Hypothesis) -> Vec<f64> {
+    let samples = problem.pixel_samples(hypothesis, problem.gate_m());
+    let unnamed_m = VarianceComponents::middle_of_grid(&problem.scales).total_m();
     let n = problem.twin.parts.len();
     let mut sums = vec![(0.0, 0usize); n + 1];
     for s in &samples {

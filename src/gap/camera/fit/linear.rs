@@ -9,9 +9,11 @@ use crate::camera::{
         mixed::System,
         patches::{PatchMean, patch_means},
         problem::FrameProblem,
-        reduced::{Reduced, Solution, best},
+        reduced::{Reduced, Solution, best_evidence},
     },
-    model::{advance::advance, hypothesis::Hypothesis, parameter::HypothesisParameter, posed::PosedTwin},
+    model::{
+        advance::advance_hypothesis, hypothesis::Hypothesis, parameter::HypothesisParameter, posed::PosedTwin,
+    },
 };
 
 /// A hypothesis with the values of its effects.
@@ -45,8 +47,8 @@ pub struct Chosen {
 impl FrameProblem<'_> {
     /// Linearizes about a state.
     #[must_use]
-    pub fn linearize(&self, state: &State, gate_m: f64) -> Linear {
-        let samples = self.compare(&state.hypothesis, gate_m);
+    pub fn linear_system(&self, state: &State, gate_m: f64) -> Linear {
+        let samples = self.pixel_samples(&state.hypothesis, gate_m);
         let posed = PosedTwin::new(self.twin, self.runs, &state.hypothesis);
         let (means, patches) = patch_means(self.twin, &posed.parts, &samples, |_, f| !self.is_held_out(f));
         let mut columns = self.nuisance.clone();
@@ -70,42 +72,45 @@ impl FrameProblem<'_> {
             .into_iter()
             .map(|c| {
                 let explained: f64 =
-                    state.applied.iter().map(|(p, x)| posed.derivative(*p, &c.seen) * x).sum();
+                    state.applied.iter().map(|(p, x)| posed.reading_derivative(*p, &c.seen) * x).sum();
                 (c, c.residual_m + explained)
             })
             .collect();
         let (system, patch_means) =
             System::new(with_residual, patches, columns, self.scales.radius_m, |p, c| {
-                posed.derivative(p, &c.seen)
+                posed.reading_derivative(p, &c.seen)
             });
         Linear { patch_means, system, of_trial }
     }
 
     /// Columns of a set of trials behind the nuisance.
     #[must_use]
-    pub fn subset(&self, linear: &Linear, set: &[usize]) -> Vec<usize> {
+    pub fn columns_of_set(&self, linear: &Linear, set: &[usize]) -> Vec<usize> {
         (0..self.nuisance.len()).chain(set.iter().flat_map(|&t| linear.of_trial[t].iter().copied())).collect()
     }
 
     /// One step of a state with a set of trials free; all other effects go.
-    pub fn step(&self, state: &mut State, set: &[usize], components: &VarianceComponents, gate_m: f64) {
-        let mut linear = self.linearize(state, gate_m);
-        let subset = self.subset(&linear, set);
+    pub fn step_state(&self, state: &mut State, set: &[usize], components: &VarianceComponents, gate_m: f64) {
+        let mut linear = self.linear_system(state, gate_m);
+        let subset = self.columns_of_set(&linear, set);
         // Outliers show only about a solution, and have drawn the first one.
         for _ in 0..2 {
-            let Some(solution) = linear.system.reduce(components).and_then(|r| r.solve(&subset)) else {
+            let Some(solution) =
+                linear.system.reduced_system(components).and_then(|r| r.solution_of(&subset))
+            else {
                 return;
             };
-            let left = linear.system.left(&subset, &solution.values);
-            linear.system.soften(&left);
+            let left = linear.system.residuals_left(&subset, &solution.values);
+            linear.system.soften_outliers(&left);
         }
-        if let Some(solution) = linear.system.reduce(components).and_then(|r| r.solve(&subset)) {
-            self.apply(state, &linear, &subset, &solution.values);
+        if let Some(solution) = linear.system.reduced_system(components).and_then(|r| r.solution_of(&subset))
+        {
+            self.move_state(state, &linear, &subset, &solution.values);
         }
     }
 
     /// Moves a state to a solution.
-    pub fn apply(&self, state: &mut State, linear: &Linear, subset: &[usize], values: &DVector<f64>) {
+    pub fn move_state(&self, state: &mut State, linear: &Linear, subset: &[usize], values: &DVector<f64>) {
         let n = self.nuisance.len();
         let mut steps = Vec::new();
         for (&c, &x) in subset.iter().zip(values.iter()).take(n) {
@@ -137,7 +142,7 @@ impl FrameProblem<'_> {
         for (p, x) in state.applied.iter().filter(|a| !target.iter().any(|t| t.0 == a.0)) {
             steps.push((*p, -x));
         }
-        advance(&mut state.hypothesis, self.twin, &steps);
+        advance_hypothesis(&mut state.hypothesis, self.twin, &steps);
         state.applied = target;
     }
 
@@ -146,27 +151,32 @@ impl FrameProblem<'_> {
     pub fn reduce_all(&self, linear: &mut Linear, around: &[usize]) -> Vec<Reduced> {
         // Outliers of the set known so far; without one, the motion of an effect would count as outliers.
         if around.len() > self.nuisance.len()
-            && let Some(solution) =
-                linear.system.reduce(&VarianceComponents::middle(&self.scales)).and_then(|r| r.solve(around))
+            && let Some(solution) = linear
+                .system
+                .reduced_system(&VarianceComponents::middle_of_grid(&self.scales))
+                .and_then(|r| r.solution_of(around))
         {
-            let left = linear.system.left(around, &solution.values);
-            linear.system.soften(&left);
+            let left = linear.system.residuals_left(around, &solution.values);
+            linear.system.soften_outliers(&left);
         }
-        VarianceComponents::grid(&self.scales).par_iter().filter_map(|s| linear.system.reduce(s)).collect()
+        VarianceComponents::search_grid(&self.scales)
+            .par_iter()
+            .filter_map(|s| linear.system.reduced_system(s))
+            .collect()
     }
 
     /// Solution of a set, with the most probable sizes of the errors.
     #[must_use]
-    pub fn judge(&self, linear: &Linear, reduced: &[Reduced], set: &[usize]) -> Option<Chosen> {
-        let subset = self.subset(linear, set);
-        let (_, i) = best(reduced, &subset);
-        Some(Chosen { set: set.to_vec(), solution: reduced.get(i)?.solve(&subset)? })
+    pub fn chosen_of_set(&self, linear: &Linear, reduced: &[Reduced], set: &[usize]) -> Option<Chosen> {
+        let subset = self.columns_of_set(linear, set);
+        let (_, i) = best_evidence(reduced, &subset);
+        Some(Chosen { set: set.to_vec(), solution: reduced.get(i)?.solution_of(&subset)? })
     }
 
     /// Evidence of a set alone.
     #[must_use]
-    pub fn evidence(&self, linear: &Linear, reduced: &[Reduced], set: &[usize]) -> f64 {
-        best(reduced, &self.subset(linear, set)).0 + self.log_odds(set)
+    pub fn evidence_of_set(&self, linear: &Linear, reduced: &[Reduced], set: &[usize]) -> f64 {
+        best_evidence(reduced, &self.columns_of_set(linear, set)).0 + self.log_odds(set)
     }
 
     fn log_odds(&self, set: &[usize]) -> f64 {

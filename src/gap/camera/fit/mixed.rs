@@ -68,7 +68,7 @@ impl System {
     }
 
     /// Lowers the weight of outlying patches.
-    pub fn soften(&mut self, residuals: &[f64]) {
+    pub fn soften_outliers(&mut self, residuals: &[f64]) {
         let Some(off) = median(residuals.iter().map(|r| r.abs()).collect()) else { return };
         let spread = SIGMAS_PER_MAD * off;
         for (v, r) in self.variance.iter_mut().zip(residuals) {
@@ -82,7 +82,7 @@ impl System {
 
     /// Eliminates frames and patches.
     #[must_use]
-    pub fn reduce(&self, components: &VarianceComponents) -> Option<Reduced> {
+    pub fn reduced_system(&self, components: &VarianceComponents) -> Option<Reduced> {
         let frames = self.starts.len() - 1;
         let x = self.matrix.ncols();
         let fx = 6 * frames;
@@ -140,14 +140,14 @@ impl System {
             rhs: reduced.column(c).rows(0, c).into_owned(),
             energy: reduced[(c, c)],
             log_det,
-            priors: self.columns.iter().map(|k| k.deviation(components.surface_m)).collect(),
+            priors: self.columns.iter().map(|k| k.prior_deviation(components.surface_m)).collect(),
             components: *components,
         })
     }
 
     /// Residuals of the patches less the explanation by the parameters.
     #[must_use]
-    pub fn left(&self, subset: &[usize], values: &DVector<f64>) -> Vec<f64> {
+    pub fn residuals_left(&self, subset: &[usize], values: &DVector<f64>) -> Vec<f64> {
         let last = self.matrix.ncols() - 1;
         (0..self.matrix.nrows())
             .map(|i| {

@@ -78,7 +78,7 @@ pub fn patch_means(
     }
     let mut all = Vec::with_capacity(groups.len());
     for ((key, _, _), group) in groups {
-        if let Some(mut mean) = average(&group) {
+        if let Some(mut mean) = mean_of_patch(&group) {
             let next = patches.len();
             mean.patch = *patches.entry(key).or_insert(next);
             all.push(mean);
@@ -88,7 +88,7 @@ pub fn patch_means(
 }
 
 /// The mean of a patch in a frame, without its outliers.
-fn average(group: &[PixelReading]) -> Option<PatchMean> {
+fn mean_of_patch(group: &[PixelReading]) -> Option<PatchMean> {
     if group.len() < MIN_PIXELS {
         return None;
     }

@@ -6,9 +6,9 @@ use std::f64::consts::PI;
 use rayon::prelude::*;
 
 use crate::camera::{
-    fit::predict::{predict, true_camera},
+    fit::predict::{rendered_twin, true_camera},
     model::{hypothesis::Hypothesis, scales::Scales, twin::SeenTwin},
-    record::frames::{FrameRun, coarse},
+    record::frames::{FrameRun, coarse_frame},
 };
 use geometry::Pose;
 
@@ -47,12 +47,12 @@ pub struct CoarseRun {
 impl CoarseRun {
     /// Some frames of a run, spread over it, at a coarse grid.
     #[must_use]
-    pub fn of(run: &FrameRun, scales: &Scales) -> Self {
+    pub fn of_run(run: &FrameRun, scales: &Scales) -> Self {
         let n = run.frames.len();
         let chosen: Vec<usize> = (0..FRAMES.min(n)).map(|i| i * n / FRAMES.min(n)).collect();
         let mut frames = Vec::with_capacity(chosen.len());
         for frame in chosen.iter().map(|&i| &run.frames[i]) {
-            frames.push(coarse(frame, (frame.intrinsics.width / WIDTH).max(1)));
+            frames.push(coarse_frame(frame, (frame.intrinsics.width / WIDTH).max(1)));
         }
         let velocities = chosen.iter().filter_map(|&i| run.velocities.get(i).copied()).collect();
         Self {
@@ -70,8 +70,8 @@ impl CoarseRun {
 
     /// Mean cost of the pixels covered by the object or the twin, 0 to 1: docs/method.md (15.2).
     #[must_use]
-    pub fn cost(&self, twin: &SeenTwin, hypothesis: &Hypothesis, run: usize) -> f64 {
-        let poses = hypothesis.poses(twin, run).0;
+    pub fn mean_cost(&self, twin: &SeenTwin, hypothesis: &Hypothesis, run: usize) -> f64 {
+        let poses = hypothesis.part_and_joint_poses(twin, run).0;
         let (sum, count) = (0..self.run.frames.len())
             .into_par_iter()
             .map(|f| self.frame_cost(twin, hypothesis, &poses, f))
@@ -90,7 +90,7 @@ impl CoarseRun {
         let wrong_m = self.wrong_m;
         let frame = &self.run.frames[frame_index];
         let camera = true_camera(&self.run, frame_index, &hypothesis.camera);
-        let image = predict(twin, poses, &frame.intrinsics, &camera, false);
+        let image = rendered_twin(twin, poses, &frame.intrinsics, &camera, false);
         let mut sum = 0.0;
         let mut count = 0;
         for i in 0..image.depth_m.len() {
@@ -123,14 +123,14 @@ impl CoarseRun {
         position: f64,
     ) -> f64 {
         hypothesis.positions[run][joint] = position;
-        self.cost(twin, hypothesis, run)
+        self.mean_cost(twin, hypothesis, run)
     }
 }
 
 /// Finds the positions of the joints in a run, one joint after the other from the root, again and again;
 /// recorded positions stay.
 pub fn find_positions(twin: &SeenTwin, coarse: &CoarseRun, hypothesis: &mut Hypothesis, run: usize) {
-    let mut best = coarse.cost(twin, hypothesis, run);
+    let mut best = coarse.mean_cost(twin, hypothesis, run);
     for round in 0..ROUNDS {
         let before = best;
         for joint in 0..twin.joints.len() {
@@ -154,7 +154,7 @@ pub fn find_position(
     run: usize,
     joint: usize,
 ) -> f64 {
-    let best = coarse.cost(twin, hypothesis, run);
+    let best = coarse.mean_cost(twin, hypothesis, run);
     search_joint(twin, coarse, hypothesis, run, joint, best, true)
 }
 
@@ -169,7 +169,7 @@ fn search_joint(
     first: bool,
 ) -> f64 {
     let spec = &twin.joints[joint];
-    let turns = hypothesis.laws[joint].kind.turns();
+    let turns = hypothesis.laws[joint].kind.is_turning();
     // A slide carries its part past its own length at most.
     let wide = if turns { PI } else { 2.0 * twin.parts[spec.child].radius_m };
     let (low, high) = spec.limit.map_or((-wide, wide), |(l, h)| {

@@ -19,7 +19,7 @@ pub fn true_camera(run: &FrameRun, frame: usize, camera: &CameraErrors) -> Pose 
 
 /// Renders the twin as a frame's camera would see it.
 #[must_use]
-pub fn predict(
+pub fn rendered_twin(
     twin: &SeenTwin,
     poses: &[Pose],
     intrinsics: &geometry::Intrinsics,

@@ -4,13 +4,13 @@ use std::sync::Arc;
 
 use crate::camera::{
     effects,
-    fit::{residual::compare, sample::PixelSample},
+    fit::{residual::compared_pixels, sample::PixelSample},
     model::{
         hypothesis::Hypothesis,
         missing::Missing,
         parameter::HypothesisParameter,
         scales::Scales,
-        trial::{Column, Trial, column, free_joints, twin_column},
+        trial::{Column, Trial, free_joints, prior_column, twin_column},
         twin::SeenTwin,
     },
     record::{frames::FrameRun, options::FrameOptions, pixels::Pixels},
@@ -40,13 +40,13 @@ impl<'a> FrameProblem<'a> {
     /// Prepares a diagnosis.
     #[must_use]
     pub fn new(twin: &'a SeenTwin, runs: &'a [FrameRun], options: &FrameOptions) -> Self {
-        let scales = Scales::of(twin, runs, options.accuracy_m);
+        let scales = Scales::of_twin(twin, runs, options.accuracy_m);
         Self {
             twin,
             runs,
-            pixels: Arc::new(Pixels::choose(runs)),
-            trials: effects::trials(twin, runs, &scales),
-            nuisance: nuisance(twin, runs, &scales),
+            pixels: Arc::new(Pixels::chosen_of(runs)),
+            trials: effects::all_trials(twin, runs, &scales),
+            nuisance: nuisance_columns(twin, runs, &scales),
             options: *options,
             scales,
             lacks: Vec::new(),
@@ -55,13 +55,13 @@ impl<'a> FrameProblem<'a> {
 
     /// The same for another twin.
     #[must_use]
-    pub fn of<'b>(&'b self, twin: &'b SeenTwin) -> FrameProblem<'b> {
+    pub fn for_twin<'b>(&'b self, twin: &'b SeenTwin) -> FrameProblem<'b> {
         FrameProblem {
             twin,
             runs: self.runs,
             pixels: Arc::clone(&self.pixels),
-            trials: effects::trials(twin, self.runs, &self.scales),
-            nuisance: nuisance(twin, self.runs, &self.scales),
+            trials: effects::all_trials(twin, self.runs, &self.scales),
+            nuisance: nuisance_columns(twin, self.runs, &self.scales),
             options: self.options,
             scales: self.scales,
             lacks: self.lacks.clone(),
@@ -76,11 +76,13 @@ impl<'a> FrameProblem<'a> {
 
     /// Compares all runs with a hypothesis, without readings of known missing geometry.
     #[must_use]
-    pub fn compare(&self, hypothesis: &Hypothesis, gate_m: f64) -> Vec<PixelSample> {
-        let mut samples = compare(self.twin, self.runs, &self.pixels, hypothesis, gate_m);
+    pub fn pixel_samples(&self, hypothesis: &Hypothesis, gate_m: f64) -> Vec<PixelSample> {
+        let mut samples = compared_pixels(self.twin, self.runs, &self.pixels, hypothesis, gate_m);
         if !self.lacks.is_empty() {
-            let poses: Vec<_> = (0..self.runs.len()).map(|r| hypothesis.poses(self.twin, r).0).collect();
-            samples.retain(|s| !self.lacks.iter().any(|m| m.covers(&poses[s.run], &s.sample.measured())));
+            let poses: Vec<_> =
+                (0..self.runs.len()).map(|r| hypothesis.part_and_joint_poses(self.twin, r).0).collect();
+            samples
+                .retain(|s| !self.lacks.iter().any(|m| m.covers(&poses[s.run], &s.sample.measured_point())));
         }
         samples
     }
@@ -94,19 +96,21 @@ impl<'a> FrameProblem<'a> {
 }
 
 /// Always free: the object's place in a run, joint positions, and the twin's own errors.
-fn nuisance(twin: &SeenTwin, runs: &[FrameRun], scales: &Scales) -> Vec<Column> {
+fn nuisance_columns(twin: &SeenTwin, runs: &[FrameRun], scales: &Scales) -> Vec<Column> {
     let mut all = Vec::new();
     let gate_m = scales.gate_m();
     // Readings beyond the gate would be conflicts, so a step need not reach further.
     let [shift, turn] = [0.5 * gate_m, 0.5 * gate_m / scales.radius_m];
     for (r, run) in runs.iter().enumerate() {
-        all.extend((0..6).map(|k| column(HypothesisParameter::Root(r, k), if k < 3 { shift } else { turn })));
+        all.extend(
+            (0..6).map(|k| prior_column(HypothesisParameter::Root(r, k), if k < 3 { shift } else { turn })),
+        );
         for j in free_joints(twin) {
-            let lever = if twin.joints[j].kind.turns() { scales.child_lever_m(twin, j) } else { 1.0 };
+            let lever = if twin.joints[j].kind.is_turning() { scales.child_lever_m(twin, j) } else { 1.0 };
             all.push(if run.positions.contains_key(&twin.joints[j].name) {
                 twin_column(HypothesisParameter::Position(r, j), 1.0 / lever)
             } else {
-                column(HypothesisParameter::Position(r, j), gate_m / lever)
+                prior_column(HypothesisParameter::Position(r, j), gate_m / lever)
             });
         }
     }
@@ -121,7 +125,7 @@ fn nuisance(twin: &SeenTwin, runs: &[FrameRun], scales: &Scales) -> Vec<Column> 
         let turn = scales.child_lever_m(twin, j).recip();
         all.extend((0..2).map(|k| twin_column(HypothesisParameter::AxisTurn(j, k), turn)));
         // The axis of a slide has a direction and no place.
-        if twin.joints[j].kind.turns() {
+        if twin.joints[j].kind.is_turning() {
             all.extend((0..2).map(|k| twin_column(HypothesisParameter::AxisShift(j, k), 1.0)));
         }
     }

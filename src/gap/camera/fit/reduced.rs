@@ -30,7 +30,7 @@ pub struct Solution {
 impl Reduced {
     /// Solves for a set of columns; all others are zero.
     #[must_use]
-    pub fn solve(&self, subset: &[usize]) -> Option<Solution> {
+    pub fn solution_of(&self, subset: &[usize]) -> Option<Solution> {
         let n = subset.len();
         let prior = |i: usize| self.priors[subset[i]];
         // Scaled by the priors: the prior becomes the identity.
@@ -50,7 +50,7 @@ impl Reduced {
 
     /// The evidence alone, for searches.
     #[must_use]
-    pub fn evidence(&self, subset: &[usize]) -> f64 {
+    pub fn evidence_of(&self, subset: &[usize]) -> f64 {
         let n = subset.len();
         let prior = |i: usize| self.priors[subset[i]];
         let system = DMatrix::from_fn(n, n, |i, j| {
@@ -66,8 +66,8 @@ impl Reduced {
 
 /// The best evidence of a set of columns over the sizes of the errors, and where.
 #[must_use]
-pub fn best(reduced: &[Reduced], subset: &[usize]) -> (f64, usize) {
-    let all: Vec<f64> = reduced.iter().map(|r| r.evidence(subset)).collect();
+pub fn best_evidence(reduced: &[Reduced], subset: &[usize]) -> (f64, usize) {
+    let all: Vec<f64> = reduced.iter().map(|r| r.evidence_of(subset)).collect();
     let i = (0..all.len()).max_by(|&a, &b| all[a].total_cmp(&all[b])).unwrap_or(0);
     (all.get(i).copied().unwrap_or(f64::NEG_INFINITY), i)
 }

@@ -6,13 +6,13 @@ use rayon::prelude::*;
 
 use crate::camera::{
     fit::{
-        predict::{predict, true_camera},
+        predict::{rendered_twin, true_camera},
         sample::{Conflict, PixelSample, Sample},
     },
     model::{hypothesis::Hypothesis, posed::SurfacePoint, twin::SeenTwin},
     record::{
         frames::FrameRun,
-        pixels::{Pixels, around},
+        pixels::{Pixels, pixels_around},
     },
 };
 use geometry::Pose;
@@ -34,7 +34,7 @@ const ROUNDING_M: f64 = 0.000_289;
 
 /// Compares all runs with a hypothesis; residuals beyond `gate_m` are conflicts.
 #[must_use]
-pub fn compare(
+pub fn compared_pixels(
     twin: &SeenTwin,
     runs: &[FrameRun],
     pixels: &Pixels,
@@ -43,13 +43,14 @@ pub fn compare(
 ) -> Vec<PixelSample> {
     let all: Vec<(usize, usize)> =
         runs.iter().enumerate().flat_map(|(r, run)| (0..run.frames.len()).map(move |f| (r, f))).collect();
-    let poses: Vec<Vec<Pose>> = (0..runs.len()).map(|r| hypothesis.poses(twin, r).0).collect();
+    let poses: Vec<Vec<Pose>> = (0..runs.len()).map(|r| hypothesis.part_and_joint_poses(twin, r).0).collect();
     let samples_of_frames: Vec<Vec<PixelSample>> = all
         .par_iter()
         .map(|&(run, frame)| {
             let camera = true_camera(&runs[run], frame, &hypothesis.camera);
-            let image = predict(twin, &poses[run], &runs[run].frames[frame].intrinsics, &camera, false);
-            FrameView { run, frame, data: &runs[run], image: &image, hypothesis, gate_m }.samples(pixels)
+            let image = rendered_twin(twin, &poses[run], &runs[run].frames[frame].intrinsics, &camera, false);
+            FrameView { run, frame, data: &runs[run], image: &image, hypothesis, gate_m }
+                .frame_samples(pixels)
         })
         .collect();
     samples_of_frames.concat()
@@ -67,7 +68,7 @@ struct FrameView<'a> {
 
 impl FrameView<'_> {
     /// The compared pixels: on the object, then off it.
-    fn samples(&self, pixels: &Pixels) -> Vec<PixelSample> {
+    fn frame_samples(&self, pixels: &Pixels) -> Vec<PixelSample> {
         let mut samples = Vec::new();
         for &i in &pixels.object[self.run][self.frame] {
             samples.extend(self.object_sample(i).map(|s| self.pixel_sample(pixels, i, s)));
@@ -89,17 +90,17 @@ impl FrameView<'_> {
         PixelSample { run: self.run, frame: self.frame, pixel, area_m2, sample }
     }
 
-    fn ray(&self, i: usize) -> Vector3<f64> {
+    fn pixel_ray(&self, i: usize) -> Vector3<f64> {
         let k = &self.image.intrinsics;
-        k.ray((i % k.width) as f64, (i / k.width) as f64)
+        k.ray_at((i % k.width) as f64, (i / k.width) as f64)
     }
 
-    fn point(&self, i: usize, depth_m: f64) -> nalgebra::Point3<f64> {
-        self.image.world_from_camera * nalgebra::Point3::from(self.ray(i) * depth_m)
+    fn world_point(&self, i: usize, depth_m: f64) -> nalgebra::Point3<f64> {
+        self.image.world_from_camera * nalgebra::Point3::from(self.pixel_ray(i) * depth_m)
     }
 
     /// Normal of the predicted surface in the camera, towards it; `None` at edges and bends.
-    fn normal(&self, i: usize) -> Option<Vector3<f64>> {
+    fn predicted_normal(&self, i: usize) -> Option<Vector3<f64>> {
         let k = &self.image.intrinsics;
         let x = i % k.width;
         let y = i / k.width;
@@ -122,7 +123,7 @@ impl FrameView<'_> {
         // On a plane n . ray = n . p / z: the slopes of 1/z give the normal.
         let gx = 0.5 * (right - left) * k.fx;
         let gy = 0.5 * (down - up) * k.fy;
-        let ray = self.ray(i);
+        let ray = self.pixel_ray(i);
         let n = Vector3::new(gx, gy, here - gx * ray.x - gy * ray.y).normalize();
         Some(if n.dot(&ray) > 0.0 { -n } else { n })
     }
@@ -135,21 +136,24 @@ impl FrameView<'_> {
         let k = &self.image.intrinsics;
         let Some(item) = self.image.item[i] else {
             // At the outline, half a pixel's error would make a conflict.
-            let alone = around(i, k.width, k.height).all(|n| self.image.item[n].is_none());
+            let alone = pixels_around(i, k.width, k.height).all(|n| self.image.item[n].is_none());
             // Without a mask the pixel may show something else.
             return (alone && frame.mask.is_some()).then(|| Sample::Conflict {
                 kind: Conflict::Nearer,
-                point: self.point(i, measured_m),
+                point: self.world_point(i, measured_m),
                 part: None,
             });
         };
         let predicted_m = f64::from(self.image.depth_m[i]);
         let off_m = measured_m - predicted_m;
-        let conflict =
-            |kind| Sample::Conflict { kind, point: self.point(i, measured_m), part: Some(item as usize) };
+        let conflict = |kind| Sample::Conflict {
+            kind,
+            point: self.world_point(i, measured_m),
+            part: Some(item as usize),
+        };
         let kind = if off_m < 0.0 { Conflict::Nearer } else { Conflict::Farther };
-        let normal = self.normal(i);
-        let ray = self.ray(i);
+        let normal = self.predicted_normal(i);
+        let ray = self.pixel_ray(i);
         let Some((n, slant)) = normal
             .map(|n| (n, n.dot(&ray)))
             .filter(|(_, s)| -s / ray.norm() > self.data.noise.grazing_cosine)
@@ -174,19 +178,19 @@ impl FrameView<'_> {
             run: self.run,
             frame: self.frame,
             part: item as usize,
-            point: self.point(i, predicted_m),
+            point: self.world_point(i, predicted_m),
             normal: self.image.world_from_camera.rotation * n,
             camera: self.image.world_from_camera,
             depth_m: predicted_m,
             slant,
         };
-        Some(Sample::Match { seen, residual_m, sigma_m, measured: self.point(i, measured_m) })
+        Some(Sample::Match { seen, residual_m, sigma_m, measured: self.world_point(i, measured_m) })
     }
 
     fn empty_sample(&self, i: usize) -> Option<Sample> {
         let item = self.image.item[i]?;
         let k = &self.image.intrinsics;
-        if !around(i, k.width, k.height).all(|n| self.image.item[n].is_some()) {
+        if !pixels_around(i, k.width, k.height).all(|n| self.image.item[n].is_some()) {
             return None;
         }
         let predicted_m = f64::from(self.image.depth_m[i]);
@@ -195,7 +199,7 @@ impl FrameView<'_> {
         let behind = reading > predicted_m + self.gate_m;
         (reading == 0.0 || behind).then(|| Sample::Conflict {
             kind: Conflict::Empty,
-            point: self.point(i, predicted_m),
+            point: self.world_point(i, predicted_m),
             part: Some(item as usize),
         })
     }

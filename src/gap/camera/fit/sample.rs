@@ -41,7 +41,7 @@ pub enum Sample {
 impl Sample {
     /// World point measured; the predicted one where nothing was.
     #[must_use]
-    pub fn measured(&self) -> nalgebra::Point3<f64> {
+    pub fn measured_point(&self) -> nalgebra::Point3<f64> {
         match self {
             Self::Match { measured, .. } => *measured,
             Self::Conflict { point, .. } => *point,

@@ -8,13 +8,13 @@ use crate::camera::{
         problem::FrameProblem,
     },
     judge::{
-        conclude::{AsGiven, conclude},
+        conclude::{AsGiven, concluded_diagnosis},
         diagnosis::FrameDiagnosis,
-        follow::settle,
+        follow::settle_without_effects,
         missing_geometry::missing_geometry,
         other_types::{STATEWISE_COST, TYPE_COST, other_types},
         proof::by_part,
-        select::{Selected, select},
+        select::{Selected, selected_effects},
         type_change::TypeChange,
     },
     model::{
@@ -41,14 +41,14 @@ pub enum AssessError {
 ///
 /// # Errors
 /// [`AssessError`].
-pub fn assess(
+pub fn frame_diagnosis(
     twin: &SeenTwin,
     runs: &[FrameRun],
     options: &FrameOptions,
 ) -> Result<FrameDiagnosis, AssessError> {
     let problem = FrameProblem::new(twin, runs, options);
-    let start = State { hypothesis: placed(&problem), applied: Vec::new() };
-    let first = select(&problem, start).ok_or(AssessError::NothingSeen)?;
+    let start = State { hypothesis: placed_hypothesis(&problem), applied: Vec::new() };
+    let first = selected_effects(&problem, start).ok_or(AssessError::NothingSeen)?;
     // Only looked for here: whether it is better is judged once missing geometry is known.
     let changed = other_types(&problem, &first);
     let second = around_missing(&problem, &first);
@@ -56,27 +56,27 @@ pub fn assess(
     let null = as_given.null.hypothesis.clone();
     let parts = by_part(&problem, &null);
     if let Some((change, other, state)) = changed {
-        let other_problem = problem.of(&other);
+        let other_problem = problem.for_twin(&other);
         if is_better(&problem, as_given, &change, (&other_problem, &state)) {
-            let selected = select(&other_problem, state).ok_or(AssessError::NothingSeen)?;
+            let selected = selected_effects(&other_problem, state).ok_or(AssessError::NothingSeen)?;
             let given = AsGiven { twin, fitted: first.null.hypothesis, parts: &parts };
-            return Ok(conclude(&other_problem, selected, Some(change), given));
+            return Ok(concluded_diagnosis(&other_problem, selected, Some(change), given));
         }
     }
     let (lacks, selected) = second.unwrap_or((Vec::new(), first));
     let given = AsGiven { twin, fitted: null, parts: &parts };
-    Ok(conclude(&FrameProblem { lacks, ..problem }, selected, None, given))
+    Ok(concluded_diagnosis(&FrameProblem { lacks, ..problem }, selected, None, given))
 }
 
 /// The twin with its joints where the coarse frames show them.
-fn placed(problem: &FrameProblem) -> Hypothesis {
+fn placed_hypothesis(problem: &FrameProblem) -> Hypothesis {
     let twin = problem.twin;
-    let mut start = Hypothesis::of(twin, problem.runs.len());
+    let mut start = Hypothesis::of_twin(twin, problem.runs.len());
     for (r, run) in problem.runs.iter().enumerate() {
         for (j, joint) in twin.joints.iter().enumerate() {
             start.positions[r][j] = run.positions.get(&joint.name).copied().unwrap_or_default();
         }
-        find_positions(twin, &CoarseRun::of(run, &problem.scales), &mut start, r);
+        find_positions(twin, &CoarseRun::of_run(run, &problem.scales), &mut start, r);
     }
     start
 }
@@ -100,7 +100,7 @@ fn is_better(
 
 /// Mean cost of the frames without readings of missing geometry.
 fn seen_cost(problem: &FrameProblem, state: &State) -> f64 {
-    let mut judge = problem.of(problem.twin);
+    let mut judge = problem.for_twin(problem.twin);
     judge.lacks = missing_geometry(&judge, &state.hypothesis);
     mean_cost(&judge, &state.hypothesis)
 }
@@ -113,14 +113,14 @@ fn around_missing(problem: &FrameProblem, first: &Selected) -> Option<(Vec<Missi
     if lacks.is_empty() {
         return None;
     }
-    let mut without = problem.of(problem.twin);
+    let mut without = problem.for_twin(problem.twin);
     // Missing geometry draws the fit, and the missing geometry depends on the fit.
     for _ in 0..2 {
         without.lacks = lacks;
-        settle(&without, &mut null);
+        settle_without_effects(&without, &mut null);
         lacks = missing_geometry(&without, &null.hypothesis);
     }
-    let second = select(&without, null)?;
+    let second = selected_effects(&without, null)?;
     (seen_cost(problem, &second.state) < SAME_COST * seen_cost(problem, &first.state))
         .then_some((lacks, second))
 }

@@ -16,7 +16,7 @@ use crate::{
             type_change::TypeChange,
             weigh::findings_of,
         },
-        model::{displacement::still, hypothesis::Hypothesis, twin::SeenTwin},
+        model::{displacement::joints_at_rest, hypothesis::Hypothesis, twin::SeenTwin},
     },
     judge::verdict::Verdict,
 };
@@ -45,7 +45,7 @@ pub(super) struct AsGiven<'a> {
 }
 
 /// From a selection to a diagnosis.
-pub(super) fn conclude(
+pub(super) fn concluded_diagnosis(
     problem: &FrameProblem,
     selected: Selected,
     change: Option<TypeChange>,
@@ -56,13 +56,13 @@ pub(super) fn conclude(
     // The law of a joint of another type is fitted with the effects.
     let freed = change.as_ref().and_then(|c| {
         let free: Vec<usize> =
-            c.free(problem).into_iter().filter(|t| !selected.chosen.set.contains(t)).collect();
+            c.freeing_trials(problem).into_iter().filter(|t| !selected.chosen.set.contains(t)).collect();
         with_set(problem, &selected, &[selected.chosen.set.clone(), free].concat())
     });
-    let after = updated(problem, &selected, freed.as_ref());
+    let after = updated_hypothesis(problem, &selected, freed.as_ref());
     let mut findings = findings_of(problem, &selected, &selected.chosen);
     if let (Some(change), Some(freed)) = (&change, &freed) {
-        findings.insert(0, change.finding(problem, freed));
+        findings.insert(0, change.as_finding(problem, freed));
     }
     let missing = missing_geometry(problem, &after);
     findings.extend(missing.iter().map(|m| missing_finding(m, problem.twin)));
@@ -74,7 +74,7 @@ pub(super) fn conclude(
         notes.push(few_patches(selected.linear.patch_means.len()));
     }
     let least_m = LEAST_WAYS * gap.noise_floor.max(problem.options.accuracy_m);
-    let still = still(problem.twin, &after, least_m);
+    let still = joints_at_rest(problem.twin, &after, least_m);
     notes.extend(still.iter().map(|(j, way_m)| stands_still(&problem.twin.joints[*j].name, *way_m)));
     let nothing_moves = !problem.twin.joints.is_empty() && still.len() == problem.twin.joints.len();
     let unexplained = parts.iter().any(|p| p.rms_m > p.floor_m + largest_m(&problem.scales))
@@ -96,14 +96,14 @@ pub(super) fn conclude(
         before: given.fitted,
         after,
         gap,
-        places: places(problem, given.parts, &parts),
+        places: outstanding_parts(problem, given.parts, &parts),
         scales: problem.scales,
         notes,
     }
 }
 
 /// The twin with the chosen effects.
-fn updated(problem: &FrameProblem, selected: &Selected, freed: Option<&Selected>) -> Hypothesis {
+fn updated_hypothesis(problem: &FrameProblem, selected: &Selected, freed: Option<&Selected>) -> Hypothesis {
     if let Some(freed) = freed {
         return freed.state.hypothesis.clone();
     }
@@ -111,7 +111,12 @@ fn updated(problem: &FrameProblem, selected: &Selected, freed: Option<&Selected>
         return selected.null.hypothesis.clone();
     }
     let mut after = selected.state.clone();
-    problem.step(&mut after, &selected.chosen.set, &selected.chosen.solution.components, problem.gate_m());
+    problem.step_state(
+        &mut after,
+        &selected.chosen.set,
+        &selected.chosen.solution.components,
+        problem.gate_m(),
+    );
     after.hypothesis
 }
 
@@ -133,8 +138,8 @@ fn stands_still(joint: &str, way_m: f64) -> Note {
 }
 
 /// Parts with their remaining residuals, worst first.
-fn places(problem: &FrameProblem, b: &[PartResidual], a: &[PartResidual]) -> Vec<OutstandingPart> {
-    let unnamed_m = VarianceComponents::middle(&problem.scales).total_m();
+fn outstanding_parts(problem: &FrameProblem, b: &[PartResidual], a: &[PartResidual]) -> Vec<OutstandingPart> {
+    let unnamed_m = VarianceComponents::middle_of_grid(&problem.scales).total_m();
     let mut all: Vec<OutstandingPart> = (0..problem.twin.parts.len())
         .filter(|&p| b[p].rms_m > b[p].floor_m + unnamed_m || b[p].conflict > CONFLICT_SHARE)
         .map(|p| OutstandingPart {

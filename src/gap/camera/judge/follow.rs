@@ -8,7 +8,7 @@ pub(super) const FAR_STEPS: usize = 3;
 pub(super) const NEAR_STEPS: usize = 2;
 
 /// Moves a state with a set of trials free.
-pub(super) fn follow(
+pub(super) fn follow_steps(
     problem: &FrameProblem,
     state: &mut State,
     set: &[usize],
@@ -16,13 +16,13 @@ pub(super) fn follow(
     steps: usize,
 ) {
     for _ in 0..steps {
-        problem.step(state, set, components, problem.gate_m());
+        problem.step_state(state, set, components, problem.gate_m());
     }
 }
 
 /// Fits the twin without effects; the first step looks twice as far.
-pub(super) fn settle(problem: &FrameProblem, state: &mut State) {
-    let middle = VarianceComponents::middle(&problem.scales);
-    problem.step(state, &[], &middle, 2.0 * problem.gate_m());
-    follow(problem, state, &[], &middle, FAR_STEPS - 1);
+pub(super) fn settle_without_effects(problem: &FrameProblem, state: &mut State) {
+    let middle = VarianceComponents::middle_of_grid(&problem.scales);
+    problem.step_state(state, &[], &middle, 2.0 * problem.gate_m());
+    follow_steps(problem, state, &[], &middle, FAR_STEPS - 1);
 }

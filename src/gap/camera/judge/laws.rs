@@ -25,7 +25,7 @@ const SAME_DIRECTION: f64 = 0.98;
 const SQUARE: f64 = 0.2;
 
 /// Place of a type among the three.
-pub(super) fn rank(kind: SeenMotion) -> usize {
+pub(super) fn type_rank(kind: SeenMotion) -> usize {
     match kind {
         SeenMotion::Revolute => 0,
         SeenMotion::Prismatic => 1,
@@ -34,7 +34,10 @@ pub(super) fn rank(kind: SeenMotion) -> usize {
 }
 
 /// Tried laws of the other type: type, direction, point.
-pub(super) fn laws(twin: &SeenTwin, joint: usize) -> Vec<(SeenMotion, Unit<Vector3<f64>>, Point3<f64>)> {
+pub(super) fn laws_of_other_types(
+    twin: &SeenTwin,
+    joint: usize,
+) -> Vec<(SeenMotion, Unit<Vector3<f64>>, Point3<f64>)> {
     let spec = &twin.joints[joint];
     let faces = face_directions(twin, spec.child);
     let mut directions: Vec<Unit<Vector3<f64>>> = vec![spec.axis];
@@ -43,7 +46,7 @@ pub(super) fn laws(twin: &SeenTwin, joint: usize) -> Vec<(SeenMotion, Unit<Vecto
             directions.push(*f);
         }
     }
-    if spec.kind.turns() {
+    if spec.kind.is_turning() {
         let slides = directions.into_iter().map(|d| (SeenMotion::Prismatic, d, spec.point));
         let size_m = twin.parts[spec.child].radius_m;
         let pitches = (0..PITCHES).map(|k| LEAST_PITCH * size_m * f64::from(1 << k)).flat_map(|p| [p, -p]);
@@ -54,7 +57,7 @@ pub(super) fn laws(twin: &SeenTwin, joint: usize) -> Vec<(SeenMotion, Unit<Vecto
     let mesh = &twin.parts[spec.child].mesh;
     let mut all = vec![(SeenMotion::Revolute, spec.axis, spec.point)];
     for d in directions {
-        let [u, v] = sides(&d, &faces);
+        let [u, v] = side_directions(&d, &faces);
         let ru = range_along(mesh, &u);
         let rv = range_along(mesh, &v);
         let along = twin.parts[spec.child].center.coords.dot(&d);
@@ -76,7 +79,7 @@ fn range_along(mesh: &TriangleMesh, direction: &Vector3<f64>) -> (f64, f64) {
 }
 
 /// Two directions normal to an axis, along faces where there are such.
-fn sides(axis: &Unit<Vector3<f64>>, faces: &[Unit<Vector3<f64>>]) -> [Vector3<f64>; 2] {
+fn side_directions(axis: &Unit<Vector3<f64>>, faces: &[Unit<Vector3<f64>>]) -> [Vector3<f64>; 2] {
     let face = faces.iter().find(|f| f.dot(axis).abs() < SQUARE);
     face.map_or_else(
         || normals_of(axis),

@@ -14,7 +14,7 @@ const DRAWS: usize = 120;
 
 /// The box of points by frames, and intervals of its sides: frames drawn anew, the noise of the readings, and
 /// outwards the border of the twin's silhouette: pixels within it are not compared.
-pub(super) fn sides(
+pub(super) fn box_sides(
     views: &[Vec<Point3<f64>>],
     border_m: f64,
     noise_m: f64,
@@ -28,7 +28,7 @@ pub(super) fn sides(
         let along: Vec<Vec<f64>> = views.iter().map(|v| v.iter().map(|p| p[k]).collect()).collect();
         for (s, share) in [OUTER, 1.0 - OUTER].into_iter().enumerate() {
             bounds[s][k] = quantile(&along.concat(), share);
-            let (low, high) = resampled(&along, |all| quantile(all, share));
+            let (low, high) = bootstrap_interval(&along, |all| quantile(all, share));
             let (below, above) = if s == 0 { (border_m, 0.0) } else { (0.0, border_m) };
             intervals[s][k] = (low - noise_m - below, high + noise_m + above);
         }
@@ -37,11 +37,11 @@ pub(super) fn sides(
 }
 
 /// The largest area in a frame, and its interval: frames drawn anew, and outwards the border.
-pub(super) fn area(areas: &[f64], border_m: f64) -> (f64, (f64, f64)) {
+pub(super) fn largest_area(areas: &[f64], border_m: f64) -> (f64, (f64, f64)) {
     let largest = |all: &[f64]| all.iter().copied().fold(0.0, f64::max);
     let area_m2 = largest(areas);
     let groups: Vec<Vec<f64>> = areas.iter().map(|a| vec![*a]).collect();
-    let (low, high) = resampled(&groups, largest);
+    let (low, high) = bootstrap_interval(&groups, largest);
     (area_m2, (low, high.max((area_m2.sqrt() + 2.0 * border_m).powi(2))))
 }
 
@@ -53,7 +53,7 @@ fn quantile(all: &[f64], share: f64) -> f64 {
 }
 
 /// 95 % interval of a statistic over groups drawn anew.
-fn resampled(groups: &[Vec<f64>], statistic: impl Fn(&[f64]) -> f64) -> (f64, f64) {
+fn bootstrap_interval(groups: &[Vec<f64>], statistic: impl Fn(&[f64]) -> f64) -> (f64, f64) {
     // A seed of its own: the same frames give the same interval.
     let rng = &mut stage_rng(0, "gap/missing", groups.len() as u64);
     let mut values: Vec<f64> = (0..DRAWS)

@@ -11,13 +11,13 @@ use crate::camera::{
     fit::{
         components::VarianceComponents,
         problem::FrameProblem,
-        residual::compare,
+        residual::compared_pixels,
         sample::{Conflict, Sample},
     },
-    judge::missing_box::{area, sides},
+    judge::missing_box::{box_sides, largest_area},
     model::{
         hypothesis::Hypothesis,
-        missing::{Missing, Voxel, voxel},
+        missing::{Missing, Voxel, voxel_of},
         posed::PosedTwin,
     },
     record::pixels::BORDER,
@@ -75,8 +75,8 @@ pub fn missing_geometry(problem: &FrameProblem, hypothesis: &Hypothesis) -> Vec<
     let least_m2 = LEAST_FACES * voxel_m * voxel_m;
     let mut found = Vec::new();
     while found.len() < MOST {
-        let regions =
-            (0..problem.twin.parts.len()).filter_map(|p| region(problem, &posed, &readings, p, voxel_m));
+        let regions = (0..problem.twin.parts.len())
+            .filter_map(|p| largest_region(problem, &posed, &readings, p, voxel_m));
         let largest = regions.max_by(|a, b| a.area_m2.total_cmp(&b.area_m2).then(b.part.cmp(&a.part)));
         let Some(best) = largest.filter(|m| m.area_m2 >= least_m2) else { break };
         // A reading belongs to one region.
@@ -89,7 +89,7 @@ pub fn missing_geometry(problem: &FrameProblem, hypothesis: &Hypothesis) -> Vec<
 /// Readings before the twin's surface, and the area of those behind it.
 fn readings_before(problem: &FrameProblem, hypothesis: &Hypothesis) -> (Vec<Reading>, f64) {
     let gate_m = gate_m(problem, hypothesis);
-    let samples = compare(problem.twin, problem.runs, &problem.pixels, hypothesis, gate_m);
+    let samples = compared_pixels(problem.twin, problem.runs, &problem.pixels, hypothesis, gate_m);
     let mut readings: Vec<Reading> = Vec::new();
     let mut behind_m2 = 0.0;
     for s in samples.iter().filter(|s| !problem.is_held_out(s.frame)) {
@@ -115,20 +115,20 @@ fn readings_before(problem: &FrameProblem, hypothesis: &Hypothesis) -> (Vec<Read
 /// Least distance of a reading off the surface: the errors of the camera, errors without names and the twin's
 /// own errors together.
 fn gate_m(problem: &FrameProblem, hypothesis: &Hypothesis) -> f64 {
-    let samples = compare(problem.twin, problem.runs, &problem.pixels, hypothesis, problem.gate_m());
+    let samples = compared_pixels(problem.twin, problem.runs, &problem.pixels, hypothesis, problem.gate_m());
     let mut sigmas: Vec<f64> = samples
         .iter()
         .filter_map(|s| if let Sample::Match { sigma_m, .. } = s.sample { Some(sigma_m) } else { None })
         .collect();
     sigmas.sort_unstable_by(f64::total_cmp);
     let high = sigmas.get(sigmas.len() * 9 / 10).copied().unwrap_or_default();
-    let unnamed_m = VarianceComponents::middle(&problem.scales).total_m();
+    let unnamed_m = VarianceComponents::middle_of_grid(&problem.scales).total_m();
     // docs/method.md (15.10).
     SIGMAS * high.hypot(unnamed_m).hypot(problem.twin.own.surface_m)
 }
 
 /// The largest connected region of readings at rest in a part's frame.
-fn region(
+fn largest_region(
     problem: &FrameProblem,
     posed: &PosedTwin,
     readings: &[Reading],
@@ -138,12 +138,12 @@ fn region(
     let place = |r: &Reading| posed.parts[r.run][part].inverse_transform_point(&r.point);
     let mut seen: BTreeMap<Voxel, BTreeSet<View>> = BTreeMap::new();
     for r in readings {
-        seen.entry(voxel(&place(r), voxel_m)).or_default().insert((r.run, r.frame));
+        seen.entry(voxel_of(&place(r), voxel_m)).or_default().insert((r.run, r.frame));
     }
     let voxels =
         largest_group(seen.iter().filter(|(_, v)| is_confirmed(problem, v)).map(|(k, _)| *k).collect());
     let own: Vec<&Reading> =
-        readings.iter().filter(|r| voxels.contains(&voxel(&place(r), voxel_m))).collect();
+        readings.iter().filter(|r| voxels.contains(&voxel_of(&place(r), voxel_m))).collect();
     let mut views: BTreeMap<View, (f64, Vec<Point3<f64>>)> = BTreeMap::new();
     for r in &own {
         let view = views.entry((r.run, r.frame)).or_default();
@@ -154,8 +154,8 @@ fn region(
     // Pixels this near the outline are not compared: the region may reach so much further.
     let border_m = (BORDER as f64 + 0.5) * mean(|r| r.pixel_m);
     let (areas, clouds): (Vec<f64>, Vec<_>) = views.into_values().unzip();
-    let (bounds, bounds_interval) = sides(&clouds, border_m, HALF_WIDTH_95 * mean(|r| r.sigma_m))?;
-    let (area_m2, area_interval) = area(&areas, border_m);
+    let (bounds, bounds_interval) = box_sides(&clouds, border_m, HALF_WIDTH_95 * mean(|r| r.sigma_m))?;
+    let (area_m2, area_interval) = largest_area(&areas, border_m);
     Some(Missing { part, bounds, bounds_interval, area_m2, area_interval, voxels, voxel_m })
 }
 

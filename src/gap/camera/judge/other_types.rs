@@ -9,14 +9,14 @@
 use crate::camera::{
     fit::{
         components::VarianceComponents,
-        cost::{costs, mean_cost},
+        cost::{mean_cost, mean_costs_by_part},
         linear::State,
         placement::{CoarseRun, find_position},
         problem::FrameProblem,
     },
     judge::{
-        follow::follow,
-        laws::{laws, rank},
+        follow::follow_steps,
+        laws::{laws_of_other_types, type_rank},
         select::Selected,
         type_change::TypeChange,
     },
@@ -52,7 +52,8 @@ pub fn other_types(problem: &FrameProblem, first: &Selected) -> Option<(TypeChan
     // A fit of every state by itself may stand for a motion the joint lacks.
     let statewise = first.chosen.set.iter().any(|&t| problem.trials[t].log_odds < 0.0);
     let explained = mean_cost(problem, &first.state.hypothesis);
-    let before = costs(problem, if statewise { &first.null.hypothesis } else { &first.state.hypothesis });
+    let before =
+        mean_costs_by_part(problem, if statewise { &first.null.hypothesis } else { &first.state.hypothesis });
     let mut doubted = Vec::new();
     for j in free_joints(problem.twin) {
         let joint = &problem.twin.joints[j];
@@ -63,16 +64,16 @@ pub fn other_types(problem: &FrameProblem, first: &Selected) -> Option<(TypeChan
         }
     }
     let (joint, _) = doubted.into_iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
-    let coarse: Vec<CoarseRun> = problem.runs.iter().map(|r| CoarseRun::of(r, &problem.scales)).collect();
+    let coarse: Vec<CoarseRun> = problem.runs.iter().map(|r| CoarseRun::of_run(r, &problem.scales)).collect();
     // The run with the worst fit of the twin shows the motion best.
     let worst = (0..coarse.len())
-        .map(|r| (r, coarse[r].cost(problem.twin, &first.null.hypothesis, r)))
+        .map(|r| (r, coarse[r].mean_cost(problem.twin, &first.null.hypothesis, r)))
         .max_by(|a, b| a.1.total_cmp(&b.1))
         .map(|(r, _)| r)?;
-    let starts = starts(problem, joint, &coarse, worst, &first.null.hypothesis);
-    let refined = starts.into_iter().map(|s| refined(problem, joint, s));
+    let starts = best_starts(problem, joint, &coarse, worst, &first.null.hypothesis);
+    let refined = starts.into_iter().map(|s| refined_start(problem, joint, s));
     let best = refined.map(|(twin, state)| {
-        let cost = mean_cost(&problem.of(&twin), &state.hypothesis);
+        let cost = mean_cost(&problem.for_twin(&twin), &state.hypothesis);
         (cost, twin, state)
     });
     let (cost, twin, state) = best.min_by(|a, b| a.0.total_cmp(&b.0))?;
@@ -98,24 +99,24 @@ struct LawStart {
 }
 
 /// The best starts of each type, found in the run with the worst fit, `worst`, and placed in all.
-fn starts(
+fn best_starts(
     problem: &FrameProblem,
     joint: usize,
     coarse: &[CoarseRun],
     worst: usize,
     null: &Hypothesis,
 ) -> Vec<LawStart> {
-    let mut starts: Vec<LawStart> = laws(problem.twin, joint)
+    let mut starts: Vec<LawStart> = laws_of_other_types(problem.twin, joint)
         .into_iter()
         .map(|(kind, axis, point)| {
             let mut twin = problem.twin.clone();
             let spec = &mut twin.joints[joint];
             // Limits in radians say nothing in meters.
-            if kind.turns() != spec.kind.turns() {
+            if kind.is_turning() != spec.kind.is_turning() {
                 spec.limit = None;
             }
             (spec.kind, spec.axis, spec.point) = (kind, axis, point);
-            let mut hypothesis = Hypothesis::of(&twin, problem.runs.len());
+            let mut hypothesis = Hypothesis::of_twin(&twin, problem.runs.len());
             hypothesis.positions.clone_from(&null.positions);
             hypothesis.positions.iter_mut().for_each(|p| p[joint] = 0.0);
             let cost = find_position(&twin, &coarse[worst], &mut hypothesis, worst, joint);
@@ -126,7 +127,7 @@ fn starts(
     // Some of each type go on: the coarse cost of one run must not choose the type.
     let mut kept = [0usize; 3];
     starts.retain(|s| {
-        let count = &mut kept[rank(s.twin.joints[joint].kind)];
+        let count = &mut kept[type_rank(s.twin.joints[joint].kind)];
         *count += 1;
         *count <= REFINED
     });
@@ -139,19 +140,19 @@ fn starts(
 }
 
 /// A start followed with the axis free, or the pitch of a screw.
-fn refined(problem: &FrameProblem, joint: usize, start: LawStart) -> (SeenTwin, State) {
+fn refined_start(problem: &FrameProblem, joint: usize, start: LawStart) -> (SeenTwin, State) {
     let mut twin = start.twin;
-    let own = problem.of(&twin);
+    let own = problem.for_twin(&twin);
     let screw = matches!(twin.joints[joint].kind, SeenMotion::Screw { .. });
     let name = if screw { "wrong_joint_type" } else { "axis_offset" };
     let free = own.trials.iter().position(|t| t.joint == Some(joint) && t.name == name);
     let set: Vec<usize> = free.into_iter().collect();
-    let middle = VarianceComponents::middle(&problem.scales);
+    let middle = VarianceComponents::middle_of_grid(&problem.scales);
     let mut state = State { hypothesis: start.hypothesis, applied: Vec::new() };
     for _ in 0..STEPS {
         // The result of a step is the law at the start of the next one.
         state.applied.clear();
-        follow(&own, &mut state, &set, &middle, 1);
+        follow_steps(&own, &mut state, &set, &middle, 1);
     }
     state.applied.clear();
     let law = state.hypothesis.laws[joint];

@@ -6,7 +6,7 @@ use crate::camera::{
     fit::{
         patches::patch_means,
         problem::FrameProblem,
-        residual::compare,
+        residual::compared_pixels,
         sample::{PixelSample, Sample},
     },
     model::{hypothesis::Hypothesis, missing::Missing, posed::PosedTwin, twin::SeenTwin},
@@ -62,7 +62,7 @@ impl Sums {
         self.conflict / (self.area + self.conflict).max(1e-12)
     }
 
-    fn total(all: &[Self]) -> Self {
+    fn sum_of(all: &[Self]) -> Self {
         all.iter().fold(Self::default(), |t, s| Self {
             square: t.square + s.square,
             floor: t.floor + s.floor,
@@ -83,8 +83,8 @@ pub fn frame_gap(
     let gate_m = problem.gate_m();
     let sums_before = sums_by_run(problem, before.0, before.1, &[]);
     let sums_after = sums_by_run(problem, problem.twin, after, missing);
-    let total_before = Sums::total(&sums_before);
-    let total_after = Sums::total(&sums_after);
+    let total_before = Sums::sum_of(&sums_before);
+    let total_after = Sums::sum_of(&sums_after);
     FrameGap {
         before: total_before.rms_m(gate_m),
         after: total_after.rms_m(gate_m),
@@ -109,9 +109,9 @@ fn sums_by_run(
     known: &[Missing],
 ) -> Vec<Sums> {
     let is_counted = |f: usize| problem.options.held_out_every == 0 || problem.is_held_out(f);
-    let mut samples = compare(twin, problem.runs, &problem.pixels, hypothesis, problem.gate_m());
+    let mut samples = compared_pixels(twin, problem.runs, &problem.pixels, hypothesis, problem.gate_m());
     let posed = PosedTwin::new(twin, problem.runs, hypothesis);
-    samples.retain(|s| !known.iter().any(|m| m.covers(&posed.parts[s.run], &s.sample.measured())));
+    samples.retain(|s| !known.iter().any(|m| m.covers(&posed.parts[s.run], &s.sample.measured_point())));
     let mut all: Vec<Sums> = problem.runs.iter().map(|_| Sums::default()).collect();
     for c in patch_means(twin, &posed.parts, &samples, |_, f| is_counted(f)).0 {
         let area = c.pixels as f64
@@ -123,14 +123,14 @@ fn sums_by_run(
     }
     for s in samples.iter().filter(|s| is_counted(s.frame)) {
         if matches!(s.sample, Sample::Conflict { .. }) {
-            all[s.run].conflict += s.area_m2 / stride2(problem, s);
+            all[s.run].conflict += s.area_m2 / stride_squared(problem, s);
         }
     }
     all
 }
 
 /// Sampled pixels stand for a square of the stride; patches count each pixel once.
-fn stride2(problem: &FrameProblem, s: &PixelSample) -> f64 {
+fn stride_squared(problem: &FrameProblem, s: &PixelSample) -> f64 {
     let k = &problem.runs[s.run].frames[s.frame].intrinsics;
     let depth = match &s.sample {
         Sample::Match { seen, .. } => seen.depth_m,
@@ -142,7 +142,7 @@ fn stride2(problem: &FrameProblem, s: &PixelSample) -> f64 {
 /// Residuals of every part over all frames.
 #[must_use]
 pub fn by_part(problem: &FrameProblem, hypothesis: &Hypothesis) -> Vec<PartResidual> {
-    let samples = compare(problem.twin, problem.runs, &problem.pixels, hypothesis, problem.gate_m());
+    let samples = compared_pixels(problem.twin, problem.runs, &problem.pixels, hypothesis, problem.gate_m());
     let posed = PosedTwin::new(problem.twin, problem.runs, hypothesis);
     let mut sums: Vec<(f64, f64, f64)> = vec![(0.0, 0.0, 0.0); problem.twin.parts.len()];
     for c in patch_means(problem.twin, &posed.parts, &samples, |_, _| true).0 {
@@ -169,7 +169,7 @@ pub fn by_part(problem: &FrameProblem, hypothesis: &Hypothesis) -> Vec<PartResid
                 rms_m: (square / n.max(1.0)).sqrt(),
                 floor_m: (floor / n.max(1.0)).sqrt(),
                 conflict: seen[p].1 as f64 / all,
-                bounds: bounds(&points[p]),
+                bounds: middle_box(&points[p]),
             }
         })
         .collect()
@@ -177,7 +177,7 @@ pub fn by_part(problem: &FrameProblem, hypothesis: &Hypothesis) -> Vec<PartResid
 
 /// Box of the middle 90 % of points along every axis.
 #[must_use]
-pub fn bounds(points: &[Point3<f64>]) -> Option<[[f64; 3]; 2]> {
+pub fn middle_box(points: &[Point3<f64>]) -> Option<[[f64; 3]; 2]> {
     (!points.is_empty()).then(|| {
         let mut sides = [[0.0; 3]; 2];
         for k in 0..3 {

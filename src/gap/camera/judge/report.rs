@@ -21,9 +21,9 @@ pub fn report(twin: &SeenTwin, d: &FrameDiagnosis, exports: &[ExportNote]) -> Va
     });
     json!({
         "verdict": d.verdict.name(),
-        "findings": d.findings.iter().map(|f| finding(twin, f)).collect::<Vec<_>>(),
+        "findings": d.findings.iter().map(|f| finding_json(twin, f)).collect::<Vec<_>>(),
         "nearest": [],
-        "where": d.places.iter().map(place).collect::<Vec<_>>(),
+        "where": d.places.iter().map(part_json).collect::<Vec<_>>(),
         "gap": {
             "before": d.gap.before,
             "after": d.gap.after,
@@ -33,13 +33,13 @@ pub fn report(twin: &SeenTwin, d: &FrameDiagnosis, exports: &[ExportNote]) -> Va
             "conflict_share_before": d.gap.conflict_before,
             "conflict_share_after": d.gap.conflict_after,
         },
-        "positions": (0..d.after.positions.len()).map(|r| positions(twin, d, r)).collect::<Vec<_>>(),
+        "positions": (0..d.after.positions.len()).map(|r| positions_json(twin, d, r)).collect::<Vec<_>>(),
         "notes": d.notes,
         "exports": exports,
     })
 }
 
-fn finding(twin: &SeenTwin, f: &CameraFinding) -> Value {
+fn finding_json(twin: &SeenTwin, f: &CameraFinding) -> Value {
     let parameters = f.finding.parameters.iter().map(|p| {
         let interval = [p.interval.0, p.interval.1];
         json!({"name": p.name, "value": p.value, "unit": p.unit, "interval": interval})
@@ -60,7 +60,7 @@ fn finding(twin: &SeenTwin, f: &CameraFinding) -> Value {
     value
 }
 
-fn place(p: &OutstandingPart) -> Value {
+fn part_json(p: &OutstandingPart) -> Value {
     json!({
         "joint": p.part,
         "variable": "surface",
@@ -72,10 +72,10 @@ fn place(p: &OutstandingPart) -> Value {
 }
 
 /// Positions of all joints in a run.
-fn positions(twin: &SeenTwin, d: &FrameDiagnosis, run: usize) -> Value {
+fn positions_json(twin: &SeenTwin, d: &FrameDiagnosis, run: usize) -> Value {
     let mut positions = serde_json::Map::new();
     for (j, joint) in twin.joints.iter().enumerate() {
-        positions.insert(joint.name.clone(), json!(d.after.position(&d.twin, run, j)));
+        positions.insert(joint.name.clone(), json!(d.after.joint_position(&d.twin, run, j)));
     }
     Value::Object(positions)
 }
@@ -83,7 +83,7 @@ fn positions(twin: &SeenTwin, d: &FrameDiagnosis, run: usize) -> Value {
 /// A report by motion and one by frames in one: findings, places and exports of both; the gap of the frames
 /// stands under `frames_gap`.
 #[must_use]
-pub fn merged(mut motion: Value, frames: &Value) -> Value {
+pub fn merged_reports(mut motion: Value, frames: &Value) -> Value {
     // Findings count before their absence, as among joints.
     const ORDER: [&str; 5] = ["unknown", "ambiguous", "named", "insufficient", "none"];
     let verdicts = [&motion["verdict"], &frames["verdict"]].map(|v| v.as_str().unwrap_or("none").to_owned());
@@ -101,7 +101,7 @@ pub fn merged(mut motion: Value, frames: &Value) -> Value {
 
 /// The diagnosis in at most 15 lines.
 #[must_use]
-pub fn summary(twin: &SeenTwin, d: &FrameDiagnosis) -> String {
+pub fn summary_of_frames(twin: &SeenTwin, d: &FrameDiagnosis) -> String {
     let mut lines = vec![format!("verdict: {}", d.verdict.name())];
     for f in &d.findings {
         let parameters: Vec<String> = f

@@ -12,15 +12,15 @@ const PAIRED: usize = 8;
 const MOST: usize = 3;
 
 /// The set with the most evidence, and the rivals of the same size.
-pub(super) fn search(
+pub(super) fn best_set_and_rivals(
     problem: &FrameProblem,
     linear: &Linear,
     reduced: &[Reduced],
 ) -> (Vec<usize>, Vec<(Vec<usize>, f64)>) {
     let singles = (0..problem.trials.len()).map(|t| vec![t]).collect();
-    let singles = ranked(problem, linear, reduced, singles);
+    let singles = ranked_sets(problem, linear, reduced, singles);
     let mut set = Vec::new();
-    let mut evidence = problem.evidence(linear, reduced, &[]);
+    let mut evidence = problem.evidence_of_set(linear, reduced, &[]);
     let mut rivals = singles.clone();
     let top: Vec<usize> = singles.iter().take(PAIRED).map(|s| s.0[0]).collect();
     let mut level = singles;
@@ -41,7 +41,7 @@ pub(super) fn search(
                     .map(|t| [s.clone(), vec![*t]].concat())
                     .collect::<Vec<_>>()
             })
-            .filter(|s| compatible(problem, s))
+            .filter(|s| has_distinct_effects(problem, s))
             .map(|mut s| {
                 s.sort_unstable();
                 s
@@ -51,13 +51,13 @@ pub(super) fn search(
         let mut unique = grown;
         unique.sort();
         unique.dedup();
-        level = ranked(problem, linear, reduced, unique);
+        level = ranked_sets(problem, linear, reduced, unique);
     }
     (set, rivals)
 }
 
 /// Sets with their evidence, nats, best first.
-fn ranked(
+fn ranked_sets(
     problem: &FrameProblem,
     linear: &Linear,
     reduced: &[Reduced],
@@ -65,7 +65,7 @@ fn ranked(
 ) -> Vec<(Vec<usize>, f64)> {
     let mut all: Vec<(Vec<usize>, f64)> = Vec::with_capacity(sets.len());
     for set in sets {
-        let evidence = problem.evidence(linear, reduced, &set);
+        let evidence = problem.evidence_of_set(linear, reduced, &set);
         all.push((set, evidence));
     }
     all.sort_by(|a, b| b.1.total_cmp(&a.1));
@@ -73,7 +73,7 @@ fn ranked(
 }
 
 /// Whether no two trials are ways of the same effect at one joint.
-fn compatible(problem: &FrameProblem, set: &[usize]) -> bool {
+fn has_distinct_effects(problem: &FrameProblem, set: &[usize]) -> bool {
     let key = |t: usize| (problem.trials[t].name, problem.trials[t].joint);
     (0..set.len()).all(|i| (0..i).all(|k| key(set[i]) != key(set[k])))
 }

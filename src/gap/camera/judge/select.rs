@@ -9,8 +9,8 @@ use crate::camera::{
         reduced::Reduced,
     },
     judge::{
-        follow::{FAR_STEPS, NEAR_STEPS, follow, settle},
-        search::search,
+        follow::{FAR_STEPS, NEAR_STEPS, follow_steps, settle_without_effects},
+        search::best_set_and_rivals,
     },
 };
 
@@ -37,10 +37,10 @@ pub struct Selected {
 
 /// Fits the twin without effects, then finds the set of effects with the most evidence.
 #[must_use]
-pub fn select(problem: &FrameProblem, mut state: State) -> Option<Selected> {
-    settle(problem, &mut state);
+pub fn selected_effects(problem: &FrameProblem, mut state: State) -> Option<Selected> {
+    settle_without_effects(problem, &mut state);
     let null = state.clone();
-    let first = rounds(problem, state, &null, Vec::new())?;
+    let first = selection_rounds(problem, state, &null, Vec::new())?;
     if !first.chosen.set.is_empty() || !is_doubtful(problem, &first) {
         return Some(first);
     }
@@ -48,8 +48,14 @@ pub fn select(problem: &FrameProblem, mut state: State) -> Option<Selected> {
     // followed.
     let followed = first.rivals.iter().take(FOLLOWED).filter_map(|(set, _)| {
         let mut state = null.clone();
-        follow(problem, &mut state, set, &VarianceComponents::middle(&problem.scales), FAR_STEPS);
-        rounds(problem, state, &null, set.clone()).filter(|s| !s.chosen.set.is_empty())
+        follow_steps(
+            problem,
+            &mut state,
+            set,
+            &VarianceComponents::middle_of_grid(&problem.scales),
+            FAR_STEPS,
+        );
+        selection_rounds(problem, state, &null, set.clone()).filter(|s| !s.chosen.set.is_empty())
     });
     let best =
         followed.map(|s| (mean_cost(problem, &s.state.hypothesis), s)).min_by(|a, b| a.0.total_cmp(&b.0));
@@ -59,25 +65,31 @@ pub fn select(problem: &FrameProblem, mut state: State) -> Option<Selected> {
 
 /// Whether the twin errs more than in the middle of the searched range, with the effects chosen.
 fn is_doubtful(problem: &FrameProblem, selected: &Selected) -> bool {
-    selected.chosen.solution.components.surface_m > VarianceComponents::middle(&problem.scales).surface_m
+    selected.chosen.solution.components.surface_m
+        > VarianceComponents::middle_of_grid(&problem.scales).surface_m
 }
 
 /// Searches and follows the best set, again and again.
-fn rounds(problem: &FrameProblem, mut state: State, null: &State, mut set: Vec<usize>) -> Option<Selected> {
+fn selection_rounds(
+    problem: &FrameProblem,
+    mut state: State,
+    null: &State,
+    mut set: Vec<usize>,
+) -> Option<Selected> {
     let mut selected = None;
     for round in 0..=ROUNDS {
-        let mut linear = problem.linearize(&state, problem.gate_m());
+        let mut linear = problem.linear_system(&state, problem.gate_m());
         if linear.patch_means.is_empty() {
             return None;
         }
-        let around = problem.subset(&linear, &set);
+        let around = problem.columns_of_set(&linear, &set);
         let reduced = problem.reduce_all(&mut linear, &around);
-        let (mut next, rivals) = search(problem, &linear, &reduced);
+        let (mut next, rivals) = best_set_and_rivals(problem, &linear, &reduced);
         if round == ROUNDS {
             // The last round judges the effects in the state.
             next.clone_from(&set);
         }
-        let chosen = problem.judge(&linear, &reduced, &next)?;
+        let chosen = problem.chosen_of_set(&linear, &reduced, &next)?;
         let stays = next == set;
         set = next;
         let components = chosen.solution.components;
@@ -87,11 +99,11 @@ fn rounds(problem: &FrameProblem, mut state: State, null: &State, mut set: Vec<u
             break;
         }
         let before = mean_cost(problem, &state.hypothesis);
-        follow(problem, &mut state, &set, &components, NEAR_STEPS);
+        follow_steps(problem, &mut state, &set, &components, NEAR_STEPS);
         if mean_cost(problem, &state.hypothesis) > SAME_COST * before {
             // Followed, the effects explain less than the linear system promised.
             return selected.and_then(|s: Selected| {
-                let chosen = problem.judge(&s.linear, &s.reduced, &[])?;
+                let chosen = problem.chosen_of_set(&s.linear, &s.reduced, &[])?;
                 Some(Selected { state: null.clone(), chosen, ..s })
             });
         }
@@ -103,11 +115,11 @@ fn rounds(problem: &FrameProblem, mut state: State, null: &State, mut set: Vec<u
 #[must_use]
 pub fn with_set(problem: &FrameProblem, selected: &Selected, set: &[usize]) -> Option<Selected> {
     let mut state = selected.state.clone();
-    follow(problem, &mut state, set, &selected.chosen.solution.components, NEAR_STEPS);
-    let mut linear = problem.linearize(&state, problem.gate_m());
-    let around = problem.subset(&linear, set);
+    follow_steps(problem, &mut state, set, &selected.chosen.solution.components, NEAR_STEPS);
+    let mut linear = problem.linear_system(&state, problem.gate_m());
+    let around = problem.columns_of_set(&linear, set);
     let reduced = problem.reduce_all(&mut linear, &around);
-    let chosen = problem.judge(&linear, &reduced, set)?;
+    let chosen = problem.chosen_of_set(&linear, &reduced, set)?;
     Some(Selected {
         state,
         null: selected.null.clone(),

@@ -10,7 +10,7 @@ use crate::{
             select::Selected,
         },
         model::{
-            interval::estimate,
+            interval::estimate_with_half_width,
             parameter::{HypothesisParameter, normals_of},
             twin::SeenMotion,
         },
@@ -53,7 +53,7 @@ fn half_width(problem: &FrameProblem, freed: &Selected, weight: impl Fn(Hypothes
 impl TypeChange {
     /// Trials to free the law of the joint: its axis, and the pitch of a screw.
     #[must_use]
-    pub fn free(&self, problem: &FrameProblem) -> Vec<usize> {
+    pub fn freeing_trials(&self, problem: &FrameProblem) -> Vec<usize> {
         let of =
             |name: &str| problem.trials.iter().position(|t| t.joint == Some(self.joint) && t.name == name);
         let pitch = if matches!(self.to, SeenMotion::Screw { .. }) { of("wrong_joint_type") } else { None };
@@ -62,7 +62,7 @@ impl TypeChange {
 
     /// As a finding, with the law and intervals of a selection with a free law.
     #[must_use]
-    pub fn finding(&self, problem: &FrameProblem, freed: &Selected) -> CameraFinding {
+    pub fn as_finding(&self, problem: &FrameProblem, freed: &Selected) -> CameraFinding {
         let law = freed.state.hypothesis.laws[self.joint];
         let normals = normals_of(&law.axis);
         let joint = self.joint;
@@ -73,9 +73,9 @@ impl TypeChange {
                 HypothesisParameter::AxisTurn(j, n) if j == joint => normals[n].cross(&law.axis)[k],
                 _ => 0.0,
             });
-            parameters.push(estimate(name, law.axis[k], "1", half));
+            parameters.push(estimate_with_half_width(name, law.axis[k], "1", half));
         }
-        if self.to.turns() {
+        if self.to.is_turning() {
             // The point of the axis next to the part's center: there turns of the axis do not move it.
             let center = problem.twin.parts[problem.twin.joints[joint].child].center;
             let point = law.point + law.axis.into_inner() * law.axis.dot(&(center - law.point));
@@ -84,13 +84,13 @@ impl TypeChange {
                     HypothesisParameter::AxisShift(j, n) if j == joint => normals[n][k],
                     _ => 0.0,
                 });
-                parameters.push(estimate(name, point[k], "m", half));
+                parameters.push(estimate_with_half_width(name, point[k], "m", half));
             }
         }
         if let SeenMotion::Screw { pitch_m_per_rad } = law.kind {
             let half =
                 half_width(problem, freed, |p| f64::from(u8::from(p == HypothesisParameter::Pitch(joint))));
-            parameters.push(estimate("pitch", pitch_m_per_rad, "m/rad", half));
+            parameters.push(estimate_with_half_width("pitch", pitch_m_per_rad, "m/rad", half));
         }
         let finding = Finding {
             index: INDEX,

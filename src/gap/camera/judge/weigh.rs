@@ -34,7 +34,7 @@ pub(super) fn findings_of(
             covariance: &covariance,
         };
         let spec = &CATALOGUE[trial.effect];
-        let (weight, alternatives) = weigh(problem, selected, chosen, t);
+        let (weight, alternatives) = weight_and_rivals(problem, selected, chosen, t);
         let finding = Finding {
             index: trial.effect,
             effect: spec.name.to_owned(),
@@ -45,7 +45,7 @@ pub(super) fn findings_of(
             is_sure: true,
         };
         let others: Vec<usize> = chosen.set.iter().copied().filter(|s| *s != t).collect();
-        let without = problem.evidence(&selected.linear, &selected.reduced, &others);
+        let without = problem.evidence_of_set(&selected.linear, &selected.reduced, &others);
         findings.push((
             without,
             CameraFinding {
@@ -62,7 +62,7 @@ pub(super) fn findings_of(
 }
 
 /// Weight of a trial against its rivals, and their names.
-fn weigh(
+fn weight_and_rivals(
     problem: &FrameProblem,
     selected: &Selected,
     chosen: &Chosen,
@@ -76,7 +76,7 @@ fn weigh(
             continue;
         }
         let set: Vec<usize> = chosen.set.iter().map(|&s| if s == trial { t } else { s }).collect();
-        let evidence = problem.evidence(&selected.linear, &selected.reduced, &set);
+        let evidence = problem.evidence_of_set(&selected.linear, &selected.reduced, &set);
         // Ways of one effect at one joint bear one name, and the best of them speaks for it.
         match best.iter_mut().find(|b| b.0 == name(t)) {
             Some(b) => b.1 = b.1.max(evidence),

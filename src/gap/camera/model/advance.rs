@@ -4,21 +4,25 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 use crate::camera::model::{
     hypothesis::{Hypothesis, MotionLaw},
-    parameter::{HypothesisParameter, component, normals_of},
+    parameter::{HypothesisParameter, normals_of, unit_component},
     small_motion::small_motion,
     twin::{SeenMotion, SeenTwin},
 };
 use geometry::Pose;
 
 /// Adds increments to a hypothesis. All are taken about the poses before the first.
-pub fn advance(hypothesis: &mut Hypothesis, twin: &SeenTwin, steps: &[(HypothesisParameter, f64)]) {
+pub fn advance_hypothesis(
+    hypothesis: &mut Hypothesis,
+    twin: &SeenTwin,
+    steps: &[(HypothesisParameter, f64)],
+) {
     // The steps of a solution hold together only about its own state.
     let start = hypothesis.clone();
-    let poses: Vec<_> = (0..start.positions.len()).map(|r| start.poses(twin, r)).collect();
+    let poses: Vec<_> = (0..start.positions.len()).map(|r| start.part_and_joint_poses(twin, r)).collect();
     for &(parameter, x) in steps {
         match parameter {
             HypothesisParameter::Root(run, k) => {
-                let by = about(&poses[run].0[0], twin.parts[0].center, k, x);
+                let by = component_motion_about(&poses[run].0[0], twin.parts[0].center, k, x);
                 hypothesis.world_from_root[run] = by * hypothesis.world_from_root[run];
             }
             HypothesisParameter::Position(run, joint) => hypothesis.positions[run][joint] += x,
@@ -45,7 +49,7 @@ pub fn advance(hypothesis: &mut Hypothesis, twin: &SeenTwin, steps: &[(Hypothesi
                 let child = twin.joints[joint].child;
                 let frame = &poses[run].1[joint];
                 let center = frame.inverse_transform_point(&(poses[run].0[child] * twin.parts[child].center));
-                let by = about(&Pose::identity(), center, k, x);
+                let by = component_motion_about(&Pose::identity(), center, k, x);
                 hypothesis.extra[run][joint] = by * hypothesis.extra[run][joint];
             }
             // Meshes stay: the placement only takes up errors of a reconstruction.
@@ -83,7 +87,7 @@ fn advance_law(
                 Pose::from_parts((start.point.coords - r * start.point.coords).into(), r)
             };
         }
-        HypothesisParameter::Pitch(_) if law.kind.turns() => {
+        HypothesisParameter::Pitch(_) if law.kind.is_turning() => {
             let before =
                 if let SeenMotion::Screw { pitch_m_per_rad } = law.kind { pitch_m_per_rad } else { 0.0 };
             law.kind = SeenMotion::Screw { pitch_m_per_rad: before + x };
@@ -94,14 +98,14 @@ fn advance_law(
 
 /// A shift or turn by one component.
 fn component_motion(k: usize, x: f64) -> Pose {
-    let (e, turns) = component(k);
+    let (e, turns) = unit_component(k);
     let zero = Vector3::zeros();
     if turns { small_motion(&zero, &(e * x)) } else { small_motion(&(e * x), &zero) }
 }
 
 /// A shift or turn by one component of a frame, turns about a point of the frame.
-fn about(frame: &Pose, center: Point3<f64>, k: usize, x: f64) -> Pose {
-    let (e, turns) = component(k);
+fn component_motion_about(frame: &Pose, center: Point3<f64>, k: usize, x: f64) -> Pose {
+    let (e, turns) = unit_component(k);
     let e = frame.rotation * e * x;
     if !turns {
         return small_motion(&e, &Vector3::zeros());

@@ -23,7 +23,7 @@ pub fn apart_m(joint: usize, one: (&SeenTwin, &Hypothesis), other: (&SeenTwin, &
     let part = &one.0.parts[child];
     let mut largest_m = 0.0f64;
     for r in 0..one.1.positions.len() {
-        let [a, b] = [one, other].map(|(twin, hypothesis)| hypothesis.poses(twin, r).0[child]);
+        let [a, b] = [one, other].map(|(twin, hypothesis)| hypothesis.part_and_joint_poses(twin, r).0[child]);
         let apart = (a * part.center - b * part.center).norm();
         // A part turning in place moves at its rim.
         largest_m = largest_m.max(apart.hypot(a.rotation.angle_to(&b.rotation) * part.radius_m));
@@ -33,12 +33,12 @@ pub fn apart_m(joint: usize, one: (&SeenTwin, &Hypothesis), other: (&SeenTwin, &
 
 /// Joints at one place in all runs, with the way of their child between the runs, meters: below `least_m`.
 #[must_use]
-pub fn still(twin: &SeenTwin, hypothesis: &Hypothesis, least_m: f64) -> Vec<(usize, f64)> {
+pub fn joints_at_rest(twin: &SeenTwin, hypothesis: &Hypothesis, least_m: f64) -> Vec<(usize, f64)> {
     let mut still = Vec::new();
     for (j, joint) in twin.joints.iter().enumerate() {
-        let at = (0..hypothesis.positions.len()).map(|r| hypothesis.position(twin, r, j));
+        let at = (0..hypothesis.positions.len()).map(|r| hypothesis.joint_position(twin, r, j));
         let (low, high) = at.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), q| (l.min(q), h.max(q)));
-        let lever = if joint.kind.turns() { twin.parts[joint.child].radius_m } else { 1.0 };
+        let lever = if joint.kind.is_turning() { twin.parts[joint.child].radius_m } else { 1.0 };
         let way_m = (high - low).max(0.0) * lever;
         if way_m < least_m {
             still.push((j, way_m));
@@ -104,12 +104,12 @@ mod tests {
     #[test]
     fn a_joint_that_stands_still_in_all_runs_is_found() {
         let twin = door();
-        let mut hypothesis = Hypothesis::of(&twin, 2);
+        let mut hypothesis = Hypothesis::of_twin(&twin, 2);
         (hypothesis.positions[0][0], hypothesis.positions[1][0]) = (0.5, 0.51);
-        let found = still(&twin, &hypothesis, 0.01);
+        let found = joints_at_rest(&twin, &hypothesis, 0.01);
         assert!(found.len() == 1 && (found[0].1 - 0.004).abs() < 1e-12, "{found:?}");
         hypothesis.positions[1][0] = 0.6;
-        assert!(still(&twin, &hypothesis, 0.01).is_empty());
+        assert!(joints_at_rest(&twin, &hypothesis, 0.01).is_empty());
         let mut other = hypothesis.clone();
         other.positions[1][0] = 0.7;
         let apart = apart_m(0, (&twin, &hypothesis), (&twin, &other));

@@ -26,7 +26,7 @@ impl MotionLaw {
 
     /// Motion of the child for a position; identity at 0.
     #[must_use]
-    pub fn motion(&self, position: f64) -> Pose {
+    pub fn motion_at(&self, position: f64) -> Pose {
         let line = Screw { direction: self.axis, point: self.point, angle_rad: 0.0, advance_m: 0.0 };
         match self.kind {
             SeenMotion::Revolute => line.motion_by(position, 0.0),
@@ -73,7 +73,7 @@ pub struct Hypothesis {
 impl Hypothesis {
     /// The twin as it is, every joint at 0.
     #[must_use]
-    pub fn of(twin: &SeenTwin, runs: usize) -> Self {
+    pub fn of_twin(twin: &SeenTwin, runs: usize) -> Self {
         Self {
             laws: twin.joints.iter().map(MotionLaw::of_joint).collect(),
             positions: vec![vec![0.0; twin.joints.len()]; runs],
@@ -85,7 +85,7 @@ impl Hypothesis {
 
     /// Position of a joint in a run; a mimic joint gets it from its leader.
     #[must_use]
-    pub fn position(&self, twin: &SeenTwin, run: usize, joint: usize) -> f64 {
+    pub fn joint_position(&self, twin: &SeenTwin, run: usize, joint: usize) -> f64 {
         match twin.joints[joint].mimic {
             Some((lead, factor, offset)) => factor * self.positions[run][lead] + offset,
             None => self.positions[run][joint],
@@ -94,14 +94,15 @@ impl Hypothesis {
 
     /// Pose of every part in the world of a run, and of every joint's frame before its own motion.
     #[must_use]
-    pub fn poses(&self, twin: &SeenTwin, run: usize) -> (Vec<Pose>, Vec<Pose>) {
+    pub fn part_and_joint_poses(&self, twin: &SeenTwin, run: usize) -> (Vec<Pose>, Vec<Pose>) {
         let mut parts = vec![self.world_from_root[run]; twin.parts.len()];
         let mut frames = Vec::with_capacity(twin.joints.len());
         for (j, joint) in twin.joints.iter().enumerate() {
             let law = &self.laws[j];
             // Joints stand in the order of the tree: the parent's pose is known.
             let frame = parts[joint.parent] * joint.parent_from_joint * law.frame;
-            parts[joint.child] = frame * self.extra[run][j] * law.motion(self.position(twin, run, j));
+            parts[joint.child] =
+                frame * self.extra[run][j] * law.motion_at(self.joint_position(twin, run, j));
             frames.push(frame);
         }
         (parts, frames)

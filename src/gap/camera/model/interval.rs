@@ -4,7 +4,7 @@ use crate::judge::finding::ParameterEstimate;
 
 /// An estimate with half the width of its interval.
 #[must_use]
-pub fn estimate(name: &str, value: f64, unit: &str, half: f64) -> ParameterEstimate {
+pub fn estimate_with_half_width(name: &str, value: f64, unit: &str, half: f64) -> ParameterEstimate {
     ParameterEstimate {
         name: name.to_owned(),
         value,

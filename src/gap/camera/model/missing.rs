@@ -31,7 +31,7 @@ impl Missing {
     /// Whether a world point is part of it, the parts standing at given poses.
     #[must_use]
     pub fn covers(&self, world_from_parts: &[Pose], point: &Point3<f64>) -> bool {
-        let [x, y, z] = voxel(&world_from_parts[self.part].inverse_transform_point(point), self.voxel_m);
+        let [x, y, z] = voxel_of(&world_from_parts[self.part].inverse_transform_point(point), self.voxel_m);
         // Voxels around count too: noise carries readings of the region over its border.
         (-1..=1).any(|i| (-1..=1).any(|j| (-1..=1).any(|k| self.voxels.contains(&[x + i, y + j, z + k]))))
     }
@@ -39,6 +39,6 @@ impl Missing {
 
 /// Voxel of a point.
 #[must_use]
-pub fn voxel(p: &Point3<f64>, side_m: f64) -> Voxel {
+pub fn voxel_of(p: &Point3<f64>, side_m: f64) -> Voxel {
     [0, 1, 2].map(|k| (p[k] / side_m).floor() as i32)
 }

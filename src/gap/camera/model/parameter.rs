@@ -57,6 +57,6 @@ pub fn normals_of(axis: &Unit<Vector3<f64>>) -> [Vector3<f64>; 2] {
 }
 
 /// The unit vector of a component and whether it is a turn.
-pub(super) fn component(k: usize) -> (Vector3<f64>, bool) {
+pub(super) fn unit_component(k: usize) -> (Vector3<f64>, bool) {
     (Vector3::from_fn(|i, _| if i == k % 3 { 1.0 } else { 0.0 }), k >= 3)
 }

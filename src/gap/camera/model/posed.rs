@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector3};
 use crate::camera::{
     model::{
         hypothesis::Hypothesis,
-        parameter::{HypothesisParameter, component, normals_of},
+        parameter::{HypothesisParameter, normals_of, unit_component},
         twin::{SeenMotion, SeenTwin},
     },
     record::frames::FrameRun,
@@ -29,7 +29,7 @@ pub struct PosedTwin<'a> {
 /// Velocity of a surface point with a shift or turn of a frame by one component; turns are about `center` in
 /// the same frame.
 fn twist_velocity(frame: &Pose, center: Point3<f64>, k: usize, seen: &SurfacePoint) -> Vector3<f64> {
-    let (e, turns) = component(k);
+    let (e, turns) = unit_component(k);
     let e = frame.rotation * e;
     if turns { e.cross(&(seen.point - frame * center)) } else { e }
 }
@@ -59,14 +59,14 @@ impl<'a> PosedTwin<'a> {
     /// Poses of all runs.
     #[must_use]
     pub fn new(twin: &'a SeenTwin, runs: &'a [FrameRun], hypothesis: &'a Hypothesis) -> Self {
-        let (parts, frames) = (0..runs.len()).map(|r| hypothesis.poses(twin, r)).unzip();
+        let (parts, frames) = (0..runs.len()).map(|r| hypothesis.part_and_joint_poses(twin, r)).unzip();
         Self { twin, runs, hypothesis, parts, frames }
     }
 
     /// Derivative of the predicted reading at a surface point, across the surface, meters a unit of the
     /// parameter.
     #[must_use]
-    pub fn derivative(&self, parameter: HypothesisParameter, seen: &SurfacePoint) -> f64 {
+    pub fn reading_derivative(&self, parameter: HypothesisParameter, seen: &SurfacePoint) -> f64 {
         // (15.7)
         match parameter {
             HypothesisParameter::DepthScale => seen.slant * seen.depth_m,
@@ -92,7 +92,7 @@ impl<'a> PosedTwin<'a> {
                 (reported, hypothesis.reported_from_true * in_true, *t, *w)
             }
             HypothesisParameter::Extrinsic(k) => {
-                let (e, turns) = component(k);
+                let (e, turns) = unit_component(k);
                 (
                     seen.camera,
                     in_true,
@@ -141,11 +141,11 @@ impl<'a> PosedTwin<'a> {
                 if k < 3 { e } else { e.cross(&(seen.point - frame * law.point)) }
             }
             HypothesisParameter::Pitch(joint)
-                if self.twin.carries(joint, seen.part) && self.hypothesis.laws[joint].kind.turns() =>
+                if self.twin.carries(joint, seen.part) && self.hypothesis.laws[joint].kind.is_turning() =>
             {
                 let axis =
                     self.frames[seen.run][joint].rotation * self.hypothesis.laws[joint].axis.into_inner();
-                axis * self.hypothesis.position(self.twin, seen.run, joint)
+                axis * self.hypothesis.joint_position(self.twin, seen.run, joint)
             }
             _ => Vector3::zeros(),
         }
@@ -182,7 +182,7 @@ impl<'a> PosedTwin<'a> {
     fn axis_velocity(&self, joint: usize, k: usize, turns: bool, seen: &SurfacePoint) -> Vector3<f64> {
         let law = &self.hypothesis.laws[joint];
         let frame = self.frames[seen.run][joint] * self.hypothesis.extra[seen.run][joint];
-        let motion = law.motion(self.hypothesis.position(self.twin, seen.run, joint));
+        let motion = law.motion_at(self.hypothesis.joint_position(self.twin, seen.run, joint));
         let e = normals_of(&law.axis)[k];
         let x = frame.inverse_transform_point(&seen.point);
         let before = motion.inverse_transform_point(&x);

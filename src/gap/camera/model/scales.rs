@@ -40,7 +40,7 @@ pub struct Scales {
 impl Scales {
     /// Scales of a twin in its recordings. Camera poses are in the frame of the twin's root.
     #[must_use]
-    pub fn of(twin: &SeenTwin, runs: &[FrameRun], accuracy_m: f64) -> Self {
+    pub fn of_twin(twin: &SeenTwin, runs: &[FrameRun], accuracy_m: f64) -> Self {
         let center = twin.parts[0].center;
         let ranges_m: Vec<f64> = runs
             .iter()

@@ -10,7 +10,7 @@ use crate::camera::model::{
 };
 use geometry::Pose;
 use model::{JointType, Tree};
-use surface::{TriangleMesh, merge};
+use surface::{TriangleMesh, merged_mesh};
 
 /// Facts of a joint missing in a tree.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -39,10 +39,10 @@ pub enum SeenTwinError {
 
 impl SeenPart {
     /// The part of links tied by fixed joints, with the pose of each in the frame of the first.
-    fn merged(tree: &Tree, links: &[(usize, Pose)], joint: Option<usize>) -> Self {
+    fn of_links(tree: &Tree, links: &[(usize, Pose)], joint: Option<usize>) -> Self {
         let meshes: Vec<TriangleMesh> =
             links.iter().map(|(l, pose)| tree.links[*l].visual.transformed(pose)).collect();
-        let mesh = merge(&meshes.iter().collect::<Vec<_>>());
+        let mesh = merged_mesh(&meshes.iter().collect::<Vec<_>>());
         let (low, high) = mesh.bounds().unwrap_or_default();
         let low: Point3<f64> = low.cast();
         let high: Point3<f64> = high.cast();
@@ -61,7 +61,7 @@ impl SeenTwin {
     ///
     /// # Errors
     /// [`SeenTwinError`].
-    pub fn of(tree: &Tree, facts: &BTreeMap<String, JointFacts>) -> Result<Self, SeenTwinError> {
+    pub fn of_tree(tree: &Tree, facts: &BTreeMap<String, JointFacts>) -> Result<Self, SeenTwinError> {
         let n = tree.links.len();
         let mut part_of: Vec<Option<(usize, Pose)>> = vec![None; n];
         part_of[tree.root] = Some((0, Pose::identity()));
@@ -114,8 +114,11 @@ impl SeenTwin {
             })?;
             joints[j].mimic = Some((leader, m.multiplier, m.offset));
         }
-        let parts: Vec<SeenPart> =
-            members.iter().zip(carriers).map(|(links, joint)| SeenPart::merged(tree, links, joint)).collect();
+        let parts: Vec<SeenPart> = members
+            .iter()
+            .zip(carriers)
+            .map(|(links, joint)| SeenPart::of_links(tree, links, joint))
+            .collect();
         if parts.iter().all(|p| p.mesh.is_empty()) {
             return Err(SeenTwinError::NoMesh);
         }

@@ -25,7 +25,7 @@ pub struct Column {
 impl Column {
     /// Standard deviation of the prior, for a twin with a given standard deviation of its surface.
     #[must_use]
-    pub fn deviation(&self, twin_m: f64) -> f64 {
+    pub fn prior_deviation(&self, twin_m: f64) -> f64 {
         if self.of_twin { self.prior * twin_m } else { self.prior }
     }
 }
@@ -67,7 +67,7 @@ pub struct Fitted<'a> {
 impl Fitted<'_> {
     /// A linear combination of the columns with its interval.
     #[must_use]
-    pub fn linear(&self, name: &str, unit: &str, weights: &DVector<f64>) -> ParameterEstimate {
+    pub fn linear_estimate(&self, name: &str, unit: &str, weights: &DVector<f64>) -> ParameterEstimate {
         let half = HALF_WIDTH_95 * weights.dot(&(self.covariance * weights)).max(0.0).sqrt();
         let value = weights.dot(self.values);
         ParameterEstimate {
@@ -80,26 +80,30 @@ impl Fitted<'_> {
 
     /// One column with its interval.
     #[must_use]
-    pub fn column(&self, name: &str, unit: &str, k: usize) -> ParameterEstimate {
-        self.linear(name, unit, &DVector::from_fn(self.values.len(), |i, _| f64::from(u8::from(i == k))))
+    pub fn column_estimate(&self, name: &str, unit: &str, k: usize) -> ParameterEstimate {
+        self.linear_estimate(
+            name,
+            unit,
+            &DVector::from_fn(self.values.len(), |i, _| f64::from(u8::from(i == k))),
+        )
     }
 
     /// Columns of turns, or the others.
     #[must_use]
-    pub fn columns(&self, turns: bool) -> Vec<usize> {
+    pub fn turn_columns(&self, turns: bool) -> Vec<usize> {
         let columns = self.trial.columns.iter().enumerate();
         columns.filter(|(_, c)| c.parameter.is_turn() == turns).map(|(k, _)| k).collect()
     }
 
     /// Length of a vector of columns with its interval.
     #[must_use]
-    pub fn length(&self, name: &str, unit: &str, columns: &[usize]) -> ParameterEstimate {
+    pub fn length_estimate(&self, name: &str, unit: &str, columns: &[usize]) -> ParameterEstimate {
         let norm = columns.iter().map(|&k| self.values[k].powi(2)).sum::<f64>().sqrt();
         let mut weights = DVector::zeros(self.values.len());
         for &k in columns {
             weights[k] = self.values[k] / norm.max(1e-12);
         }
-        let mut estimate = self.linear(name, unit, &weights);
+        let mut estimate = self.linear_estimate(name, unit, &weights);
         let own =
             DMatrix::from_fn(columns.len(), columns.len(), |i, j| self.covariance[(columns[i], columns[j])]);
         let vector = DVector::from_fn(columns.len(), |i, _| self.values[columns[i]]);
@@ -132,7 +136,7 @@ pub struct CameraEffect {
 
 /// A column.
 #[must_use]
-pub fn column(parameter: HypothesisParameter, prior: f64) -> Column {
+pub fn prior_column(parameter: HypothesisParameter, prior: f64) -> Column {
     Column { parameter, prior, of_twin: false }
 }
 

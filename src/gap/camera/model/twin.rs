@@ -33,7 +33,7 @@ impl SeenMotion {
 
     /// Whether its position is an angle.
     #[must_use]
-    pub fn turns(&self) -> bool {
+    pub fn is_turning(&self) -> bool {
         !matches!(self, Self::Prismatic)
     }
 }

@@ -25,7 +25,7 @@ pub struct FrameRun {
 
 /// A frame at a coarser grid: nearest pixels, no mean over edges.
 #[must_use]
-pub fn coarse(frame: &RgbdFrame, step: usize) -> RgbdFrame {
+pub fn coarse_frame(frame: &RgbdFrame, step: usize) -> RgbdFrame {
     let k = &frame.intrinsics;
     let width = k.width / step;
     let height = k.height / step;

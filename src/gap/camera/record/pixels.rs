@@ -23,10 +23,10 @@ pub struct Pixels {
 impl Pixels {
     /// Chooses the pixels: on a grid, away from depth edges and from the mask's border.
     #[must_use]
-    pub fn choose(runs: &[FrameRun]) -> Self {
+    pub fn chosen_of(runs: &[FrameRun]) -> Self {
         let mut pixels = Self { object: Vec::new(), empty: Vec::new(), stride: Vec::new() };
         for run in runs {
-            let chosen: Vec<_> = run.frames.par_iter().map(|f| choose(f, run)).collect();
+            let chosen: Vec<_> = run.frames.par_iter().map(|f| chosen_pixels(f, run)).collect();
             let mut object = Vec::new();
             let mut empty = Vec::new();
             let mut stride = Vec::new();
@@ -49,7 +49,7 @@ impl Pixels {
     }
 }
 
-fn choose(frame: &capture::RgbdFrame, run: &FrameRun) -> (Vec<usize>, Vec<usize>, usize) {
+fn chosen_pixels(frame: &capture::RgbdFrame, run: &FrameRun) -> (Vec<usize>, Vec<usize>, usize) {
     let w = frame.intrinsics.width;
     let h = frame.intrinsics.height;
     let weights = pixel_weights(frame, &run.noise);
@@ -60,12 +60,12 @@ fn choose(frame: &capture::RgbdFrame, run: &FrameRun) -> (Vec<usize>, Vec<usize>
     let object = grid.clone().filter(|&i| usable(i)).collect();
     // Without a mask no pixel is known to be off the object.
     let off = grid.filter(|_| frame.mask.is_some());
-    let empty = off.filter(|&i| around(i, w, h).all(|n| !frame.is_object(n))).collect();
+    let empty = off.filter(|&i| pixels_around(i, w, h).all(|n| !frame.is_object(n))).collect();
     (object, empty, stride)
 }
 
 /// Pixels about a pixel within the border.
-pub fn around(i: usize, w: usize, h: usize) -> impl Iterator<Item = usize> {
+pub fn pixels_around(i: usize, w: usize, h: usize) -> impl Iterator<Item = usize> {
     let x = i % w;
     let y = i / w;
     let columns = x.saturating_sub(BORDER)..=(x + BORDER).min(w - 1);

@@ -33,13 +33,13 @@ struct Driven<'a> {
 }
 
 impl<'a> Driven<'a> {
-    fn of(model: &'a JointModel, catalogue: &'a Catalogue) -> Self {
+    fn of_model(model: &'a JointModel, catalogue: &'a Catalogue) -> Self {
         Self {
             model,
-            acting: Acting::of(model, catalogue),
-            sensor: model.sensor(catalogue),
-            gain: model.scalar(catalogue, Place::Gain).map_or(1.0, |(x, _)| x),
-            added: model.scalar(catalogue, Place::Inertia).map_or(0.0, |(x, _)| x),
+            acting: Acting::of_model(model, catalogue),
+            sensor: model.position_sensor(catalogue),
+            gain: model.scalar_of(catalogue, Place::Gain).map_or(1.0, |(x, _)| x),
+            added: model.scalar_of(catalogue, Place::Inertia).map_or(0.0, |(x, _)| x),
         }
     }
 }
@@ -65,13 +65,13 @@ pub struct Inputs<'a> {
 impl<'a> Dynamics<'a> {
     /// Of models, in the order of `joints`.
     #[must_use]
-    pub fn of(
+    pub fn of_models(
         tree: &'a TwinTree,
         joints: &'a [usize],
         models: &'a [JointModel],
         catalogue: &'a Catalogue,
     ) -> Self {
-        Self { tree, joints, driven: models.iter().map(|m| Driven::of(m, catalogue)).collect() }
+        Self { tree, joints, driven: models.iter().map(|m| Driven::of_model(m, catalogue)).collect() }
     }
 
     /// How the position of each joint is measured.
@@ -80,22 +80,22 @@ impl<'a> Dynamics<'a> {
     }
 
     /// Moves positions and velocities by `h` seconds: half a step, the velocity at the middle, half a step.
-    pub fn step(&self, q: &mut [f64], v: &mut [f64], h: f64, inputs: &Inputs) {
+    pub fn step_by(&self, q: &mut [f64], v: &mut [f64], h: f64, inputs: &Inputs) {
         let drift = |q: &mut [f64], v: &[f64]| q.iter_mut().zip(v).for_each(|(q, v)| *q += 0.5 * h * v);
         drift(q, v);
-        self.kick(q, v, h, inputs);
+        self.kick_velocities(q, v, h, inputs);
         drift(q, v);
     }
 
     /// The tree's vector of the joints' values.
-    fn spread(&self, own: &[f64]) -> Vec<f64> {
+    fn tree_vector(&self, own: &[f64]) -> Vec<f64> {
         let mut all = vec![0.0; self.tree.joints.len()];
         self.joints.iter().zip(own).for_each(|(j, x)| all[*j] = *x);
         all
     }
 
     /// Mass matrix over the joints, with the added inertias.
-    fn mass(&self, position: &[f64]) -> DMatrix<f64> {
+    fn joint_mass_matrix(&self, position: &[f64]) -> DMatrix<f64> {
         let n = self.joints.len();
         let zero = vec![0.0; position.len()];
         let mut mass = DMatrix::zeros(n, n);
@@ -116,22 +116,34 @@ impl<'a> Dynamics<'a> {
     /// (14.7) for several joints: `M` is implicit in the damping, and friction takes each joint to its
     /// settled velocity, or acts at its bound. Coriolis efforts are those of the mean velocity from a first
     /// pass: those of the velocity before would feed or eat energy.
-    fn kick(&self, q: &[f64], v: &mut [f64], h: f64, inputs: &Inputs) {
-        let position = self.spread(q);
-        let mass = self.mass(&position);
+    fn kick_velocities(&self, q: &[f64], v: &mut [f64], h: f64, inputs: &Inputs) {
+        let position = self.tree_vector(q);
+        let mass = self.joint_mass_matrix(&position);
         let mut after = v.to_vec();
         for _ in 0..2 {
             let mean: Vec<f64> = v.iter().zip(&after).map(|(a, b)| 0.5 * (a + b)).collect();
-            let rest =
-                self.tree.inverse_dynamics(&position, &self.spread(&mean), &vec![0.0; position.len()], true);
+            let rest = self.tree.inverse_dynamics(
+                &position,
+                &self.tree_vector(&mean),
+                &vec![0.0; position.len()],
+                true,
+            );
             after.copy_from_slice(v);
-            self.kicked(q, &mut after, h, &rest, &mass, inputs);
+            self.kick_under_efforts(q, &mut after, h, &rest, &mass, inputs);
         }
         v.copy_from_slice(&after);
     }
 
     /// Changes velocities over `h` seconds, where the tree takes the efforts `rest` without accelerating.
-    fn kicked(&self, q: &[f64], v: &mut [f64], h: f64, rest: &[f64], mass: &DMatrix<f64>, inputs: &Inputs) {
+    fn kick_under_efforts(
+        &self,
+        q: &[f64],
+        v: &mut [f64],
+        h: f64,
+        rest: &[f64],
+        mass: &DMatrix<f64>,
+        inputs: &Inputs,
+    ) {
         let n = v.len();
         let mut matrix = mass.clone();
         let mut total = DVector::zeros(n);
@@ -142,8 +154,12 @@ impl<'a> Dynamics<'a> {
             // Gravity and Coriolis efforts are those of the whole tree.
             let carried = Carried { load: [rest[joint], 0.0, 0.0, 0.0, 0.0, 0.0], ..Carried::default() };
             let sensor = &driven.sensor;
-            let own =
-                driven.model.plant.actuator.act(inputs.signal[i], q[i], v[i], (sensor.scale, sensor.bias));
+            let own = driven.model.plant.actuator.effort_under(
+                inputs.signal[i],
+                q[i],
+                v[i],
+                (sensor.scale, sensor.bias),
+            );
             let direction = if v[i] == 0.0 { 1.0 } else { v[i].signum() };
             let at = At {
                 q: q[i],
@@ -156,7 +172,7 @@ impl<'a> Dynamics<'a> {
                 load: 0.0,
                 carried: Some(&carried),
             };
-            let sum = driven.acting.at(&at);
+            let sum = driven.acting.efforts_at(&at);
             total[i] = at.u + sum.effort;
             bound[i] = sum.friction;
             let mass: f64 = matrix[(i, i)];
@@ -182,12 +198,12 @@ impl<'a> Dynamics<'a> {
                 bound[i] = bound_at_turn(&driven.acting, &at, bound[i], &mut [0.0; MAX_COLUMNS]);
             }
         }
-        self.settle(v, &kicks, &inverse, &(bound * h), h);
+        self.settle_friction(v, &kicks, &inverse, &(bound * h), h);
     }
 
     /// The velocities after `kicks` by the efforts, with friction of at most `bound`, N m s or N s: Gauss and
     /// Seidel's sweeps over the joints (Jean 1999).
-    fn settle(
+    fn settle_friction(
         &self,
         v: &mut [f64],
         kicks: &DVector<f64>,
@@ -198,7 +214,7 @@ impl<'a> Dynamics<'a> {
         let n = v.len();
         let targets: Vec<f64> = (0..n)
             .map(|i| {
-                let settling = Settling::over(self.driven[i].model.settle_s, h);
+                let settling = Settling::over_step(self.driven[i].model.settle_s, h);
                 settling.keep * v[i] + settling.creep * kicks[i]
             })
             .collect();

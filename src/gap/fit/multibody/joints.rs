@@ -7,7 +7,7 @@ use crate::{
         rollout::Start,
     },
     model::{effect::run_time_s, joint_model::JointModel},
-    record::{drive::Drive, log::windows},
+    record::{drive::Drive, log::shooting_windows},
     twin_tree::TwinTree,
 };
 
@@ -32,32 +32,33 @@ impl<'t, 'c> Joints<'t, 'c> {
         if problems.iter().any(|p| stamps(p) != first) {
             return None;
         }
-        problems.iter_mut().for_each(|p| p.windows = windows(&p.logs, length_s));
+        problems.iter_mut().for_each(|p| p.windows = shooting_windows(&p.logs, length_s));
         Some(Self { tree, joints, problems })
     }
 
     /// Number of windows.
     #[must_use]
-    pub fn windows(&self) -> usize {
+    pub fn window_count(&self) -> usize {
         self.problems[0].windows.len()
     }
 
     /// Start states from the smoothed motions: by window, by joint.
     #[must_use]
-    pub fn starts(&self, models: &[JointModel]) -> Vec<Vec<Start>> {
-        let own: Vec<Vec<Start>> = self.problems.iter().zip(models).map(|(p, m)| p.starts(m)).collect();
-        (0..self.windows()).map(|w| own.iter().map(|s| s[w]).collect()).collect()
+    pub fn smoothed_starts(&self, models: &[JointModel]) -> Vec<Vec<Start>> {
+        let own: Vec<Vec<Start>> =
+            self.problems.iter().zip(models).map(|(p, m)| p.smoothed_starts(m)).collect();
+        (0..self.window_count()).map(|w| own.iter().map(|s| s[w]).collect()).collect()
     }
 
     /// Drive of each joint: by joint, by log.
     #[must_use]
-    pub fn drives(&self, models: &[JointModel]) -> Vec<Vec<Drive>> {
-        self.problems.iter().zip(models).map(|(p, m)| p.drives(m)).collect()
+    pub fn joint_drives(&self, models: &[JointModel]) -> Vec<Vec<Drive>> {
+        self.problems.iter().zip(models).map(|(p, m)| p.model_drives(m)).collect()
     }
 
     /// Residuals of a window: sample by sample, each joint, rad or m.
     #[must_use]
-    pub fn residuals(
+    pub fn window_residuals(
         &self,
         models: &[JointModel],
         drives: &[Vec<Drive>],
@@ -67,7 +68,7 @@ impl<'t, 'c> Joints<'t, 'c> {
         let first = &self.problems[0];
         let span = first.windows[window];
         let time_s = &first.logs[span.log].time_s;
-        let dynamics = Dynamics::of(self.tree, &self.joints, models, first.catalogue);
+        let dynamics = Dynamics::of_models(self.tree, &self.joints, models, first.catalogue);
         let mut q: Vec<f64> = starts.iter().map(|s| s.position).collect();
         let mut v: Vec<f64> = starts.iter().map(|s| s.velocity).collect();
         let mut gauge: Vec<f64> = dynamics
@@ -98,7 +99,7 @@ impl<'t, 'c> Joints<'t, 'c> {
                     *signal = drive.signal[k * drive.steps + s * drive.steps / steps];
                 }
                 let middle_s = run_time_s(span.log, &first.logs[span.log], k) + (s as f64 + 0.5) * step;
-                dynamics.step(
+                dynamics.step_by(
                     &mut q,
                     &mut v,
                     step,

@@ -19,7 +19,7 @@ pub struct MultibodyBlock {
 impl MultibodyBlock {
     /// Of residuals and their derivatives by the prediction's start state, then by its parameters, columns.
     #[must_use]
-    pub fn of(residual: &DVector<f64>, by: &DMatrix<f64>, states: usize) -> Self {
+    pub fn of_residuals(residual: &DVector<f64>, by: &DMatrix<f64>, states: usize) -> Self {
         let products = by.transpose() * by;
         let gradient = by.transpose() * residual;
         let free = by.ncols() - states;
@@ -35,7 +35,7 @@ impl MultibodyBlock {
 
     /// Hessian and gradient of the parameters from the window, its start state free; and the inverse of the
     /// start state's part.
-    fn reduced(&self, damping: f64) -> (DMatrix<f64>, DVector<f64>, DMatrix<f64>) {
+    fn without_start(&self, damping: f64) -> (DMatrix<f64>, DVector<f64>, DMatrix<f64>) {
         let mut start = self.start.clone();
         for i in 0..start.nrows() {
             start[(i, i)] = start[(i, i)] * (1.0 + damping) + 1e-300;
@@ -58,13 +58,13 @@ pub struct MultibodyStep {
 
 /// The step of Gauss and Newton, damped after Marquardt; `frozen` parameters stay.
 #[must_use]
-pub fn step(blocks: &[MultibodyBlock], frozen: &[bool], damping: f64) -> Option<MultibodyStep> {
+pub fn multibody_step(blocks: &[MultibodyBlock], frozen: &[bool], damping: f64) -> Option<MultibodyStep> {
     let n = frozen.len();
     let mut known = DMatrix::zeros(n, n);
     let mut wanted = DVector::zeros(n);
     let mut inverses = Vec::with_capacity(blocks.len());
     for block in blocks {
-        let (hessian, gradient, inverse) = block.reduced(damping);
+        let (hessian, gradient, inverse) = block.without_start(damping);
         known += hessian;
         wanted += gradient;
         inverses.push(inverse);
@@ -91,9 +91,13 @@ pub fn step(blocks: &[MultibodyBlock], frozen: &[bool], damping: f64) -> Option<
 /// `share` of their number; where parameters move more from window to window, the windows decide (Liang and
 /// Zeger 1986).
 #[must_use]
-pub fn covariance(blocks: &[MultibodyBlock], frozen: &[bool], share: f64) -> (DMatrix<f64>, Vec<f64>) {
+pub fn cluster_covariance(
+    blocks: &[MultibodyBlock],
+    frozen: &[bool],
+    share: f64,
+) -> (DMatrix<f64>, Vec<f64>) {
     let n = frozen.len();
-    let reduced: Vec<_> = blocks.iter().map(|b| b.reduced(0.0)).collect();
+    let reduced: Vec<_> = blocks.iter().map(|b| b.without_start(0.0)).collect();
     let mut known = reduced.iter().fold(DMatrix::zeros(n, n), |sum, (h, ..)| sum + h);
     for i in (0..n).filter(|i| frozen[*i]) {
         known.row_mut(i).fill(0.0);

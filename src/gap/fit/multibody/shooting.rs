@@ -9,11 +9,11 @@ use crate::{
         damping,
         multibody::{
             joints::Joints,
-            normal::{MultibodyBlock, covariance, step},
+            normal::{MultibodyBlock, cluster_covariance, multibody_step},
         },
         problem::Problem,
         rollout::Start,
-        shooting::{Free, moved},
+        shooting::{Free, moved_model},
     },
     model::{
         effect::{Coverage, Dimension},
@@ -64,30 +64,31 @@ pub struct MultibodyFit {
 
 /// Fits models of the joints from given ones; `starts` come from a fit of similar models.
 #[must_use]
-pub fn fit(
+pub fn multibody_fit(
     joints: &Joints,
     models: &[JointModel],
     starts: Option<&[Vec<Start>]>,
     free: Free,
     pace: MultibodyPace,
 ) -> MultibodyFit {
-    let starts = starts.map_or_else(|| joints.starts(models), <[Vec<Start>]>::to_vec);
+    let starts = starts.map_or_else(|| joints.smoothed_starts(models), <[Vec<Start>]>::to_vec);
     let mut at = FitState { models: models.to_vec(), starts };
     let frozen: Vec<bool> = models
         .iter()
         // The lag comes from the joints by themselves.
-        .flat_map(|m| (0..m.free()).map(|i| i == 0 || free == Free::Starts))
+        .flat_map(|m| (0..m.free_count()).map(|i| i == 0 || free == Free::Starts))
         .collect();
-    let mut size = sizes(joints, &at);
+    let mut size = residual_sizes(joints, &at);
     for _ in 0..pace.rounds {
-        iterate(joints, &mut at, &size, &frozen, pace.steps);
-        size = sizes(joints, &at);
+        iterate_steps(joints, &mut at, &size, &frozen, pace.steps);
+        size = residual_sizes(joints, &at);
     }
-    let blocks = blocks(joints, &at, &size, &frozen);
-    let share = joints.problems[0].weighing.share();
-    let (covariance, witnesses) = covariance(&blocks, &frozen, share);
+    let blocks = window_blocks(joints, &at, &size, &frozen);
+    let share = joints.problems[0].weighing.counting_share();
+    let (covariance, witnesses) = cluster_covariance(&blocks, &frozen, share);
     // Two of the independent numbers of a window go to a start state.
-    let free = joints.problems.iter().map(|p| (p.independent() - 2.0 * p.windows.len() as f64).max(1.0));
+    let free =
+        joints.problems.iter().map(|p| (p.independent_count() - 2.0 * p.windows.len() as f64).max(1.0));
     let twice_likelihood = free.zip(&size).map(|(free, size)| -2.0 * free * size.ln()).sum();
     let FitState { models, starts } = at;
     MultibodyFit { models, starts, size, twice_likelihood, covariance, witnesses }
@@ -96,12 +97,12 @@ pub fn fit(
 /// Root mean square residuals of windows under models, by window and joint, with the best start states.
 #[must_use]
 pub fn window_sizes(joints: &Joints, models: &[JointModel]) -> Vec<Vec<f64>> {
-    let fitted = fit(joints, models, None, Free::Starts, MultibodyPace::THOROUGH);
-    let drives = joints.drives(models);
+    let fitted = multibody_fit(joints, models, None, Free::Starts, MultibodyPace::THOROUGH);
+    let drives = joints.joint_drives(models);
     let n = models.len();
-    (0..joints.windows())
+    (0..joints.window_count())
         .into_par_iter()
-        .map(|w| rms_by_joint(&joints.residuals(models, &drives, w, &fitted.starts[w]), n))
+        .map(|w| rms_by_joint(&joints.window_residuals(models, &drives, w, &fitted.starts[w]), n))
         .collect()
 }
 
@@ -124,12 +125,12 @@ struct FitState {
 }
 
 /// Root mean square residual of each joint, not below its noise.
-fn sizes(joints: &Joints, at: &FitState) -> Vec<f64> {
-    let drives = joints.drives(&at.models);
+fn residual_sizes(joints: &Joints, at: &FitState) -> Vec<f64> {
+    let drives = joints.joint_drives(&at.models);
     let n = at.models.len();
-    let all: Vec<Vec<f64>> = (0..joints.windows())
+    let all: Vec<Vec<f64>> = (0..joints.window_count())
         .into_par_iter()
-        .map(|w| joints.residuals(&at.models, &drives, w, &at.starts[w]))
+        .map(|w| joints.window_residuals(&at.models, &drives, w, &at.starts[w]))
         .collect();
     let mut sizes = Vec::with_capacity(n);
     for i in 0..n {
@@ -140,24 +141,24 @@ fn sizes(joints: &Joints, at: &FitState) -> Vec<f64> {
     sizes
 }
 
-fn iterate(joints: &Joints, at: &mut FitState, size: &[f64], frozen: &[bool], steps: usize) {
+fn iterate_steps(joints: &Joints, at: &mut FitState, size: &[f64], frozen: &[bool], steps: usize) {
     let mut damping = damping::LEAST_RISEN;
-    let mut now = blocks(joints, at, size, frozen);
+    let mut now = window_blocks(joints, at, size, frozen);
     for _ in 0..steps {
-        let Some(step) = step(&now, frozen, damping) else {
+        let Some(step) = multibody_step(&now, frozen, damping) else {
             damping *= 10.0;
             continue;
         };
         let trial = moved_by(joints, at, &step.parameters, &step.states);
         let cost: f64 = now.iter().map(|b| b.cost).sum();
-        let after = costs(joints, &trial, size).iter().sum::<f64>();
+        let after = window_costs(joints, &trial, size).iter().sum::<f64>();
         if after < cost {
             *at = trial;
             damping = (damping * damping::FALL).max(damping::LEAST);
             if cost - after < ENOUGH * cost {
                 break;
             }
-            now = blocks(joints, at, size, frozen);
+            now = window_blocks(joints, at, size, frozen);
         } else {
             damping = (damping * damping::RISE).max(damping::LEAST_RISEN);
             if damping > 1e5 {
@@ -172,9 +173,9 @@ fn moved_by(joints: &Joints, at: &FitState, parameters: &DVector<f64>, states: &
     let mut first = 0;
     let mut models = Vec::with_capacity(at.models.len());
     for (problem, model) in joints.problems.iter().zip(&at.models) {
-        let own = parameters.rows(first, model.free()).into_owned();
-        first += model.free();
-        models.push(moved(problem, model, &own));
+        let own = parameters.rows(first, model.free_count()).into_owned();
+        first += model.free_count();
+        models.push(moved_model(problem, model, &own));
     }
     let mut starts = at.starts.clone();
     for (starts, step) in starts.iter_mut().zip(states) {
@@ -191,7 +192,7 @@ fn moved_by(joints: &Joints, at: &FitState, parameters: &DVector<f64>, states: &
 const LOST: f64 = 1e100;
 
 /// Residuals of a window in units of their size.
-fn scaled(
+fn scaled_residuals(
     joints: &Joints,
     models: &[JointModel],
     drives: &[Vec<Drive>],
@@ -199,7 +200,7 @@ fn scaled(
     size: &[f64],
     window: usize,
 ) -> DVector<f64> {
-    let mut residuals = joints.residuals(models, drives, window, starts);
+    let mut residuals = joints.window_residuals(models, drives, window, starts);
     for (k, r) in residuals.iter_mut().enumerate() {
         let x = *r / size[k % size.len()];
         *r = if x.is_finite() { x.clamp(-LOST, LOST) } else { LOST };
@@ -207,11 +208,11 @@ fn scaled(
     DVector::from_vec(residuals)
 }
 
-fn costs(joints: &Joints, at: &FitState, size: &[f64]) -> Vec<f64> {
-    let drives = joints.drives(&at.models);
-    (0..joints.windows())
+fn window_costs(joints: &Joints, at: &FitState, size: &[f64]) -> Vec<f64> {
+    let drives = joints.joint_drives(&at.models);
+    (0..joints.window_count())
         .into_par_iter()
-        .map(|w| scaled(joints, &at.models, &drives, &at.starts[w], size, w).norm_squared())
+        .map(|w| scaled_residuals(joints, &at.models, &drives, &at.starts[w], size, w).norm_squared())
         .collect()
 }
 
@@ -226,26 +227,26 @@ struct MovedParameter {
 }
 
 /// Normal equations of all windows; `frozen` parameters have columns of zeros.
-fn blocks(joints: &Joints, at: &FitState, size: &[f64], frozen: &[bool]) -> Vec<MultibodyBlock> {
-    let drives = joints.drives(&at.models);
-    let free: usize = at.models.iter().map(JointModel::free).sum();
+fn window_blocks(joints: &Joints, at: &FitState, size: &[f64], frozen: &[bool]) -> Vec<MultibodyBlock> {
+    let drives = joints.joint_drives(&at.models);
+    let free: usize = at.models.iter().map(JointModel::free_count).sum();
     let mut beside = Vec::with_capacity(free);
     let mut column = 0;
     for (i, model) in at.models.iter().enumerate() {
-        let scales = scales(&joints.problems[i], model);
+        let scales = typical_sizes(&joints.problems[i], model);
         let first = column;
-        column += model.free();
+        column += model.free_count();
         for (p, scale) in scales.iter().enumerate().filter(|(p, _)| !frozen[first + p]) {
-            let mut parameters = model.parameters();
+            let mut parameters = model.free_parameters();
             let step = DIFFERENCE * scale.max(parameters[p].abs());
             parameters[p] += step;
             let mut models = at.models.clone();
             models[i] = model.with_parameters(&parameters);
-            let drives = joints.drives(&models);
+            let drives = joints.joint_drives(&models);
             beside.push(MovedParameter { column: first + p, models, drives, step });
         }
     }
-    (0..joints.windows())
+    (0..joints.window_count())
         .into_par_iter()
         .map(|w| window_block(joints, at, &drives, &beside, size, free, w))
         .collect()
@@ -263,7 +264,7 @@ fn window_block(
 ) -> MultibodyBlock {
     let n = at.models.len();
     let own_starts = &at.starts[window];
-    let residual = scaled(joints, &at.models, drives, own_starts, size, window);
+    let residual = scaled_residuals(joints, &at.models, drives, own_starts, size, window);
     let mut by = DMatrix::zeros(residual.len(), 2 * n + free);
     for i in 0..n {
         let coverage = &joints.problems[i].coverage;
@@ -272,26 +273,26 @@ fn window_block(
             let mut starts = own_starts.clone();
             let state = if k == 0 { &mut starts[i].position } else { &mut starts[i].velocity };
             *state += step;
-            let other = scaled(joints, &at.models, drives, &starts, size, window);
+            let other = scaled_residuals(joints, &at.models, drives, &starts, size, window);
             by.set_column(2 * i + k, &((&residual - other) / step));
         }
     }
     for moved in beside {
-        let other = scaled(joints, &moved.models, &moved.drives, own_starts, size, window);
+        let other = scaled_residuals(joints, &moved.models, &moved.drives, own_starts, size, window);
         by.set_column(2 * n + moved.column, &((&residual - other) / moved.step));
     }
-    MultibodyBlock::of(&residual, &by, 2 * n)
+    MultibodyBlock::of_residuals(&residual, &by, 2 * n)
 }
 
 /// Typical size of each free parameter of a model.
-fn scales(problem: &Problem, model: &JointModel) -> Vec<f64> {
+fn typical_sizes(problem: &Problem, model: &JointModel) -> Vec<f64> {
     let coverage = &problem.coverage;
     let of_terms = model.terms.iter().flat_map(|t| {
         let parameters = problem.catalogue[t.effect].parameters();
-        parameters.iter().take(t.p.len()).map(|p| typical(p.dimension, coverage))
+        parameters.iter().take(t.p.len()).map(|p| typical_size(p.dimension, coverage))
     });
     let [gain, damping] = problem.plant.actuator.is_found;
-    let of_actuator = [gain.then_some(1.0), damping.then(|| typical(Dimension::Damping, coverage))];
+    let of_actuator = [gain.then_some(1.0), damping.then(|| typical_size(Dimension::Damping, coverage))];
     std::iter::once(coverage.interval_s).chain(of_terms).chain(of_actuator.into_iter().flatten()).collect()
 }
 
@@ -300,7 +301,7 @@ fn scales(problem: &Problem, model: &JointModel) -> Vec<f64> {
 const TYPICAL: f64 = 0.1;
 
 /// [`TYPICAL`] of a number's size, by its dimension, in a motion made by it alone.
-fn typical(dimension: Dimension, coverage: &Coverage) -> f64 {
+fn typical_size(dimension: Dimension, coverage: &Coverage) -> f64 {
     let effort = coverage.effort_rms.max(1e-9);
     let way = coverage.travel.max(1e-9);
     let speed = coverage.speed.1.max(1e-9);

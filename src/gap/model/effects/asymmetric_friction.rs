@@ -1,6 +1,6 @@
 //! Coulomb friction with another bound each way.
 
-use crate::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
+use crate::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude_parameter};
 use crate::model::format::{Expression, Format, NearestEffect};
 use crate::model::plant::Plant;
 
@@ -9,8 +9,8 @@ use crate::model::plant::Plant;
 pub(super) struct AsymmetricFriction;
 
 const PARAMETERS: &[Parameter] = &[
-    amplitude("friction_positive", Dimension::Effort, false),
-    amplitude("friction_negative", Dimension::Effort, false),
+    amplitude_parameter("friction_positive", Dimension::Effort, false),
+    amplitude_parameter("friction_negative", Dimension::Effort, false),
 ];
 
 const SPEC: Spec = Spec {
@@ -23,11 +23,11 @@ const SPEC: Spec = Spec {
 };
 
 impl Effect for AsymmetricFriction {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
-    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+    fn write_response(&self, at: &At, p: &[f64], out: &mut Response) {
         // By the direction against the friction, since a joint at rest has no sign of the velocity.
         let side = usize::from(at.direction < 0.0);
         out.value = p[side];
@@ -40,11 +40,11 @@ impl Effect for AsymmetricFriction {
 
     fn in_format(&self, format: Format, p: &[f64], _plant: &Plant) -> Expression {
         // One bound both ways, and in formats with a constant effort, one to make up the difference.
-        let mean = NearestEffect::effect("coulomb_friction", vec![0.5 * (p[0] + p[1])]);
+        let mean = NearestEffect::other_effect("coulomb_friction", vec![0.5 * (p[0] + p[1])]);
         match format {
             Format::Mjcf => Expression::Approximated(vec![
                 mean,
-                NearestEffect::effect("constant_bias", vec![0.5 * (p[1] - p[0])]),
+                NearestEffect::other_effect("constant_bias", vec![0.5 * (p[1] - p[0])]),
             ]),
             Format::Sdf | Format::Usd => Expression::Approximated(vec![mean]),
             Format::Urdf => Expression::NotExpressible,

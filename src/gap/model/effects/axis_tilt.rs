@@ -3,7 +3,7 @@
 use crate::model::format::{Expression, Format, JointNumbers, NearestEffect};
 use crate::model::plant::Plant;
 use crate::{
-    model::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude},
+    model::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude_parameter},
     trig::sin_cos,
 };
 
@@ -11,8 +11,10 @@ use crate::{
 #[derive(Debug)]
 pub(super) struct AxisTilt;
 
-const PARAMETERS: &[Parameter] =
-    &[amplitude("sine", Dimension::Effort, true), amplitude("cosine", Dimension::Effort, true)];
+const PARAMETERS: &[Parameter] = &[
+    amplitude_parameter("sine", Dimension::Effort, true),
+    amplitude_parameter("cosine", Dimension::Effort, true),
+];
 
 const SPEC: Spec = Spec {
     name: "axis_tilt",
@@ -27,7 +29,7 @@ const SPEC: Spec = Spec {
 const FLAT: f64 = 1.0 - 1e-6;
 
 impl Effect for AxisTilt {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
@@ -35,7 +37,7 @@ impl Effect for AxisTilt {
         true
     }
 
-    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+    fn write_response(&self, at: &At, p: &[f64], out: &mut Response) {
         let (s, c) = sin_cos(at.q);
         out.value = p[0] * s + p[1] * c;
         out.q = p[0] * c - p[1] * s;
@@ -43,7 +45,7 @@ impl Effect for AxisTilt {
         out.p[1] = c;
     }
 
-    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+    fn start_shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         // A sliding joint sees gravity as a constant; along a chain no single joint is tilted.
         if coverage.turns && !coverage.in_chain { vec![vec![0.0, 0.0]] } else { Vec::new() }
     }
@@ -60,12 +62,12 @@ impl Effect for AxisTilt {
                 let share = FLAT * plant.most_load / amplitude;
                 let nearest =
                     vec![plant.load.sine - share * wanted[0], plant.load.cosine - share * wanted[1]];
-                Expression::Approximated(vec![NearestEffect::own(nearest)])
+                Expression::Approximated(vec![NearestEffect::same_effect(nearest)])
             }
         }
     }
 
-    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+    fn add_to_numbers(&self, p: &[f64], joint: &mut JointNumbers) {
         joint.tilt = Some([p[0], p[1]]);
     }
 }

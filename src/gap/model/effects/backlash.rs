@@ -1,6 +1,6 @@
 //! Play between the joint and its sensor: the recorded position follows within half a gap either side.
 
-use crate::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
+use crate::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude_parameter};
 
 /// Least gap in deviations of the position's noise: one within the noise cannot be seen.
 /// chosen: many reversals show a little less than one deviation.
@@ -20,7 +20,7 @@ const BOUND: f64 = 0.3;
 #[derive(Debug)]
 pub(super) struct Backlash;
 
-const PARAMETERS: &[Parameter] = &[amplitude("half_gap", Dimension::Position, false)];
+const PARAMETERS: &[Parameter] = &[amplitude_parameter("half_gap", Dimension::Position, false)];
 
 const SPEC: Spec = Spec {
     name: "backlash",
@@ -31,11 +31,11 @@ const SPEC: Spec = Spec {
 };
 
 impl Effect for Backlash {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
-    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+    fn start_shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         let range = coverage.position.1 - coverage.position.0;
         let gaps = (0..14).map(|i| FIRST * range * RATIO.powi(i));
         gaps.filter(|g| *g > LEAST_NOISES * coverage.position_noise && *g < LARGEST * range)
@@ -43,7 +43,7 @@ impl Effect for Backlash {
             .collect()
     }
 
-    fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
+    fn parameter_bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
         (0.0, BOUND * (coverage.position.1 - coverage.position.0))
     }
 }

@@ -1,7 +1,10 @@
 //! A ripple over the position: `effort = s sin(n q) + c cos(n q)`.
 
 use crate::{
-    model::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape},
+    model::effect::{
+        At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude_parameter,
+        shape_parameter,
+    },
     trig::sin_cos,
 };
 
@@ -14,9 +17,9 @@ const PERIODS: [f64; 2] = [1.5, 110.0];
 pub(super) struct Cogging;
 
 const PARAMETERS: &[Parameter] = &[
-    amplitude("sine", Dimension::Effort, true),
-    amplitude("cosine", Dimension::Effort, true),
-    shape("wave_number", Dimension::WaveNumber, false),
+    amplitude_parameter("sine", Dimension::Effort, true),
+    amplitude_parameter("cosine", Dimension::Effort, true),
+    shape_parameter("wave_number", Dimension::WaveNumber, false),
 ];
 
 const SPEC: Spec = Spec {
@@ -28,7 +31,7 @@ const SPEC: Spec = Spec {
 };
 
 impl Effect for Cogging {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
@@ -36,7 +39,7 @@ impl Effect for Cogging {
         true
     }
 
-    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+    fn write_response(&self, at: &At, p: &[f64], out: &mut Response) {
         let (s, c) = sin_cos(p[2] * at.q);
         let slope = p[0] * c - p[1] * s;
         out.value = p[0] * s + p[1] * c;
@@ -46,14 +49,14 @@ impl Effect for Cogging {
         out.p[2] = at.q * slope;
     }
 
-    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+    fn start_shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         let range = coverage.position.1 - coverage.position.0;
         // From two periods to a hundred over the range, wide after a run away, a third of a period apart at
         // its ends.
         (0..295).map(|i| vec![0.0, 0.0, (2.0 + f64::from(i) / 3.0) * std::f64::consts::TAU / range]).collect()
     }
 
-    fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
+    fn parameter_bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
         let turn = std::f64::consts::TAU / (coverage.position.1 - coverage.position.0);
         if index == 2 { (PERIODS[0] * turn, PERIODS[1] * turn) } else { (-1e9, 1e9) }
     }

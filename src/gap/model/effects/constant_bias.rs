@@ -1,6 +1,6 @@
 //! A constant effort: `effort = e`.
 
-use crate::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
+use crate::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude_parameter};
 use crate::model::format::{Expression, Format, JointNumbers};
 use crate::model::plant::Plant;
 
@@ -8,7 +8,7 @@ use crate::model::plant::Plant;
 #[derive(Debug)]
 pub(super) struct ConstantBias;
 
-const PARAMETERS: &[Parameter] = &[amplitude("effort", Dimension::Effort, true)];
+const PARAMETERS: &[Parameter] = &[amplitude_parameter("effort", Dimension::Effort, true)];
 
 const SPEC: Spec = Spec {
     name: "constant_bias",
@@ -19,11 +19,11 @@ const SPEC: Spec = Spec {
 };
 
 impl Effect for ConstantBias {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
-    fn respond(&self, _at: &At, p: &[f64], out: &mut Response) {
+    fn write_response(&self, _at: &At, p: &[f64], out: &mut Response) {
         out.value = p[0];
         out.p[0] = 1.0;
     }
@@ -32,7 +32,7 @@ impl Effect for ConstantBias {
         Expression::native_if(format == Format::Mjcf)
     }
 
-    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+    fn add_to_numbers(&self, p: &[f64], joint: &mut JointNumbers) {
         joint.bias += p[0];
     }
 }

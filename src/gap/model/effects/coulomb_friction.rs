@@ -1,6 +1,6 @@
 //! Coulomb friction: `|friction| <= F`, against the motion; sticks exactly.
 
-use crate::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
+use crate::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude_parameter};
 use crate::model::format::{Expression, Format, JointNumbers};
 use crate::model::plant::Plant;
 
@@ -8,7 +8,7 @@ use crate::model::plant::Plant;
 #[derive(Debug)]
 pub(super) struct CoulombFriction;
 
-const PARAMETERS: &[Parameter] = &[amplitude("friction", Dimension::Effort, false)];
+const PARAMETERS: &[Parameter] = &[amplitude_parameter("friction", Dimension::Effort, false)];
 
 const SPEC: Spec = Spec {
     name: "coulomb_friction",
@@ -19,11 +19,11 @@ const SPEC: Spec = Spec {
 };
 
 impl Effect for CoulombFriction {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
-    fn respond(&self, _at: &At, p: &[f64], out: &mut Response) {
+    fn write_response(&self, _at: &At, p: &[f64], out: &mut Response) {
         out.value = p[0];
         out.p[0] = 1.0;
     }
@@ -36,7 +36,7 @@ impl Effect for CoulombFriction {
         Expression::Native
     }
 
-    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+    fn add_to_numbers(&self, p: &[f64], joint: &mut JointNumbers) {
         joint.friction += p[0];
     }
 }

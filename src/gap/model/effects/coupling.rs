@@ -1,6 +1,8 @@
 //! A spring to another joint: `effort = e - k q + m q_other`; the ratio of the coupling is `m / k`.
 
-use crate::model::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
+use crate::model::effect::{
+    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude_parameter,
+};
 
 /// See the module.
 #[derive(Debug)]
@@ -10,9 +12,9 @@ pub(super) struct Coupling {
 }
 
 const PARAMETERS: &[Parameter] = &[
-    amplitude("stiffness", Dimension::Stiffness, true),
-    amplitude("other_stiffness", Dimension::Effort, true),
-    amplitude("offset", Dimension::Effort, true),
+    amplitude_parameter("stiffness", Dimension::Stiffness, true),
+    amplitude_parameter("other_stiffness", Dimension::Effort, true),
+    amplitude_parameter("offset", Dimension::Effort, true),
 ];
 
 const SPEC: Spec = Spec {
@@ -24,11 +26,11 @@ const SPEC: Spec = Spec {
 };
 
 impl Effect for Coupling {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
-    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+    fn write_response(&self, at: &At, p: &[f64], out: &mut Response) {
         let other = at.others.get(self.other).copied().unwrap_or(0.0);
         out.value = p[2] - p[0] * at.q + p[1] * other;
         out.q = -p[0];
@@ -37,7 +39,7 @@ impl Effect for Coupling {
         out.p[2] = 1.0;
     }
 
-    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+    fn start_shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         if self.other < coverage.others { vec![vec![0.0; 3]] } else { Vec::new() }
     }
 }

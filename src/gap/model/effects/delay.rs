@@ -1,6 +1,6 @@
 //! The effort acts, or the position is recorded, later than stamped.
 
-use crate::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
+use crate::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude_parameter};
 use crate::model::format::{Expression, Format, JointNumbers};
 use crate::model::plant::Plant;
 
@@ -15,7 +15,7 @@ const LARGEST: f64 = 60.0;
 #[derive(Debug)]
 pub(super) struct Delay;
 
-const PARAMETERS: &[Parameter] = &[amplitude("delay", Dimension::Time, true)];
+const PARAMETERS: &[Parameter] = &[amplitude_parameter("delay", Dimension::Time, true)];
 
 const SPEC: Spec = Spec {
     name: "delay",
@@ -26,15 +26,15 @@ const SPEC: Spec = Spec {
 };
 
 impl Effect for Delay {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
-    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+    fn start_shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         DELAYS.iter().map(|n| vec![n * coverage.interval_s]).collect()
     }
 
-    fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
+    fn parameter_bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
         // A little below zero: efforts may be stamped after they act.
         (-2.0 * coverage.interval_s, LARGEST * coverage.interval_s)
     }
@@ -44,7 +44,7 @@ impl Effect for Delay {
         Expression::native_if(format == Format::Mjcf && p[0] >= 0.0)
     }
 
-    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+    fn add_to_numbers(&self, p: &[f64], joint: &mut JointNumbers) {
         joint.delay_s += p[0];
     }
 }

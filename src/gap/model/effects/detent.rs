@@ -2,7 +2,7 @@
 //! from it.
 
 use crate::model::{
-    bump::{bump, bump_bounds, bump_meets, bumps},
+    bump::{bump_bounds, bump_meets, bump_parameters, bump_starts},
     effect::{At, Coverage, Effect, Extent, Parameter, Place, Response, Spec},
 };
 
@@ -10,7 +10,7 @@ use crate::model::{
 #[derive(Debug)]
 pub(super) struct Detent;
 
-const PARAMETERS: &[Parameter] = &bump("effort");
+const PARAMETERS: &[Parameter] = &bump_parameters("effort");
 
 const SPEC: Spec = Spec {
     name: "detent",
@@ -25,7 +25,7 @@ const SPEC: Spec = Spec {
 const REACH: f64 = 6.0;
 
 impl Effect for Detent {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
@@ -33,7 +33,7 @@ impl Effect for Detent {
         true
     }
 
-    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+    fn write_response(&self, at: &At, p: &[f64], out: &mut Response) {
         let x = (at.q - p[1]) / p[2];
         if x.abs() > REACH {
             return;
@@ -46,15 +46,15 @@ impl Effect for Detent {
         out.p[2] = p[0] * x * (1.0 - x * x) * bump / p[2];
     }
 
-    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
-        bumps(coverage)
+    fn start_shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+        bump_starts(coverage)
     }
 
-    fn reaches(&self, shape: &[f64], extent: &Extent) -> bool {
+    fn reaches_extent(&self, shape: &[f64], extent: &Extent) -> bool {
         bump_meets(extent, shape, REACH)
     }
 
-    fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
+    fn parameter_bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
         bump_bounds(index, coverage)
     }
 }

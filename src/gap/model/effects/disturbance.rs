@@ -1,8 +1,8 @@
 //! A single push: `effort = D exp(-((t - t0) / w)^2 / 2)`. It belongs to a recording and is never exported.
 
 use crate::model::effect::{
-    At, Coverage, Dimension, Effect, Extent, Parameter, Place, RUN_SPACING_S, Response, Spec, amplitude,
-    shape,
+    At, Coverage, Dimension, Effect, Extent, Parameter, Place, RUN_SPACING_S, Response, Spec,
+    amplitude_parameter, shape_parameter,
 };
 
 /// See the module.
@@ -10,9 +10,9 @@ use crate::model::effect::{
 pub(super) struct Disturbance;
 
 const PARAMETERS: &[Parameter] = &[
-    amplitude("effort", Dimension::Effort, true),
-    shape("time", Dimension::Time, true),
-    shape("duration", Dimension::Time, false),
+    amplitude_parameter("effort", Dimension::Effort, true),
+    shape_parameter("time", Dimension::Time, true),
+    shape_parameter("duration", Dimension::Time, false),
 ];
 
 const SPEC: Spec = Spec {
@@ -34,11 +34,11 @@ const PUSHES_S: [(f64, f64); 2] = [(0.06, 0.1), (0.2, 0.25)];
 const WIDTHS_S: [f64; 2] = [0.01, 1.0];
 
 impl Effect for Disturbance {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
-    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+    fn write_response(&self, at: &At, p: &[f64], out: &mut Response) {
         let x = (at.t - p[1]) / p[2];
         if x.abs() > REACH {
             return;
@@ -50,7 +50,7 @@ impl Effect for Disturbance {
         out.p[2] = p[0] * bump * x * x / p[2];
     }
 
-    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+    fn start_shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         let mut shapes = Vec::new();
         for (run, duration_s) in coverage.durations_s.iter().enumerate() {
             for (width_s, step_s) in PUSHES_S {
@@ -64,11 +64,11 @@ impl Effect for Disturbance {
         shapes
     }
 
-    fn reaches(&self, shape: &[f64], extent: &Extent) -> bool {
-        Extent::meets(extent.time_s, shape[1], REACH * shape[2])
+    fn reaches_extent(&self, shape: &[f64], extent: &Extent) -> bool {
+        Extent::meets_interval(extent.time_s, shape[1], REACH * shape[2])
     }
 
-    fn bounds(&self, index: usize, _coverage: &Coverage) -> (f64, f64) {
+    fn parameter_bounds(&self, index: usize, _coverage: &Coverage) -> (f64, f64) {
         if index == 2 { (WIDTHS_S[0], WIDTHS_S[1]) } else { (-1e9, 1e9) }
     }
 

@@ -1,6 +1,6 @@
 //! The recorded position is the true one plus an offset. Only loads depending on the position show it.
 
-use crate::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
+use crate::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude_parameter};
 use crate::model::format::{Expression, Format, JointNumbers};
 use crate::model::plant::Plant;
 
@@ -8,7 +8,7 @@ use crate::model::plant::Plant;
 #[derive(Debug)]
 pub(super) struct EncoderBias;
 
-const PARAMETERS: &[Parameter] = &[amplitude("offset", Dimension::Position, true)];
+const PARAMETERS: &[Parameter] = &[amplitude_parameter("offset", Dimension::Position, true)];
 
 const SPEC: Spec = Spec {
     name: "encoder_bias",
@@ -19,21 +19,21 @@ const SPEC: Spec = Spec {
 };
 
 impl Effect for EncoderBias {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
-    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+    fn start_shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         // Where no effort depends on the position, an offset of it changes nothing.
         if coverage.has_load_slope { vec![vec![0.0]] } else { Vec::new() }
     }
 
-    fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
+    fn parameter_bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
         let range = coverage.position.1 - coverage.position.0;
         (-range, range)
     }
 
-    fn indistinguishable(&self, coverage: &Coverage) -> Option<&'static str> {
+    fn indistinguishable_partner(&self, coverage: &Coverage) -> Option<&'static str> {
         // An offset of the angle turns the load as a tilt about the axis does.
         coverage.turns.then_some("axis_tilt")
     }
@@ -42,7 +42,7 @@ impl Effect for EncoderBias {
         Expression::native_if(format == Format::Mjcf)
     }
 
-    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+    fn add_to_numbers(&self, p: &[f64], joint: &mut JointNumbers) {
         joint.position_offset += p[0];
     }
 }

@@ -1,12 +1,12 @@
 //! The recorded position is `s` times the true one.
 
-use crate::model::effect::{Coverage, Effect, Parameter, Place, Spec, ratio};
+use crate::model::effect::{Coverage, Effect, Parameter, Place, Spec, ratio_parameter};
 
 /// See the module.
 #[derive(Debug)]
 pub(super) struct EncoderScale;
 
-const PARAMETERS: &[Parameter] = &[ratio("scale")];
+const PARAMETERS: &[Parameter] = &[ratio_parameter("scale")];
 
 /// Largest ratio of a recorded to a true position, and one over the smallest.
 /// chosen: the next whole ratio of a gear or a belt; a larger one is a unit, not a scale.
@@ -21,15 +21,15 @@ const SPEC: Spec = Spec {
 };
 
 impl Effect for EncoderScale {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
-    fn bounds(&self, _index: usize, _coverage: &Coverage) -> (f64, f64) {
+    fn parameter_bounds(&self, _index: usize, _coverage: &Coverage) -> (f64, f64) {
         (1.0 / LARGEST, LARGEST)
     }
 
-    fn indistinguishable(&self, coverage: &Coverage) -> Option<&'static str> {
+    fn indistinguishable_partner(&self, coverage: &Coverage) -> Option<&'static str> {
         // Under a load independent of the position, a gain of the effort is the same.
         (!coverage.has_load_slope).then_some("torque_gain")
     }

@@ -3,7 +3,7 @@
 //! one: under a steady effort the joint sinks in less than under `k` alone.
 
 use crate::model::effect::{
-    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape,
+    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude_parameter, shape_parameter,
 };
 use crate::model::format::{Expression, Format, JointNumbers, NearestEffect, Stop};
 use crate::model::plant::Plant;
@@ -16,10 +16,10 @@ pub struct EndStop {
 }
 
 const PARAMETERS: &[Parameter] = &[
-    amplitude("stiffness", Dimension::Stiffness, false),
-    amplitude("contact_damping", Dimension::Damping, false),
-    shape("position", Dimension::Position, true),
-    shape("impedance", Dimension::Ratio, false),
+    amplitude_parameter("stiffness", Dimension::Stiffness, false),
+    amplitude_parameter("contact_damping", Dimension::Damping, false),
+    shape_parameter("position", Dimension::Position, true),
+    shape_parameter("impedance", Dimension::Ratio, false),
 ];
 
 const SPEC: Spec = Spec {
@@ -48,11 +48,11 @@ const RESTARTS: [(f64, f64); 5] = [(12.0, 0.0), (35.0, 0.0), (90.0, 0.0), (35.0,
 const DAMPING: f64 = 0.4;
 
 impl Effect for EndStop {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
-    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+    fn write_response(&self, at: &At, p: &[f64], out: &mut Response) {
         let side = if self.upper { 1.0 } else { -1.0 };
         let depth = side * (at.q - p[2]);
         if depth <= 0.0 {
@@ -73,7 +73,7 @@ impl Effect for EndStop {
         out.load = -p[3];
     }
 
-    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+    fn start_shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         let (low, high) = coverage.position;
         let range = high - low;
         // A soft stop lets the joint past it: the contact begins inside the covered range.
@@ -81,7 +81,7 @@ impl Effect for EndStop {
         DEPTHS.iter().map(|f| vec![0.0, 0.0, edge + inward * f * range, 0.0]).collect()
     }
 
-    fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
+    fn parameter_bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
         // The stiffest stop within the resolution of the rollout's step, critically damped.
         match index {
             0 => (0.0, coverage.inertia * STIFF_RATE * STIFF_RATE),
@@ -91,7 +91,7 @@ impl Effect for EndStop {
         }
     }
 
-    fn restarts(&self, p: &[f64], coverage: &Coverage) -> Vec<Vec<f64>> {
+    fn restart_points(&self, p: &[f64], coverage: &Coverage) -> Vec<Vec<f64>> {
         let mut starts = Vec::with_capacity(RESTARTS.len());
         for (rate, impedance) in RESTARTS {
             let stiffness = coverage.inertia * rate * rate;
@@ -104,7 +104,7 @@ impl Effect for EndStop {
         self.upper
     }
 
-    fn begins(&self) -> Option<usize> {
+    fn contact_parameter(&self) -> Option<usize> {
         Some(2)
     }
 
@@ -112,18 +112,22 @@ impl Effect for EndStop {
         match format {
             Format::Mjcf => Expression::Native,
             // Without the share of a rigid stop behind the soft one.
-            Format::Sdf => Expression::Approximated(vec![NearestEffect::own(vec![p[0], p[1], p[2], 0.0])]),
+            Format::Sdf => {
+                Expression::Approximated(vec![NearestEffect::same_effect(vec![p[0], p[1], p[2], 0.0])])
+            }
             // A limit, as stiff as the rollout resolves.
             Format::Usd => {
                 let stiffness = plant.inertia * STIFF_RATE * STIFF_RATE;
                 let damping = plant.inertia * STIFF_RATE;
-                Expression::Approximated(vec![NearestEffect::own(vec![stiffness, damping, p[2], 0.0])])
+                Expression::Approximated(vec![NearestEffect::same_effect(vec![
+                    stiffness, damping, p[2], 0.0,
+                ])])
             }
             Format::Urdf => Expression::NotExpressible,
         }
     }
 
-    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+    fn add_to_numbers(&self, p: &[f64], joint: &mut JointNumbers) {
         joint.stops.push(Stop {
             is_upper: self.upper,
             position: p[2],

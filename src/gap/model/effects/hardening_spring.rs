@@ -1,7 +1,7 @@
 //! A hardening spring: `effort = -k x - h x^3` with `x = q - r`.
 
 use crate::model::effect::{
-    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape,
+    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude_parameter, shape_parameter,
 };
 use crate::model::format::{Expression, Format, JointNumbers, NearestEffect, Spring};
 use crate::model::plant::Plant;
@@ -11,9 +11,9 @@ use crate::model::plant::Plant;
 pub(super) struct HardeningSpring;
 
 const PARAMETERS: &[Parameter] = &[
-    amplitude("stiffness", Dimension::Stiffness, false),
-    amplitude("hardening", Dimension::CubicStiffness, false),
-    shape("rest_position", Dimension::Position, true),
+    amplitude_parameter("stiffness", Dimension::Stiffness, false),
+    amplitude_parameter("hardening", Dimension::CubicStiffness, false),
+    shape_parameter("rest_position", Dimension::Position, true),
 ];
 
 const SPEC: Spec = Spec {
@@ -25,7 +25,7 @@ const SPEC: Spec = Spec {
 };
 
 impl Effect for HardeningSpring {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
@@ -33,7 +33,7 @@ impl Effect for HardeningSpring {
         true
     }
 
-    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+    fn write_response(&self, at: &At, p: &[f64], out: &mut Response) {
         let x = at.q - p[2];
         out.value = -p[0] * x - p[1] * x * x * x;
         out.q = -p[0] - 3.0 * p[1] * x * x;
@@ -42,14 +42,14 @@ impl Effect for HardeningSpring {
         out.p[2] = -out.q;
     }
 
-    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+    fn start_shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         let (low, high) = coverage.position;
         // A spring may pull one way over the whole range: its rest position lies up to a quarter of it
         // outside.
         (0..7).map(|i| vec![0.0, 0.0, low + (high - low) * (f64::from(i) - 1.0) / 4.0]).collect()
     }
 
-    fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
+    fn parameter_bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
         let (low, high) = coverage.position;
         let range = high - low;
         if index == 2 { (low - range, high + range) } else { (0.0, 1e9) }
@@ -58,15 +58,17 @@ impl Effect for HardeningSpring {
     fn in_format(&self, format: Format, p: &[f64], _plant: &Plant) -> Expression {
         match format {
             Format::Mjcf => Expression::Native,
-            Format::Sdf | Format::Usd if p[0] > 0.0 => Expression::Approximated(vec![NearestEffect::effect(
-                "spring_return",
-                vec![p[0], p[0] * p[2]],
-            )]),
+            Format::Sdf | Format::Usd if p[0] > 0.0 => {
+                Expression::Approximated(vec![NearestEffect::other_effect(
+                    "spring_return",
+                    vec![p[0], p[0] * p[2]],
+                )])
+            }
             _ => Expression::NotExpressible,
         }
     }
 
-    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+    fn add_to_numbers(&self, p: &[f64], joint: &mut JointNumbers) {
         joint.spring = Some(Spring { stiffness: p[0], cubic: p[1], rest: p[2] });
     }
 }

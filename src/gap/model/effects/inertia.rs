@@ -1,6 +1,6 @@
 //! More inertia than the twin has.
 
-use crate::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
+use crate::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude_parameter};
 use crate::model::format::{Expression, Format, JointNumbers};
 use crate::model::plant::Plant;
 
@@ -12,7 +12,7 @@ const MOST_TAKEN: f64 = 0.9;
 #[derive(Debug)]
 pub(super) struct Inertia;
 
-const PARAMETERS: &[Parameter] = &[amplitude("added_inertia", Dimension::Inertia, true)];
+const PARAMETERS: &[Parameter] = &[amplitude_parameter("added_inertia", Dimension::Inertia, true)];
 
 const SPEC: Spec = Spec {
     name: "inertia",
@@ -23,11 +23,11 @@ const SPEC: Spec = Spec {
 };
 
 impl Effect for Inertia {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
-    fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
+    fn parameter_bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
         (-MOST_TAKEN * coverage.inertia, 1e9)
     }
 
@@ -44,7 +44,7 @@ impl Effect for Inertia {
         }
     }
 
-    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+    fn add_to_numbers(&self, p: &[f64], joint: &mut JointNumbers) {
         joint.armature += p[0];
     }
 }

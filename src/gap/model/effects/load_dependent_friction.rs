@@ -1,6 +1,8 @@
 //! Friction in proportion to the joint's effort: `|friction| <= mu |u|`.
 
-use crate::model::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
+use crate::model::effect::{
+    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude_parameter,
+};
 
 /// Largest share of the load.
 /// chosen: near 1, where no effort could ever move the joint.
@@ -10,7 +12,7 @@ const LARGEST: f64 = 0.95;
 #[derive(Debug)]
 pub(super) struct LoadDependentFriction;
 
-const PARAMETERS: &[Parameter] = &[amplitude("coefficient", Dimension::Ratio, false)];
+const PARAMETERS: &[Parameter] = &[amplitude_parameter("coefficient", Dimension::Ratio, false)];
 
 const SPEC: Spec = Spec {
     name: "load_dependent_friction",
@@ -21,17 +23,17 @@ const SPEC: Spec = Spec {
 };
 
 impl Effect for LoadDependentFriction {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
-    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+    fn write_response(&self, at: &At, p: &[f64], out: &mut Response) {
         out.value = p[0] * at.u.abs();
         out.u = p[0] * at.u.signum();
         out.p[0] = at.u.abs();
     }
 
-    fn bounds(&self, _index: usize, _coverage: &Coverage) -> (f64, f64) {
+    fn parameter_bounds(&self, _index: usize, _coverage: &Coverage) -> (f64, f64) {
         (0.0, LARGEST)
     }
 }

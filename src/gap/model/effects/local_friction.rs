@@ -1,7 +1,7 @@
 //! Friction about one position: `|friction| <= F exp(-((q - c) / w)^2)`.
 
 use crate::model::{
-    bump::{bump, bump_bounds, bump_meets, bumps},
+    bump::{bump_bounds, bump_meets, bump_parameters, bump_starts},
     effect::{At, Coverage, Effect, Extent, Parameter, Place, Response, Spec},
 };
 
@@ -9,7 +9,7 @@ use crate::model::{
 #[derive(Debug)]
 pub(super) struct LocalFriction;
 
-const PARAMETERS: &[Parameter] = &bump("friction");
+const PARAMETERS: &[Parameter] = &bump_parameters("friction");
 
 const SPEC: Spec = Spec {
     name: "local_friction",
@@ -24,11 +24,11 @@ const SPEC: Spec = Spec {
 const REACH: f64 = 4.5;
 
 impl Effect for LocalFriction {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
-    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+    fn write_response(&self, at: &At, p: &[f64], out: &mut Response) {
         let x = (at.q - p[1]) / p[2];
         if x.abs() > REACH {
             return;
@@ -41,15 +41,15 @@ impl Effect for LocalFriction {
         out.p[2] = 2.0 * p[0] * bump * x * x / p[2];
     }
 
-    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
-        bumps(coverage)
+    fn start_shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+        bump_starts(coverage)
     }
 
-    fn reaches(&self, shape: &[f64], extent: &Extent) -> bool {
+    fn reaches_extent(&self, shape: &[f64], extent: &Extent) -> bool {
         bump_meets(extent, shape, REACH)
     }
 
-    fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
+    fn parameter_bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
         bump_bounds(index, coverage)
     }
 }

@@ -1,6 +1,6 @@
 //! Drag growing with the square of the speed: `effort = -c v |v|`.
 
-use crate::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
+use crate::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude_parameter};
 use crate::model::format::{Expression, Format, JointNumbers};
 use crate::model::plant::Plant;
 
@@ -8,7 +8,7 @@ use crate::model::plant::Plant;
 #[derive(Debug)]
 pub(super) struct QuadraticDrag;
 
-const PARAMETERS: &[Parameter] = &[amplitude("drag", Dimension::Drag, false)];
+const PARAMETERS: &[Parameter] = &[amplitude_parameter("drag", Dimension::Drag, false)];
 
 const SPEC: Spec = Spec {
     name: "quadratic_drag",
@@ -19,11 +19,11 @@ const SPEC: Spec = Spec {
 };
 
 impl Effect for QuadraticDrag {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
-    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+    fn write_response(&self, at: &At, p: &[f64], out: &mut Response) {
         out.value = -p[0] * at.v * at.v.abs();
         out.v = -2.0 * p[0] * at.v.abs();
         out.p[0] = -at.v * at.v.abs();
@@ -37,7 +37,7 @@ impl Effect for QuadraticDrag {
         Expression::native_if(format == Format::Mjcf)
     }
 
-    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+    fn add_to_numbers(&self, p: &[f64], joint: &mut JointNumbers) {
         joint.drag += p[0];
     }
 }

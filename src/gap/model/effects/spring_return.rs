@@ -1,7 +1,7 @@
 //! A spring: `effort = e - k q`, at rest where `q = e / k`.
 
 use crate::model::effect::{
-    At, Dimension, Effect, MAX_PARAMETERS, Parameter, Place, Reported, Response, Spec, amplitude,
+    At, Dimension, Effect, MAX_PARAMETERS, Parameter, Place, Reported, Response, Spec, amplitude_parameter,
 };
 use crate::model::format::{Expression, Format, JointNumbers, Spring};
 use crate::model::plant::Plant;
@@ -10,8 +10,10 @@ use crate::model::plant::Plant;
 #[derive(Debug)]
 pub(super) struct SpringReturn;
 
-const PARAMETERS: &[Parameter] =
-    &[amplitude("stiffness", Dimension::Stiffness, false), amplitude("offset", Dimension::Effort, true)];
+const PARAMETERS: &[Parameter] = &[
+    amplitude_parameter("stiffness", Dimension::Stiffness, false),
+    amplitude_parameter("offset", Dimension::Effort, true),
+];
 
 const SPEC: Spec = Spec {
     name: "spring_return",
@@ -22,7 +24,7 @@ const SPEC: Spec = Spec {
 };
 
 impl Effect for SpringReturn {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
@@ -30,7 +32,7 @@ impl Effect for SpringReturn {
         true
     }
 
-    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+    fn write_response(&self, at: &At, p: &[f64], out: &mut Response) {
         // Offset and stiffness enter linearly: screening needs no grid of rest positions.
         out.value = p[1] - p[0] * at.q;
         out.q = -p[0];
@@ -38,7 +40,7 @@ impl Effect for SpringReturn {
         out.p[1] = 1.0;
     }
 
-    fn reported(&self, p: &[f64]) -> Vec<Reported> {
+    fn reported_parameters(&self, p: &[f64]) -> Vec<Reported> {
         let mut stiffness = [0.0; MAX_PARAMETERS];
         stiffness[0] = 1.0;
         let mut rest = [0.0; MAX_PARAMETERS];
@@ -63,7 +65,7 @@ impl Effect for SpringReturn {
         }
     }
 
-    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+    fn add_to_numbers(&self, p: &[f64], joint: &mut JointNumbers) {
         joint.spring = Some(Spring { stiffness: p[0], cubic: 0.0, rest: p[1] / p[0] });
     }
 }

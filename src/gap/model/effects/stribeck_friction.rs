@@ -1,7 +1,7 @@
 //! Friction falling with speed from breakaway to sliding: `F + D exp(-(v / s)^2)`.
 
 use crate::model::effect::{
-    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape,
+    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude_parameter, shape_parameter,
 };
 use crate::model::format::{Expression, Format, JointNumbers, NearestEffect};
 use crate::model::plant::Plant;
@@ -11,9 +11,9 @@ use crate::model::plant::Plant;
 pub(super) struct StribeckFriction;
 
 const PARAMETERS: &[Parameter] = &[
-    amplitude("friction", Dimension::Effort, false),
-    amplitude("breakaway_excess", Dimension::Effort, false),
-    shape("stribeck_velocity", Dimension::Velocity, false),
+    amplitude_parameter("friction", Dimension::Effort, false),
+    amplitude_parameter("breakaway_excess", Dimension::Effort, false),
+    shape_parameter("stribeck_velocity", Dimension::Velocity, false),
 ];
 
 const SPEC: Spec = Spec {
@@ -35,11 +35,11 @@ const SPEEDS: [f64; 4] = [0.01, 0.03, 0.08, 0.2];
 const LEAST_SPEED: f64 = 0.002;
 
 impl Effect for StribeckFriction {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
-    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+    fn write_response(&self, at: &At, p: &[f64], out: &mut Response) {
         let x = at.v / p[2];
         let bump = (-x * x).exp();
         out.value = p[0] + p[1] * bump;
@@ -49,15 +49,15 @@ impl Effect for StribeckFriction {
         out.p[2] = 2.0 * p[1] * bump * x * x / p[2];
     }
 
-    fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
+    fn start_shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         SPEEDS.iter().map(|f| vec![0.0, 0.0, f * coverage.speed.1]).collect()
     }
 
-    fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
+    fn parameter_bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
         if index == 2 { (LEAST_SPEED * coverage.speed.1, 0.5 * coverage.speed.1) } else { (0.0, 1e9) }
     }
 
-    fn fall(&self, p: &[f64]) -> f64 {
+    fn friction_fall(&self, p: &[f64]) -> f64 {
         p[1]
     }
 
@@ -69,12 +69,14 @@ impl Effect for StribeckFriction {
         match format {
             Format::Urdf => Expression::NotExpressible,
             // PhysX has the breakaway too, gone as soon as the joint slides.
-            Format::Usd => Expression::Approximated(vec![NearestEffect::own(vec![p[0], p[1], AT_ONCE])]),
-            _ => Expression::Approximated(vec![NearestEffect::effect("coulomb_friction", vec![p[0]])]),
+            Format::Usd => {
+                Expression::Approximated(vec![NearestEffect::same_effect(vec![p[0], p[1], AT_ONCE])])
+            }
+            _ => Expression::Approximated(vec![NearestEffect::other_effect("coulomb_friction", vec![p[0]])]),
         }
     }
 
-    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+    fn add_to_numbers(&self, p: &[f64], joint: &mut JointNumbers) {
         joint.friction += p[0];
         joint.breakaway_excess += p[1];
     }

@@ -1,6 +1,6 @@
 //! The acting effort is `g` times the recorded one.
 
-use crate::model::effect::{Coverage, Effect, LARGEST_RATIO, Parameter, Place, Spec, ratio};
+use crate::model::effect::{Coverage, Effect, LARGEST_RATIO, Parameter, Place, Spec, ratio_parameter};
 use crate::model::format::{Expression, Format, JointNumbers};
 use crate::model::plant::Plant;
 
@@ -8,7 +8,7 @@ use crate::model::plant::Plant;
 #[derive(Debug)]
 pub(super) struct TorqueGain;
 
-const PARAMETERS: &[Parameter] = &[ratio("gain")];
+const PARAMETERS: &[Parameter] = &[ratio_parameter("gain")];
 
 const SPEC: Spec = Spec {
     name: "torque_gain",
@@ -19,15 +19,15 @@ const SPEC: Spec = Spec {
 };
 
 impl Effect for TorqueGain {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
-    fn bounds(&self, _index: usize, _coverage: &Coverage) -> (f64, f64) {
+    fn parameter_bounds(&self, _index: usize, _coverage: &Coverage) -> (f64, f64) {
         (1.0 / LARGEST_RATIO, LARGEST_RATIO)
     }
 
-    fn indistinguishable(&self, coverage: &Coverage) -> Option<&'static str> {
+    fn indistinguishable_partner(&self, coverage: &Coverage) -> Option<&'static str> {
         // Under a load independent of the position, a scale of the position is the same.
         (!coverage.has_load_slope).then_some("encoder_scale")
     }
@@ -36,7 +36,7 @@ impl Effect for TorqueGain {
         Expression::native_if(format == Format::Mjcf)
     }
 
-    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+    fn add_to_numbers(&self, p: &[f64], joint: &mut JointNumbers) {
         joint.gear *= p[0];
     }
 }

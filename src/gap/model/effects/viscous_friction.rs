@@ -1,6 +1,8 @@
 //! Viscous friction: `effort = -b v`.
 
-use crate::model::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
+use crate::model::effect::{
+    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude_parameter,
+};
 use crate::model::format::{Expression, Format, JointNumbers};
 use crate::model::plant::Plant;
 
@@ -8,7 +10,7 @@ use crate::model::plant::Plant;
 #[derive(Debug)]
 pub(super) struct ViscousFriction;
 
-const PARAMETERS: &[Parameter] = &[amplitude("damping", Dimension::Damping, true)];
+const PARAMETERS: &[Parameter] = &[amplitude_parameter("damping", Dimension::Damping, true)];
 
 const SPEC: Spec = Spec {
     name: "viscous_friction",
@@ -19,7 +21,7 @@ const SPEC: Spec = Spec {
 };
 
 impl Effect for ViscousFriction {
-    fn spec(&self) -> &'static Spec {
+    fn effect_spec(&self) -> &'static Spec {
         &SPEC
     }
 
@@ -27,13 +29,13 @@ impl Effect for ViscousFriction {
         true
     }
 
-    fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
+    fn write_response(&self, at: &At, p: &[f64], out: &mut Response) {
         out.value = -p[0] * at.v;
         out.v = -p[0];
         out.p[0] = -at.v;
     }
 
-    fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
+    fn parameter_bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
         // A joint damps; it does not drive itself.
         (-coverage.damping, 1e9)
     }
@@ -50,7 +52,7 @@ impl Effect for ViscousFriction {
         Expression::native_if(plant.damping + p[0] >= 0.0)
     }
 
-    fn write(&self, p: &[f64], joint: &mut JointNumbers) {
+    fn add_to_numbers(&self, p: &[f64], joint: &mut JointNumbers) {
         joint.damping = (joint.damping + p[0]).max(0.0);
     }
 }
