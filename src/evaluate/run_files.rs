@@ -57,10 +57,9 @@ impl RunFiles {
     /// The surface of some links in the world in a state.
     #[must_use]
     pub fn surface(&self, links: &[usize], state: usize) -> TriangleMesh {
-        let placed = |&l: &usize| {
-            self.tree.links[l].visual.transformed(&self.tree.world_from_link(l, &self.states[state]))
-        };
-        let placed: Vec<TriangleMesh> = links.iter().map(placed).collect();
+        let world_from = |link: usize| self.tree.world_from_link(link, &self.states[state]);
+        let placed: Vec<TriangleMesh> =
+            links.iter().map(|&l| self.tree.links[l].visual.transformed(&world_from(l))).collect();
         merge(&placed.iter().collect::<Vec<_>>())
     }
 
@@ -87,20 +86,23 @@ impl RunFiles {
     /// reverse; `fixed` for the part of the root.
     #[must_use]
     pub fn kind(&self, part: usize) -> &'static str {
-        let name = |kind| match kind {
-            JointType::Fixed => "fixed",
-            JointType::Revolute | JointType::Continuous => "revolute",
-            JointType::Prismatic => "prismatic",
-        };
         let Some(joint) = self.tree.joint_of(self.parts[part][0]) else { return "fixed" };
-        let kind = name(joint.kind);
+        let kind = kind_name(joint.kind);
         // A screw may be written as a pair of joints with a link between them that has no mesh.
         let carrier =
             self.tree.joint_of(joint.parent).filter(|_| self.tree.links[joint.parent].visual.is_empty());
-        match (kind, carrier.map(|c| name(c.kind))) {
+        match (kind, carrier.map(|c| kind_name(c.kind))) {
             ("revolute", Some("prismatic")) | ("prismatic", Some("revolute")) => "screw",
             _ => kind,
         }
+    }
+}
+
+fn kind_name(kind: JointType) -> &'static str {
+    match kind {
+        JointType::Fixed => "fixed",
+        JointType::Revolute | JointType::Continuous => "revolute",
+        JointType::Prismatic => "prismatic",
     }
 }
 

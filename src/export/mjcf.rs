@@ -75,12 +75,12 @@ pub(super) fn positions(model: &ArticulatedModel, base: Base, state: &[f64]) -> 
     // The frame of a free root: its place, then the quaternion.
     let root = (base == Base::Floating).then(|| "0 0 0 1 0 0 0".to_owned());
     // A keyframe must satisfy the threads: where it breaks an equality the solver moves the joints at once.
-    let of = |j: usize| {
-        let advance = model.joints[j].kind.thread_m_per_rad().map(|pitch| short(pitch * state[j]));
-        advance.into_iter().chain([short(state[j])]).collect::<Vec<_>>()
-    };
-    let joints = joint_order(model, 0).into_iter().flat_map(of);
-    root.into_iter().chain(joints).collect::<Vec<_>>().join(" ")
+    let mut positions: Vec<String> = root.into_iter().collect();
+    for j in joint_order(model, 0) {
+        positions.extend(model.joints[j].kind.thread_m_per_rad().map(|pitch| short(pitch * state[j])));
+        positions.push(short(state[j]));
+    }
+    positions.join(" ")
 }
 
 /// Joints in the order in which the bodies of the text bring them, which is the order of positions in a
@@ -92,20 +92,22 @@ fn joint_order(model: &ArticulatedModel, link: usize) -> Vec<usize> {
         .collect()
 }
 
+/// Equality between hinge and slide of a screw; `None` for other joints.
+fn thread_equality(joint: &Joint) -> Option<String> {
+    let name = escape(&joint.name);
+    let advance = escape(&joint.advance_name());
+    let turn = short(1.0 / joint.kind.thread_m_per_rad()?);
+    Some(format!(
+        "    <joint name=\"{name}_thread\" joint1=\"{name}\" joint2=\"{advance}\" polycoef=\"0 \
+         {turn} 0 0 0\" {HARD_THREAD}/>\n"
+    ))
+}
+
 /// Ties the hinge of every screw to its slide.
 fn push_threads(text: &mut String, model: &ArticulatedModel) {
     // docs/method.md (11.2): the position of `joint1` is a polynomial in that of `joint2`. The hinge follows:
     // MuJoCo softens a constraint by the inertia of either joint, whatever the factor, and a lid's is small.
-    let thread = |joint: &Joint| {
-        let name = escape(&joint.name);
-        let advance = escape(&joint.advance_name());
-        let turn = short(1.0 / joint.kind.thread_m_per_rad()?);
-        Some(format!(
-            "    <joint name=\"{name}_thread\" joint1=\"{name}\" joint2=\"{advance}\" polycoef=\"0 \
-             {turn} 0 0 0\" {HARD_THREAD}/>\n"
-        ))
-    };
-    let threads: String = model.joints.iter().filter_map(thread).collect();
+    let threads: String = model.joints.iter().filter_map(thread_equality).collect();
     if !threads.is_empty() {
         write!(text, "  <equality>\n{threads}  </equality>\n").ok();
     }

@@ -150,27 +150,31 @@ fn push_photos(
         "Orange: twin lacks",
         "Violet: twin too much",
     ];
-    let percent = |share: f64| unit(&decimal(100.0 * share, 2), "%");
-    let cells = |d: &StateDifference| {
-        let worst = d.views.iter().max_by(|a, b| a.share.total_cmp(&b.share));
-        let worst = worst.map_or_else(String::new, |w| {
-            format!("<br><span class=\"soft\">most in {}: {}</span>", escape(&w.name), percent(w.share))
-        });
-        let links: Vec<String> =
-            d.links.iter().map(|l| format!("{} {}", escape(&l.name), percent(l.share))).collect();
-        let by_part = format!("<br><span class=\"soft\">{}</span>", links.join(", "));
-        [
-            format!("state {}", d.state),
-            d.views.len().to_string() + &worst,
-            d.readings.to_string(),
-            percent(d.share) + &by_part,
-            percent(d.lacks),
-            percent(d.surplus),
-        ]
-    };
-    let rows: String = differences.iter().map(|d| row(&head, &cells(d))).collect();
+    let rows: String = differences.iter().map(|d| row(&head, &difference_cells(d))).collect();
     push_table(out, "Where twin and photos differ", &head, &rows);
     Ok(())
+}
+
+fn difference_cells(d: &StateDifference) -> [String; 6] {
+    let worst = d.views.iter().max_by(|a, b| a.share.total_cmp(&b.share));
+    let worst = worst.map_or_else(String::new, |w| {
+        format!("<br><span class=\"soft\">most in {}: {}</span>", escape(&w.name), percent(w.share))
+    });
+    let links: Vec<String> =
+        d.links.iter().map(|l| format!("{} {}", escape(&l.name), percent(l.share))).collect();
+    let by_part = format!("<br><span class=\"soft\">{}</span>", links.join(", "));
+    [
+        format!("state {}", d.state),
+        d.views.len().to_string() + &worst,
+        d.readings.to_string(),
+        percent(d.share) + &by_part,
+        percent(d.lacks),
+        percent(d.surplus),
+    ]
+}
+
+fn percent(share: f64) -> String {
+    unit(&decimal(100.0 * share, 2), "%")
 }
 
 fn push_pictures(
@@ -265,47 +269,53 @@ fn push_unknown(out: &mut String, report: &Report) {
     }
 }
 
+fn mass_text(kg: f64, range_kg: [f64; 2]) -> String {
+    let [low, high] = range_kg.map(|m| significant(m, 2));
+    format!(
+        "{}<br><span class=\"soft\">{low} to {}</span>",
+        unit(&significant(kg, 3), "kg"),
+        unit(&high, "kg")
+    )
+}
+
+fn triangles_text(n: usize) -> String {
+    unit(&n.to_string(), if n == 1 { "triangle" } else { "triangles" })
+}
+
+fn link_cells(i: usize, link: &LinkReport) -> [String; 6] {
+    let FileTriangles { visual, assumed: walls, collision } = link.file_triangles;
+    let walls = if walls > 0 { format!(", {walls} of assumed walls") } else { String::new() };
+    [
+        format!("{}{}{}", dot(i), escape(&link.name), grasps(link)),
+        format!(
+            "{}<br><span class=\"soft\">of {} before decimation{walls}</span>",
+            triangles_text(visual),
+            link.triangles
+        ),
+        format!(
+            "{}<br><span class=\"soft\">in {}</span>",
+            triangles_text(collision),
+            count(link.solids, "convex solid")
+        ),
+        unit(&decimal(link.area_m2, 3), "m\u{b2}") + &assumed(link),
+        mass_text(link.mass_kg, link.mass_range_kg),
+        format!("<span class=\"soft\">{}</span>", escape(&link.assumption)),
+    ]
+}
+
 fn push_links(out: &mut String, report: &Report) {
     let head = ["Part", "Visual mesh", "Collision", "Area", "Mass (assumed)", "Rests on"];
-    let mass = |kg: f64, range_kg: [f64; 2]| {
-        let [low, high] = range_kg.map(|m| significant(m, 2));
-        format!(
-            "{}<br><span class=\"soft\">{low} to {}</span>",
-            unit(&significant(kg, 3), "kg"),
-            unit(&high, "kg")
-        )
-    };
-    let triangles = |n: usize| unit(&n.to_string(), if n == 1 { "triangle" } else { "triangles" });
-    let cells = |(i, link): (usize, &LinkReport)| {
-        let FileTriangles { visual, assumed: walls, collision } = link.file_triangles;
-        let walls = if walls > 0 { format!(", {walls} of assumed walls") } else { String::new() };
-        [
-            format!("{}{}{}", dot(i), escape(&link.name), grasps(link)),
-            format!(
-                "{}<br><span class=\"soft\">of {} before decimation{walls}</span>",
-                triangles(visual),
-                link.triangles
-            ),
-            format!(
-                "{}<br><span class=\"soft\">in {}</span>",
-                triangles(collision),
-                count(link.solids, "convex solid")
-            ),
-            unit(&decimal(link.area_m2, 3), "m\u{b2}") + &assumed(link),
-            mass(link.mass_kg, link.mass_range_kg),
-            format!("<span class=\"soft\">{}</span>", escape(&link.assumption)),
-        ]
-    };
-    let mut rows: String = report.links.iter().enumerate().map(|l| row(&head, &cells(l))).collect();
+    let mut rows: String =
+        report.links.iter().enumerate().map(|(i, link)| row(&head, &link_cells(i, link))).collect();
     if report.links.len() > 1 {
         let all = |of: fn(&LinkReport) -> usize| report.links.iter().map(of).sum::<usize>();
         let sum = |of: fn(&LinkReport) -> f64| report.links.iter().map(of).sum::<f64>();
         let cells = [
             "All parts".to_owned(),
-            triangles(all(|l| l.file_triangles.visual + l.file_triangles.assumed)),
-            triangles(all(|l| l.file_triangles.collision)),
+            triangles_text(all(|l| l.file_triangles.visual + l.file_triangles.assumed)),
+            triangles_text(all(|l| l.file_triangles.collision)),
             unit(&decimal(sum(|l| l.area_m2), 3), "m\u{b2}"),
-            mass(sum(|l| l.mass_kg), [sum(|l| l.mass_range_kg[0]), sum(|l| l.mass_range_kg[1])]),
+            mass_text(sum(|l| l.mass_kg), [sum(|l| l.mass_range_kg[0]), sum(|l| l.mass_range_kg[1])]),
             String::new(),
         ];
         rows.push_str(&row(&head, &cells));
@@ -356,20 +366,18 @@ fn push_times(out: &mut String, report: &Report) {
     out.push_str("</div>\n</section>\n");
 }
 
+fn motion_text(rotation_deg: f64, displacement_mm: f64) -> String {
+    let displacement = unit(&decimal(displacement_mm, 2), "mm");
+    format!("{} / {displacement}", unit(&decimal(rotation_deg, 3), "\u{b0}"))
+}
+
 fn push_start(out: &mut String, report: &Report) {
     let head = ["Joint", "Started from", "Start turns / moves part by", "Result differs by"];
     let mut rows = String::new();
     for m in &report.run.initialization {
         let source = if m.used { escape(&m.source) } else { format!("not used: {}", escape(&m.source)) };
-        let both = |rotation_deg, displacement_mm| {
-            format!(
-                "{} / {}",
-                unit(&decimal(rotation_deg, 3), "\u{b0}"),
-                unit(&decimal(displacement_mm, 2), "mm")
-            )
-        };
-        let start = both(m.start_rotation_deg, m.start_displacement_mm);
-        let change = both(m.rotation_deg, m.displacement_mm);
+        let start = motion_text(m.start_rotation_deg, m.start_displacement_mm);
+        let change = motion_text(m.rotation_deg, m.displacement_mm);
         rows.push_str(&row(&head, &[escape(&m.joint), source, start, change]));
     }
     push_table(out, "From the start to the result", &head, &rows);

@@ -280,25 +280,11 @@ impl Report {
     /// ([`model::validate`]).
     #[must_use]
     pub fn new(model: &ArticulatedModel, files: &[ExportFile], run: RunFacts) -> Self {
-        let state = |positions: &Vec<f64>| StateReport {
-            joints: model
-                .joints
-                .iter()
-                .zip(positions)
-                .flat_map(|(j, &q)| {
-                    let turn = (j.name.clone(), round_significant(q, 12));
-                    // The slide of a screw leads in the URDF.
-                    let pitch = j.kind.thread_m_per_rad();
-                    let advance = pitch.map(|p| (j.advance_name(), round_significant(p * q, 12)));
-                    advance.into_iter().chain([turn])
-                })
-                .collect(),
-        };
         Self {
             format: REPORT_FORMAT.to_owned(),
             name: model.name.clone(),
             overall: Overall::of(model.joints.len(), &run.warnings, &run.differences),
-            states: model.states.iter().map(state).collect(),
+            states: model.states.iter().map(|positions| state_report(model, positions)).collect(),
             joints: model.joints.iter().enumerate().map(|(i, j)| joint_report(model, i, j)).collect(),
             links: model.links.iter().map(|l| LinkReport::of(l, files)).collect(),
             run,
@@ -380,25 +366,35 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
     }
 }
 
+fn state_report(model: &ArticulatedModel, positions: &[f64]) -> StateReport {
+    let joints = model.joints.iter().zip(positions).flat_map(|(j, &q)| {
+        let turn = (j.name.clone(), round_significant(q, 12));
+        // The slide of a screw leads in the URDF.
+        let pitch = j.kind.thread_m_per_rad();
+        let advance = pitch.map(|p| (j.advance_name(), round_significant(p * q, 12)));
+        advance.into_iter().chain([turn])
+    });
+    StateReport { joints: joints.collect() }
+}
+
+/// Standard deviation of a position; `None` where it is unknown.
+fn position_std(joint: &Joint, state: usize) -> Option<f64> {
+    // Positions count from state 0, so state 0 has no deviation; the evidence begins with state 1.
+    let Some(k) = state.checked_sub(1) else { return Some(0.0) };
+    let std = joint.evidence.position_std.get(k).copied().filter(|s| s.is_finite());
+    std.map(|s| round_significant(s, 4))
+}
+
 /// Position in every state.
 fn positions(model: &ArticulatedModel, joint: usize) -> Vec<PositionReport> {
-    // Positions count from state 0, which has no deviation; the evidence begins with state 1.
-    let std = |state: usize| match state.checked_sub(1) {
-        None => Some(0.0),
-        Some(k) => model.joints[joint]
-            .evidence
-            .position_std
-            .get(k)
-            .copied()
-            .filter(|s| s.is_finite())
-            .map(|s| round_significant(s, 4)),
-    };
-    let of = |(state, q): (usize, &Vec<f64>)| PositionReport {
-        state,
-        value: round_significant(q[joint], 12),
-        std: std(state),
-    };
-    model.states.iter().enumerate().map(of).collect()
+    let states = model.states.iter().enumerate();
+    states
+        .map(|(state, q)| PositionReport {
+            state,
+            value: round_significant(q[joint], 12),
+            std: position_std(&model.joints[joint], state),
+        })
+        .collect()
 }
 
 fn parent_report(score: &ParentScore) -> ParentReport {

@@ -73,13 +73,15 @@ pub(crate) fn ros_urdf(model: &ArticulatedModel, screws: UrdfScrew) -> String {
     robot(model, Form { paths: &paths, names: "", screws, gazebo: true })
 }
 
+/// Whether a joint is written as the nearest joint of URDF.
+fn is_nearest(j: &Joint, screws: UrdfScrew) -> bool {
+    j.kind.pitch_m_per_rad().is_some()
+        && (screws == UrdfScrew::Nearest || j.kind.thread_m_per_rad().is_none())
+}
+
 fn robot(model: &ArticulatedModel, form: Form) -> String {
-    let nearest = |j: &Joint| {
-        j.kind.pitch_m_per_rad().is_some()
-            && (form.screws == UrdfScrew::Nearest || j.kind.thread_m_per_rad().is_none())
-    };
     // Only where it is used: the namespace of what URDF has no word for.
-    let space = if model.joints.iter().any(nearest) {
+    let space = if model.joints.iter().any(|j| is_nearest(j, form.screws)) {
         format!(" xmlns:artitwin=\"{NAMESPACE}\"")
     } else {
         String::new()

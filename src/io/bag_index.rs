@@ -216,13 +216,16 @@ impl BagIndex {
     /// The topics as the choice between them needs them.
     #[must_use]
     pub fn summaries(&self) -> Vec<TopicSummary> {
-        let summary = |(name, stat): (&String, &TopicStat)| TopicSummary {
-            name: name.clone(),
+        self.topics.iter().map(|(name, stat)| self.topic_summary(name, stat)).collect()
+    }
+
+    fn topic_summary(&self, name: &str, stat: &TopicStat) -> TopicSummary {
+        TopicSummary {
+            name: name.to_owned(),
             type_name: stat.type_name.clone(),
             count: stat.count - stat.undecodable,
             encoding: self.images.get(name).map_or_else(String::new, |i| i.encoding.clone()),
-        };
-        self.topics.iter().map(summary).collect()
+        }
     }
 
     /// Leaves out the images between two states, which belong to neither. What belongs to a color image of a
@@ -235,20 +238,18 @@ impl BagIndex {
     }
 
     fn add(&mut self, message: &RawMessage, bag: &Bag) -> Result<(), CaptureError> {
-        let refuse = |what: &str, remedy: &str| {
-            let what = format!("`{}`: {what}", bag.path.display());
-            Err(CaptureError::Unsupported { what, remedy: remedy.into() })
-        };
         // MCAP holds ROS 1 messages as well. They are no CDR: each of them would be counted as damaged.
         if message.message_encoding == "ros1" {
-            return refuse(
+            return refuse_bag(
+                bag,
                 "ROS 1 messages",
                 "convert the bag to ROS 2 with `rosbags-convert --src BAG --dst DIR --dst-storage mcap`",
             );
         }
         // Before the message is indexed: a small compressed bag may hold more of them than memory does.
         if self.entries >= MAX_ENTRIES || self.topics.len() >= MAX_TOPICS {
-            return refuse(
+            return refuse_bag(
+                bag,
                 "a bag with so many messages",
                 "cut it with `ros2 bag convert` to the topics and times that are needed",
             );
@@ -419,6 +420,11 @@ impl BagIndex {
             _ => poses.invalid += 1,
         }
     }
+}
+
+fn refuse_bag(bag: &Bag, what: &str, remedy: &str) -> Result<(), CaptureError> {
+    let what = format!("`{}`: {what}", bag.path.display());
+    Err(CaptureError::Unsupported { what, remedy: remedy.into() })
 }
 
 #[cfg(test)]

@@ -65,18 +65,18 @@ struct Channel {
     place: usize,
 }
 
+fn io_error(path: &Path, source: std::io::Error) -> BagWriteError {
+    BagWriteError::Io { path: path.to_owned(), source }
+}
+
 impl BagWriter {
     /// Makes the folder and its file `<folder>_0.mcap`.
     ///
     /// # Errors
     /// If the folder is there already or cannot be made.
     pub fn create(folder: &Path) -> Result<Self, BagWriteError> {
-        let io = |path: &Path| {
-            let path = path.to_owned();
-            move |source| BagWriteError::Io { path, source }
-        };
         if let Some(above) = folder.parent() {
-            fs::create_dir_all(above).map_err(io(above))?;
+            fs::create_dir_all(above).map_err(|source| io_error(above, source))?;
         }
         // Not `create_dir_all`, which would take a bag that is there for a new one.
         fs::create_dir(folder).map_err(|source| match source.kind() {
@@ -85,7 +85,7 @@ impl BagWriter {
         })?;
         let name = format!("{}_0.mcap", folder.file_name().unwrap_or_default().to_string_lossy());
         let file = folder.join(&name);
-        let sink = BufWriter::new(File::create_new(&file).map_err(io(&file))?);
+        let sink = BufWriter::new(File::create_new(&file).map_err(|source| io_error(&file, source))?);
         // Images are compressed already or do not compress; checksums are what makes damage visible.
         let options =
             mcap::WriteOptions::new().profile("ros2").compression(None).chunk_size(Some(CHUNK_BYTES));

@@ -44,14 +44,15 @@ pub fn glimpse_views(paths: &[PathBuf], config: &CaptureConfig) -> io::Result<Ve
     let bags = match Source::of(paths) {
         Ok(Source::States(paths)) => paths,
         Ok(Source::Both(path)) => vec![path],
-        // What is none is refused by the command itself.
+        // The command itself refuses everything else.
         _ => return Ok(vec![Glimpse::default()]),
     };
-    let look = |path: &PathBuf| {
-        let Some(summaries) = Summaries::of(path)? else { return Ok(Glimpse::default()) };
-        Ok(summaries.views(config)?.unwrap_or_default())
-    };
-    bags.iter().map(look).collect()
+    bags.iter().map(|path| glimpse_of_bag(path, config)).collect()
+}
+
+fn glimpse_of_bag(path: &Path, config: &CaptureConfig) -> io::Result<Glimpse> {
+    let Some(summaries) = Summaries::of(path)? else { return Ok(Glimpse::default()) };
+    Ok(summaries.views(config)?.unwrap_or_default())
 }
 
 /// Number of messages about joints in a bag; 0 where it does not say.

@@ -75,11 +75,13 @@ impl GrowingState {
         }
         // rosbag2 writes metadata.yaml before it ends the last file. One that it compresses as a whole it has
         // ended by then.
-        let has_end = |file: &PathBuf| {
+        if !self.path.join("metadata.yaml").is_file() {
+            return false;
+        }
+        let Ok(bag) = Bag::open(&self.path) else { return false };
+        bag.files.last().is_some_and(|file| {
             file.extension().is_none_or(|e| e != "mcap") || ends_as_mcap(file).unwrap_or(false)
-        };
-        self.path.join("metadata.yaml").is_file()
-            && Bag::open(&self.path).is_ok_and(|bag| bag.files.last().is_some_and(has_end))
+        })
     }
 
     /// Bytes of its files; 0 where there are none.

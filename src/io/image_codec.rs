@@ -216,12 +216,12 @@ impl<T: Copy> Raster<T> {
     pub fn resized_nearest(&self, width: usize, height: usize) -> Self {
         // Pixel centers are integers: center (u + 0.5) scales.
         let source = |i: usize, from: usize, to: usize| ((2 * i + 1) * from / (2 * to)).min(from - 1);
-        let row = |y: usize| {
-            (0..width).map(move |x| {
-                self.pixels[source(y, self.height, height) * self.width + source(x, self.width, width)]
-            })
-        };
-        Self { width, height, pixels: (0..height).flat_map(row).collect() }
+        let mut pixels = Vec::with_capacity(width * height);
+        for y in 0..height {
+            let row = source(y, self.height, height) * self.width;
+            pixels.extend((0..width).map(|x| self.pixels[row + source(x, self.width, width)]));
+        }
+        Self { width, height, pixels }
     }
 }
 

@@ -115,14 +115,16 @@ impl Commands {
 
     /// The commands, seconds from `first`.
     pub fn since(self, first: i64) -> Vec<Command> {
-        let one = |(joint, c): (String, Commanded)| Command {
-            joint,
-            time_s: c.stamps.iter().map(|n| (n - first) as f64 * 1e-9).collect(),
-            position: c.position,
-            velocity: c.velocity,
-            is_straight: c.origin == Origin::Trajectory,
-        };
-        self.joints.into_iter().filter(|(_, c)| !c.stamps.is_empty()).map(one).collect()
+        let commanded = self.joints.into_iter().filter(|(_, c)| !c.stamps.is_empty());
+        commanded
+            .map(|(joint, c)| Command {
+                joint,
+                time_s: c.stamps.iter().map(|n| (n - first) as f64 * 1e-9).collect(),
+                position: c.position,
+                velocity: c.velocity,
+                is_straight: c.origin == Origin::Trajectory,
+            })
+            .collect()
     }
 }
 

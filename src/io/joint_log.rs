@@ -235,11 +235,11 @@ impl<'a> Reader<'a> {
     fn dynamic_state(&mut self, state: &DynamicJointState, log_nanos: i64) {
         let stamp = self.stamp(&state.header, log_nanos);
         for (name, interfaces) in state.joint_names.iter().zip(&state.interface_values) {
-            let of = |wanted: &str| {
+            let values = ["position", "velocity", "effort"].map(|wanted| {
                 let at = interfaces.interface_names.iter().position(|n| n == wanted);
                 at.and_then(|i| interfaces.values.get(i)).copied().unwrap_or(f64::NAN)
-            };
-            add(&mut self.feedback, name, stamp, ["position", "velocity", "effort"].map(of));
+            });
+            add(&mut self.feedback, name, stamp, values);
         }
     }
 
@@ -368,14 +368,16 @@ impl<'a> Reader<'a> {
         let starts = starts.chain(self.poses.values().filter_map(|s| s.stamps.first().copied()));
         let first = starts.chain(self.commands.first()).min().unwrap_or(0);
         let seconds = |stamps: &[i64]| stamps.iter().map(|n| (n - first) as f64 * 1e-9).collect::<Vec<f64>>();
-        let one = |(name, s): (String, Samples)| JointSamples {
-            name,
-            time_s: seconds(&s.stamps),
-            position: s.position,
-            effort: s.effort,
-            velocity: s.velocity,
-        };
-        let mut joints: Vec<JointSamples> = joints.into_iter().map(one).collect();
+        let mut joints: Vec<JointSamples> = joints
+            .into_iter()
+            .map(|(name, s)| JointSamples {
+                name,
+                time_s: seconds(&s.stamps),
+                position: s.position,
+                effort: s.effort,
+                velocity: s.velocity,
+            })
+            .collect();
         let added = joints.iter_mut().filter_map(|j| j.integrate().then(|| j.name.clone()));
         let added: Vec<String> = added.collect();
         if !added.is_empty() {

@@ -114,13 +114,11 @@ impl Manifest {
         }
         // Folders have no entry of their own. In sorted order the first path from `folder/` on shows whether
         // it holds a file of ours; an empty folder that was added is a change.
-        let holds_ours = |path: &String| {
-            self.files
-                .range(format!("{path}/")..)
-                .next()
-                .is_some_and(|(p, _)| p.starts_with(&format!("{path}/")))
-        };
-        there.retain(|path, held| *held != Held::Folder || !holds_ours(path));
+        there.retain(|path, held| {
+            let below = format!("{path}/");
+            let first = self.files.range(below.clone()..).next();
+            *held != Held::Folder || !first.is_some_and(|(p, _)| p.starts_with(&below))
+        });
         found.extend(there.into_keys().map(|path| format!("{path} was added")));
         if fs::read(folder.join(MANIFEST))? != self.bytes()? {
             found.push(format!("{MANIFEST} was edited"));

@@ -74,6 +74,10 @@ fn is_plain(folder: &Path, inner: &str) -> bool {
     }) && at.is_file()
 }
 
+fn disk_error(path: &Path, source: std::io::Error) -> ModelFolderError {
+    ModelFolderError::Disk { path: path.to_owned(), source }
+}
+
 /// All regular files of a folder and of the folders below it, by relative path with `/`. Links and hidden
 /// files are left out.
 ///
@@ -84,15 +88,11 @@ pub fn read_model_folder(folder: &Path) -> Result<Folder, ModelFolderError> {
     let mut bytes = 0;
     let mut open = vec![(folder.to_owned(), String::new())];
     while let Some((path, prefix)) = open.pop() {
-        let disk = |path: &Path| {
-            let path = path.to_owned();
-            move |source| ModelFolderError::Disk { path, source }
-        };
-        for entry in fs::read_dir(&path).map_err(disk(&path))? {
-            let entry = entry.map_err(disk(&path))?;
+        for entry in fs::read_dir(&path).map_err(|e| disk_error(&path, e))? {
+            let entry = entry.map_err(|e| disk_error(&path, e))?;
             let name = entry.file_name().to_string_lossy().into_owned();
             // The entry's own type: a link is neither folder nor file, so none is followed.
-            let kind = entry.file_type().map_err(disk(&entry.path()))?;
+            let kind = entry.file_type().map_err(|e| disk_error(&entry.path(), e))?;
             // Version control and editors keep their own files there.
             if name.starts_with('.') {
                 continue;
@@ -100,7 +100,7 @@ pub fn read_model_folder(folder: &Path) -> Result<Folder, ModelFolderError> {
             if kind.is_dir() {
                 open.push((entry.path(), format!("{prefix}{name}/")));
             } else if kind.is_file() {
-                bytes += entry.metadata().map_err(disk(&entry.path()))?.len();
+                bytes += entry.metadata().map_err(|e| disk_error(&entry.path(), e))?.len();
                 if bytes > MODEL_FOLDER.bytes || found.len() >= MAX_FILES {
                     return Err(ModelFolderError::TooLarge(folder.to_owned()));
                 }

@@ -82,20 +82,22 @@ fn obj_vertex<'a>(words: impl Iterator<Item = &'a str>, mesh: &mut TriangleMesh)
     Ok(())
 }
 
+/// Index of a corner's vertex; `count`: vertices read so far.
+fn vertex_index(word: &str, count: i64) -> Result<u32, ObjFault> {
+    // vertex/texture/normal: the first is the vertex.
+    let index: i64 = word
+        .split('/')
+        .next()
+        .unwrap_or_default()
+        .parse()
+        .map_err(|source| ObjFault::Corner { word: word.to_owned(), source })?;
+    // OBJ counts from 1; negative numbers count back from the vertex given last.
+    let index = if index < 0 { count + index } else { index - 1 };
+    u32::try_from(index).ok().ok_or_else(|| ObjFault::Beyond { word: word.to_owned(), count })
+}
+
 fn obj_face<'a>(words: impl Iterator<Item = &'a str>, mesh: &mut TriangleMesh) -> Result<(), ObjFault> {
     let count = mesh.vertices.len() as i64;
-    let corner = |word: &str| {
-        // vertex/texture/normal: the first is the vertex.
-        let index: i64 = word
-            .split('/')
-            .next()
-            .unwrap_or_default()
-            .parse()
-            .map_err(|source| ObjFault::Corner { word: word.to_owned(), source })?;
-        // OBJ counts from 1; negative numbers count back from the vertex given last.
-        let index = if index < 0 { count + index } else { index - 1 };
-        u32::try_from(index).ok().ok_or_else(|| ObjFault::Beyond { word: word.to_owned(), count })
-    };
-    let corners = words.map(corner).collect::<Result<Vec<u32>, ObjFault>>()?;
+    let corners = words.map(|word| vertex_index(word, count)).collect::<Result<Vec<u32>, ObjFault>>()?;
     Ok(fan(&corners, &mut mesh.triangles)?)
 }

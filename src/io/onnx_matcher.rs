@@ -227,17 +227,18 @@ fn dims(fact: &InferenceFact) -> Vec<Option<usize>> {
     fact.shape.dims().map(|d| d.concretize().and_then(|d| usize::try_from(d.as_i64()?).ok())).collect()
 }
 
+fn input_description(model: &InferenceModel, outlet: &OutletId) -> String {
+    let name = &model.node(outlet.node).name;
+    let Ok(fact) = model.outlet_fact(*outlet) else { return name.clone() };
+    let dims: Vec<String> =
+        dims(fact).into_iter().map(|d| d.map_or("?".to_owned(), |d| d.to_string())).collect();
+    let kind = fact.datum_type.concretize().map_or("?".to_owned(), |t| format!("{t:?}").to_lowercase());
+    format!("{name} {kind} [{}]", dims.join(", "))
+}
+
 /// Inputs and outputs in words.
 fn description(model: &InferenceModel, outputs: &[(String, OutletId)]) -> String {
-    let input = |outlet: &OutletId| {
-        let name = &model.node(outlet.node).name;
-        let Ok(fact) = model.outlet_fact(*outlet) else { return name.clone() };
-        let dims: Vec<String> =
-            dims(fact).into_iter().map(|d| d.map_or("?".to_owned(), |d| d.to_string())).collect();
-        let kind = fact.datum_type.concretize().map_or("?".to_owned(), |t| format!("{t:?}").to_lowercase());
-        format!("{name} {kind} [{}]", dims.join(", "))
-    };
-    let inputs: Vec<String> = model.inputs.iter().map(input).collect();
+    let inputs: Vec<String> = model.inputs.iter().map(|outlet| input_description(model, outlet)).collect();
     let outputs: Vec<&str> = outputs.iter().map(|(name, _)| name.as_str()).collect();
     format!("inputs {} and outputs {}", inputs.join(", "), outputs.join(", "))
 }

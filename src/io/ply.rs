@@ -160,11 +160,10 @@ enum Values<'a> {
 impl Element {
     /// Fewest bytes of a row: in text a digit and a space a value.
     fn least_bytes(&self, values: &Values) -> usize {
-        let bytes = |p: &Property| match values {
-            Values::Ascii(..) => 2,
-            Values::Binary(_) => p.length.unwrap_or(p.value).bytes(),
-        };
-        self.properties.iter().map(bytes).sum()
+        match values {
+            Values::Ascii(..) => 2 * self.properties.len(),
+            Values::Binary(_) => self.properties.iter().map(|p| p.length.unwrap_or(p.value).bytes()).sum(),
+        }
     }
 }
 

@@ -16,6 +16,12 @@ pub struct PoseSource {
     from_topic: bool,
 }
 
+/// The only topic with usable poses; `None` where there are several or none.
+fn only_pose_topic(index: &BagIndex) -> Option<String> {
+    let mut usable = index.poses.iter().filter(|(_, p)| !p.samples.is_empty() || p.invalid > 0);
+    usable.next().filter(|_| usable.next().is_none()).map(|(name, _)| name.clone())
+}
+
 impl PoseSource {
     /// Where the poses come from, or `None` where the camera is to be tracked.
     ///
@@ -51,13 +57,9 @@ impl PoseSource {
         let optical = index.images.get(&topics.color).map(|i| i.frame.clone()).unwrap_or_default();
         // Only a chain in which something moves can say where a moving camera is.
         let moves = index.tf.chain(&optical).moves;
-        let only = || {
-            let mut usable = index.poses.iter().filter(|(_, p)| !p.samples.is_empty() || p.invalid > 0);
-            usable.next().filter(|_| usable.next().is_none()).map(|(name, _)| name.clone())
-        };
         // A pose topic may be that of anything, such as a robot's base:
         // unasked it counts only where /tf is at rest.
-        let topic = topics.pose.clone().or_else(|| if moves { None } else { only() });
+        let topic = topics.pose.clone().or_else(|| if moves { None } else { only_pose_topic(index) });
         let mut source = Self {
             tf: index.tf.clone(),
             world: String::new(),

@@ -93,23 +93,25 @@ pub fn write_rerun(path: &Path, seen: &Seen) -> Result<(), RerunError> {
     write_new(path, &bytes).map_err(|source| RerunError::Write { path: path.to_owned(), source })
 }
 
-/// The twin, and what it was made of.
+fn space_view(name: &str, contents: &[&str]) -> ContainerLike {
+    Spatial3DView::new(name).with_origin("world").with_contents(contents.iter().copied()).into()
+}
+
+fn image_view(name: &str, entity: &str) -> ContainerLike {
+    Spatial2DView::new(name).with_origin("world/camera").with_contents([entity]).into()
+}
+
+/// The twin and its recording.
 fn blueprint() -> Blueprint {
-    let space = |name: &str, contents: &[&str]| -> ContainerLike {
-        Spatial3DView::new(name).with_origin("world").with_contents(contents.iter().copied()).into()
-    };
-    let image = |name: &str, entity: &str| -> ContainerLike {
-        Spatial2DView::new(name).with_origin("world/camera").with_contents([entity]).into()
-    };
     Blueprint::new(Horizontal::new([
         Vertical::new([
-            space("twin", &["world/twin/**"]),
-            space("recording", &["world/fused/**", "world/camera/**", "world/path/**"]),
+            space_view("twin", &["world/twin/**"]),
+            space_view("recording", &["world/fused/**", "world/camera/**", "world/path/**"]),
         ])
         .into(),
         Vertical::new([
-            image("color", "world/camera/color"),
-            image("depth", "world/camera/depth"),
+            image_view("color", "world/camera/color"),
+            image_view("depth", "world/camera/depth"),
             TimeSeriesView::new("joints").with_origin("joints").into(),
             TextDocumentView::new("notes").with_origin("notes").into(),
         ])
@@ -206,14 +208,15 @@ fn transform(pose: &Pose) -> Transform3D {
     Transform3D::from_translation_rotation(t, Quaternion::from_xyzw(q))
 }
 
+fn joint_line(j: &model::Joint) -> String {
+    let (unit, scale) = if j.kind.turns() { ("deg", 1f64.to_degrees()) } else { ("mm", 1e3) };
+    let [lower, upper] = [j.limit.lower, j.limit.upper].map(|x| x * scale);
+    format!("- `{}`: {}, {lower:.1} to {upper:.1} {unit}\n", j.name, j.kind.name())
+}
+
 /// Joints, units of their curves, warnings.
 fn text(seen: &Seen) -> String {
-    let joint = |j: &model::Joint| {
-        let (unit, scale) = if j.kind.turns() { ("deg", 1f64.to_degrees()) } else { ("mm", 1e3) };
-        let [lower, upper] = [j.limit.lower, j.limit.upper].map(|x| x * scale);
-        format!("- `{}`: {}, {lower:.1} to {upper:.1} {unit}\n", j.name, j.kind.name())
-    };
-    let joints: String = seen.model.joints.iter().map(joint).collect();
+    let joints: String = seen.model.joints.iter().map(joint_line).collect();
     let warnings: String = seen.warnings.iter().map(|w| format!("- {}\n", w.text)).collect();
     let warned = if warnings.is_empty() { String::new() } else { format!("\n## Warnings\n\n{warnings}") };
     format!(

@@ -13,13 +13,14 @@ const MAX_TRIES: usize = 1000;
 
 /// Makes a hidden folder `.<name>.<suffix>-<process>-<k>` that was not there before.
 pub(super) fn free_sibling(out: &Path, name: &OsStr, suffix: &str) -> Result<PathBuf, RunDirError> {
-    let path = |k| {
-        let mut hidden = OsString::from(".");
-        hidden.push(name);
-        hidden.push(format!(".{suffix}-{}-{k}", std::process::id()));
-        out.join(hidden)
-    };
-    first_free(path, |path| fs::create_dir(path))
+    first_free(|k| out.join(hidden_name(name, suffix, k)), |path| fs::create_dir(path))
+}
+
+fn hidden_name(name: &OsStr, suffix: &str, k: usize) -> OsString {
+    let mut hidden = OsString::from(".");
+    hidden.push(name);
+    hidden.push(format!(".{suffix}-{}-{k}", std::process::id()));
+    hidden
 }
 
 /// The first path that `make` makes; one that is there already is passed over.

@@ -57,12 +57,7 @@ impl Source {
         if STATES.iter().all(|s| path.join(s).join("camera_train.json").is_file()) {
             return Ok(Self::StartEnd(path.to_owned()));
         }
-        let state = |s: usize| {
-            let folder = path.join(format!("state{s}"));
-            // A state is a rosbag2 folder or a bare file.
-            let files = [folder.clone(), folder.with_extension("mcap")];
-            files.into_iter().find(|p| Bag::is_at(p))
-        };
+        let state = |s: usize| state_bag(path, s);
         match (state(0), state(1)) {
             (Some(_), Some(_)) => {
                 let states: Vec<PathBuf> = (0..).map_while(&state).collect();
@@ -145,13 +140,21 @@ fn exists(path: &Path) -> Result<(), CaptureError> {
     }
 }
 
+/// Recording of a state in a folder: a rosbag2 folder or a bare file.
+fn state_bag(path: &Path, s: usize) -> Option<PathBuf> {
+    let folder = path.join(format!("state{s}"));
+    let files = [folder.clone(), folder.with_extension("mcap")];
+    files.into_iter().find(|p| Bag::is_at(p))
+}
+
 /// Last part of a path without extension, also where it is given as `.` or ``.
 fn own_name(path: &Path) -> String {
     let stem = |p: &Path| p.file_stem().map(|n| n.to_string_lossy().into_owned());
-    let absolute = || {
-        stem(&std::fs::canonicalize(if path.as_os_str().is_empty() { Path::new(".") } else { path }).ok()?)
-    };
-    stem(path).or_else(absolute).unwrap_or_default()
+    if let Some(name) = stem(path) {
+        return name;
+    }
+    let given = if path.as_os_str().is_empty() { Path::new(".") } else { path };
+    std::fs::canonicalize(given).ok().and_then(|absolute| stem(&absolute)).unwrap_or_default()
 }
 
 fn sanitize(name: &str) -> String {

@@ -108,14 +108,13 @@ fn transform(object: &Object, part: usize) -> Result<JointTransform, SynthError>
 fn put_meshes(folder: &RunDir, truth: &str, object: &Object, state: usize) -> Result<(), SynthError> {
     let meshes = object.meshes(state);
     let name = STATES[state];
-    let put = |what: &str, mesh: &TriangleMesh| {
-        folder.put(&format!("{truth}/{name}/{name}{what}_rotate.ply"), &ply(mesh))
-    };
-    put("", &merge(&meshes.iter().collect::<Vec<_>>()))?;
-    put("_static", &meshes[0])?;
+    let path = |what: &str| format!("{truth}/{name}/{name}{what}_rotate.ply");
+    folder.put(&path(""), &ply(&merge(&meshes.iter().collect::<Vec<_>>())))?;
+    folder.put(&path("_static"), &ply(&meshes[0]))?;
     for (k, mesh) in meshes[1..].iter().enumerate() {
         // One moving part has no number.
-        put(&if meshes.len() == 2 { "_dynamic".into() } else { format!("_dynamic_{k}") }, mesh)?;
+        let what = if meshes.len() == 2 { "_dynamic".into() } else { format!("_dynamic_{k}") };
+        folder.put(&path(&what), &ply(mesh))?;
     }
     Ok(())
 }

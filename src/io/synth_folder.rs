@@ -169,25 +169,26 @@ pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Ob
 /// The handles as they stand in state 0.
 fn handles(object: &Object) -> Vec<HandleEntry> {
     let poses = object.world_from_parts(0);
-    let entry = |(part, pose): (usize, &Pose)| {
-        let handle = object.parts[part].handle?;
-        let size = match handle.kind {
-            HandleKind::Bar { length_m, thickness_m, clearance_m } => BTreeMap::from([
-                ("length_m", length_m),
-                ("thickness_m", thickness_m),
-                ("clearance_m", clearance_m),
-            ]),
-            HandleKind::Knob { diameter_m, height_m } => {
-                BTreeMap::from([("diameter_m", diameter_m), ("height_m", height_m)])
-            }
-            HandleKind::Recess { length_m, width_m, depth_m } => {
-                BTreeMap::from([("length_m", length_m), ("width_m", width_m), ("depth_m", depth_m)])
-            }
-        };
-        let frame = rows(&(pose * handle.part_from_handle));
-        Some(HandleEntry { part, kind: handle.kind.name(), frame, size })
+    poses.iter().enumerate().filter_map(|(part, pose)| handle_entry(object, part, pose)).collect()
+}
+
+fn handle_entry(object: &Object, part: usize, pose: &Pose) -> Option<HandleEntry> {
+    let handle = object.parts[part].handle?;
+    let size = match handle.kind {
+        HandleKind::Bar { length_m, thickness_m, clearance_m } => BTreeMap::from([
+            ("length_m", length_m),
+            ("thickness_m", thickness_m),
+            ("clearance_m", clearance_m),
+        ]),
+        HandleKind::Knob { diameter_m, height_m } => {
+            BTreeMap::from([("diameter_m", diameter_m), ("height_m", height_m)])
+        }
+        HandleKind::Recess { length_m, width_m, depth_m } => {
+            BTreeMap::from([("length_m", length_m), ("width_m", width_m), ("depth_m", depth_m)])
+        }
     };
-    poses.iter().enumerate().filter_map(entry).collect()
+    let frame = rows(&(pose * handle.part_from_handle));
+    Some(HandleEntry { part, kind: handle.kind.name(), frame, size })
 }
 
 /// The box that a user would give in place of masks, as `reconstruct --workspace` reads it.

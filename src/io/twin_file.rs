@@ -55,22 +55,25 @@ pub fn read_twin(path: &Path, gravity: [f64; 3]) -> Result<(TwinTree, String), U
 #[must_use]
 pub fn twin_files(path: &Path, text: &str) -> Vec<PathBuf> {
     let folder = path.parent().unwrap_or(Path::new(""));
-    let value = |rest: &str| {
-        let rest = rest.trim_start().strip_prefix('=')?.trim_start();
-        let quote = rest.chars().next().filter(|c| "'\"".contains(*c))?;
-        rest[1..].split_once(quote).map(|(value, _)| value.to_owned())
-    };
     // By its words, not as XML: what cannot be parsed is refused elsewhere, and a file named in a comment
     // does no harm.
-    let named = text.split("filename").skip(1).filter_map(value).map(|name| match name.split_once("://") {
-        Some(("package", rest)) => folder.join(rest.split_once('/').map_or(rest, |(_, path)| path)),
-        Some((_, rest)) => PathBuf::from(rest),
-        None => folder.join(name),
-    });
+    let named =
+        text.split("filename").skip(1).filter_map(quoted_value).map(|name| match name.split_once("://") {
+            Some(("package", rest)) => folder.join(rest.split_once('/').map_or(rest, |(_, path)| path)),
+            Some((_, rest)) => PathBuf::from(rest),
+            None => folder.join(name),
+        });
     [path.to_owned(), path.with_file_name("model.sdf"), path.with_extension("usda")]
         .into_iter()
         .chain(named)
         .collect()
+}
+
+/// Value of an attribute; `rest`: the text behind its name.
+fn quoted_value(rest: &str) -> Option<String> {
+    let rest = rest.trim_start().strip_prefix('=')?.trim_start();
+    let quote = rest.chars().next().filter(|c| "'\"".contains(*c))?;
+    rest[1..].split_once(quote).map(|(value, _)| value.to_owned())
 }
 
 /// The twin of a URDF's text.

@@ -168,12 +168,7 @@ fn tree_joint(joint: &JointText, index: &BTreeMap<&str, usize>) -> Result<TreeJo
         "prismatic" => JointType::Prismatic,
         other => return Err(UrdfFault::JointType { joint: joint.name.clone(), kind: other.to_owned() }),
     };
-    let link = |name: &str| {
-        index
-            .get(name)
-            .copied()
-            .ok_or_else(|| UrdfFault::NoLink { joint: joint.name.clone(), link: name.to_owned() })
-    };
+    let no_link = |name: &str| UrdfFault::NoLink { joint: joint.name.clone(), link: name.to_owned() };
     let axis = match Unit::try_new(joint.axis.unwrap_or_else(Vector3::x), 1e-9) {
         Some(axis) => axis,
         // A fixed joint has no axis; writers leave it out or put zeros there.
@@ -183,8 +178,8 @@ fn tree_joint(joint: &JointText, index: &BTreeMap<&str, usize>) -> Result<TreeJo
     Ok(TreeJoint {
         name: joint.name.clone(),
         kind,
-        parent: link(&joint.parent)?,
-        child: link(&joint.child)?,
+        parent: *index.get(joint.parent.as_str()).ok_or_else(|| no_link(&joint.parent))?,
+        child: *index.get(joint.child.as_str()).ok_or_else(|| no_link(&joint.child))?,
         parent_from_joint: joint.parent_from_joint,
         axis,
         mimic: joint.mimic.clone(),

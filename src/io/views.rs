@@ -230,12 +230,8 @@ impl Views {
     /// The cameras of the color topic's distinct parameters, checked against those of depth.
     fn find_cameras(&mut self, index: &BagIndex) -> Result<InfoTopic, CaptureError> {
         let t = &self.topics;
-        let settled = |name: &String| {
-            let mut infos = index.infos.get(name).cloned().unwrap_or_default();
-            let lost = infos.settle();
-            (infos, lost)
-        };
-        let (infos, lost) = settled(&t.color_info);
+        let mut infos = index.infos.get(&t.color_info).cloned().unwrap_or_default();
+        let lost = infos.settle();
         if lost > 0 {
             self.warnings.push(Note::new(
                 NoteCode::CameraInfoContradicted,
@@ -243,7 +239,10 @@ impl Views {
             ));
         }
         // The first stands for all: aligned depth has the camera of the color images.
-        let aligned = t.depth_info.as_ref().and_then(|name| settled(name).0.distinct.into_iter().next());
+        let mut depth_infos =
+            t.depth_info.as_ref().and_then(|n| index.infos.get(n)).cloned().unwrap_or_default();
+        depth_infos.settle();
+        let aligned = depth_infos.distinct.into_iter().next();
         for info in &infos.distinct {
             let (intrinsics, color) = pinhole(info, &t.color_info, &t.color)?;
             // Focus may change from frame to frame, but not the size of the images.

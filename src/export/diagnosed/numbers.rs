@@ -50,6 +50,16 @@ pub fn missing(format: Format, joint: &JointReport, catalogue: &Catalogue, why: 
     notes(format, "", joint, catalogue).into_iter().map(not_written).collect()
 }
 
+/// Parameters of a term by the names and units of a report.
+fn held_term(term: &Term, turns: bool, catalogue: &Catalogue) -> Held {
+    let effect = &catalogue[term.effect];
+    let reported = effect.reported(&term.p).into_iter();
+    let parameters = reported
+        .map(|r| HeldParameter { name: r.name.into(), value: r.value, unit: r.dimension.unit(turns).into() })
+        .collect();
+    Held { effect: effect.name().into(), parameters }
+}
+
 /// What became of an effect in a file; the residuals are those of the joint with all that the file holds.
 fn note(
     held: &FormatModel,
@@ -58,23 +68,13 @@ fn note(
     joint: &JointReport,
     catalogue: &Catalogue,
 ) -> ExportNote {
-    let by = |term: &Term| {
-        let effect = &catalogue[term.effect];
-        let parameter = |r: gap::model::effect::Reported| HeldParameter {
-            name: r.name.into(),
-            value: r.value,
-            unit: r.dimension.unit(joint.turns).into(),
-        };
-        let parameters = effect.reported(&term.p).into_iter().map(parameter).collect();
-        Held { effect: effect.name().into(), parameters }
-    };
     ExportNote {
         format: held.format.name().into(),
         file: file.into(),
         joint: joint.joint.clone(),
         effect: effect.effect.map_or(Verdict::Unknown.name(), |e| catalogue[e].name()).into(),
         status: effect.fate.name().into(),
-        by: effect.by.iter().map(by).collect(),
+        by: effect.by.iter().map(|term| held_term(term, joint.turns, catalogue)).collect(),
         rmse: Some(held.rmse),
         before: Some(held.twin_rmse),
     }

@@ -144,17 +144,16 @@ fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &MotionLaw, edit
     }
 }
 
+fn three_numbers(text: &str) -> Option<[f64; 3]> {
+    let values: Vec<f64> = text.split_whitespace().filter_map(|x| x.parse().ok()).collect();
+    values.try_into().ok()
+}
+
 /// Replaces the origin of an element, or adds one.
 fn replace_origin(node: &Node, text: &str, new: &dyn Fn(Pose) -> Pose, edits: &mut Vec<Edit>) {
     let old = node.children().find(|n| n.has_tag_name("origin"));
-    let numbers = |name: &str| -> [f64; 3] {
-        let values = old
-            .and_then(|o| o.attribute(name))
-            .map(|t| t.split_whitespace().filter_map(|x| x.parse().ok()).collect::<Vec<f64>>());
-        values.and_then(|v| <[f64; 3]>::try_from(v).ok()).unwrap_or_default()
-    };
-    let [x, y, z] = numbers("xyz");
-    let [r, p, w] = numbers("rpy");
+    let [[x, y, z], [r, p, w]] = ["xyz", "rpy"]
+        .map(|name| old.and_then(|o| o.attribute(name)).and_then(three_numbers).unwrap_or_default());
     let pose = new(Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_euler_angles(r, p, w)));
     let (roll, pitch, yaw) = pose.rotation.euler_angles();
     let t = pose.translation.vector;

@@ -66,11 +66,12 @@ pub fn urdf(
 
 /// An effect as an element that other readers skip, with further `attributes`.
 pub fn element(finding: &Finding, attributes: &str) -> String {
-    let parameter = |p: &ParameterEstimate| {
-        format!("<gap:parameter name=\"{}\" value=\"{}\" unit=\"{}\"/>", p.name, p.value, p.unit)
-    };
-    let parameters: String = finding.parameters.iter().map(parameter).collect();
+    let parameters: String = finding.parameters.iter().map(parameter_element).collect();
     format!("<gap:effect name=\"{}\"{attributes}>{parameters}</gap:effect>", finding.effect)
+}
+
+fn parameter_element(p: &ParameterEstimate) -> String {
+    format!("<gap:parameter name=\"{}\" value=\"{}\" unit=\"{}\"/>", p.name, p.value, p.unit)
 }
 
 /// Declares the namespace of such elements at the root, where it is not.

@@ -164,10 +164,8 @@ fn quaternion_text(q: &nalgebra::UnitQuaternion<f64>) -> String {
 /// Lines of attributes with one of them set, or added at the end.
 fn with_attribute(body: &str, attribute: &str, value: f64) -> String {
     let line = format!("            float {attribute} = {value}\n");
-    let is_it = |l: &&str| {
-        l.trim_start().strip_prefix("float ").is_some_and(|l| l.split(" =").next() == Some(attribute))
-    };
-    match body.split_inclusive('\n').find(is_it) {
+    let name_of = |l: &str| l.trim_start().strip_prefix("float ").and_then(|l| l.split(" =").next());
+    match body.split_inclusive('\n').find(|l| name_of(l) == Some(attribute)) {
         Some(old) => body.replacen(old, &line, 1),
         None => format!("{body}{line}"),
     }

@@ -53,11 +53,13 @@ pub fn open_keyframes(folder: &Path, config: &CaptureConfig, stop: &Stop) -> Res
     let size = image_size(&color_path(folder, first))?;
     config.check_memory(&[(kept.iter().map(Vec::len).sum(), size.0, size.1)])?;
     for (state, kept) in kept.iter().enumerate() {
-        let read = |entry: &Entry| -> Result<RgbdFrame, CaptureError> {
-            stop.check()?;
-            read_frame(folder, &camera_file, &k, entry, size, config)
-        };
-        capture.states[state] = kept.par_iter().map(read).collect::<Result<_, CaptureError>>()?;
+        capture.states[state] = kept
+            .par_iter()
+            .map(|entry| {
+                stop.check()?;
+                read_frame(folder, &camera_file, &k, entry, size, config)
+            })
+            .collect::<Result<_, CaptureError>>()?;
     }
     import_matches(folder, &mut capture, stop)?;
     Ok(capture)

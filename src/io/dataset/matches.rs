@@ -163,12 +163,9 @@ fn add_pair(
         // Matches within a state show no motion.
         _ => return Ok(0),
     };
-    let inside = |p: &[f64; 2], (_, _, w, h): (usize, usize, usize, usize)| {
-        p[0] >= 0.0 && p[1] >= 0.0 && p[0] <= (w - 1) as f64 && p[1] <= (h - 1) as f64
-    };
     let mut outside = 0;
     for (p, q) in pixels_0.iter().zip(&pixels_1) {
-        if !inside(p, zero) || !inside(q, one) {
+        if !is_inside(p, zero.2, zero.3) || !is_inside(q, one.2, one.3) {
             outside += 1;
             continue;
         }
@@ -176,6 +173,10 @@ fn add_pair(
         matches.push(PixelMatch { frame0: zero.1, pixel0: pixel(p), frame1: one.1, pixel1: pixel(q) });
     }
     Ok(outside)
+}
+
+fn is_inside(p: &[f64; 2], width: usize, height: usize) -> bool {
+    p[0] >= 0.0 && p[1] >= 0.0 && p[0] <= (width - 1) as f64 && p[1] <= (height - 1) as f64
 }
 
 #[cfg(test)]

@@ -122,10 +122,8 @@ impl Pickle {
         let kind = dtype.as_bytes()[1];
         let numbers: Option<Vec<f64>> = bytes.chunks_exact(size).map(|b| number(kind, b)).collect();
         let numbers = numbers?;
-        let at = |row: usize, column: usize| {
-            numbers[if *fortran { column * count + row } else { 2 * row + column }]
-        };
-        Some((0..*count).map(|row| [at(row, 0), at(row, 1)]).collect())
+        let [row_step, column_step] = if *fortran { [1, *count] } else { [2, 1] };
+        Some((0..*count).map(|row| [0, 1].map(|c| numbers[row * row_step + c * column_step])).collect())
     }
 }
 
