@@ -1,4 +1,4 @@
-//! How much a recording holds, by its summary and a few messages: what a run will cost is estimated from it.
+//! How much a recording holds, by its summary and a few messages: the cost of a run is estimated from it.
 
 use std::{
     collections::BTreeMap,
@@ -22,9 +22,9 @@ use super::{
 use capture::CaptureConfig;
 use gap::record::tracks::Streams;
 
-/// Most image topics whose first messages are looked at.
+/// Largest number of image topics with a look at the first message.
 const MAX_IMAGE_TOPICS: usize = 64;
-/// Largest chunk whose first messages are looked at, bytes.
+/// Largest chunk with a look at its first messages, bytes.
 const MAX_LOOK: u64 = 64 << 20;
 
 /// How many views a bag holds.
@@ -79,7 +79,7 @@ impl Summaries {
         let mut all = Vec::new();
         for path in &bag.files {
             let file = FileRanges::open(path)?;
-            // What is no MCAP file is refused by its reader.
+            // The reader refuses other files than MCAP.
             if file.size() < 8 || file.range(0, 8)? != mcap::MAGIC {
                 return Ok(None);
             }
@@ -110,7 +110,7 @@ impl Summaries {
                 type_name: channel.type_name.clone(),
                 ..TopicSummary::default()
             });
-            // ROS 1, or a topic of two types: the reader of the whole says what it makes of that.
+            // ROS 1, or a topic of two types: the reader of the whole bag reports it.
             if channel.message_encoding != "cdr" || topic.type_name != channel.type_name {
                 return Ok(None);
             }
@@ -160,7 +160,7 @@ impl Summaries {
     }
 }
 
-/// What the first message of an image topic says of itself.
+/// Encoding and size by the first message of an image topic.
 struct FirstImage {
     /// Encoding or format.
     encoding: String,

@@ -1,4 +1,4 @@
-//! What a bag shows of joints, and whether `diagnose` can use it.
+//! Joints in a bag, and whether `diagnose` can use it.
 
 use std::path::Path;
 
@@ -38,7 +38,7 @@ pub fn inspect_motion(path: &Path) -> MotionInspection {
     }
 }
 
-/// What there is of a joint, and whether it is enough.
+/// Available data of a joint, and whether it is enough.
 fn line(run: &Recording, joint: &JointSamples) -> (String, bool) {
     let first = joint.time_s.iter().copied().fold(f64::INFINITY, f64::min);
     let last = joint.time_s.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -58,7 +58,7 @@ fn line(run: &Recording, joint: &JointSamples) -> (String, bool) {
     .filter_map(|(there, what)| there.then_some(what))
     .collect();
     let held = if held.is_empty() { "nothing".to_owned() } else { held.join(", ") };
-    // The same question that a diagnosis asks first.
+    // The first question of a diagnosis, too.
     let usable = run.joint(&joint.name, &[], &Told::default(), &mut Vec::new());
     let verdict = match &usable {
         Ok(_) => "usable by diagnose".to_owned(),

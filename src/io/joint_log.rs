@@ -21,7 +21,7 @@ use gap::record::{
     tracks::{PoseTrack, Streams, WrenchTrack},
 };
 
-/// Type of the messages that most drivers publish.
+/// Message type of most drivers.
 pub const JOINT_STATE: &str = "sensor_msgs/msg/JointState";
 const WRENCH: &str = "geometry_msgs/msg/WrenchStamped";
 const POSE: &str = "geometry_msgs/msg/PoseStamped";
@@ -55,24 +55,24 @@ struct Samples {
     effort: Vec<f64>,
 }
 
-/// A track whose stamps are still those of the clock.
+/// A track with clock stamps, nanoseconds.
 struct Stamped<T> {
     track: T,
     stamps: Vec<i64>,
 }
 
-/// Everything that is read, as it comes.
+/// All data read, in the order of messages.
 struct Reader<'a> {
     streams: &'a Streams,
     joints: BTreeMap<String, Samples>,
-    /// What controllers say of joints of which no joint state is recorded.
+    /// Controller feedback of joints without a recorded joint state.
     feedback: BTreeMap<String, Samples>,
     commands: Commands,
     /// By topic and child frame; an empty child for poses.
     poses: BTreeMap<(String, String), Stamped<PoseTrack>>,
     wrenches: BTreeMap<String, Stamped<WrenchTrack>>,
     topics: BTreeMap<String, String>,
-    /// Topics whose frame changes from message to message.
+    /// Topics with a frame that changes between messages.
     changing: BTreeSet<String>,
     broken: usize,
     unstamped: usize,
@@ -80,7 +80,7 @@ struct Reader<'a> {
 
 /// Adds a sample of (position, velocity, effort) to a joint.
 fn add(joints: &mut BTreeMap<String, Samples>, name: &str, stamp: i64, values: [f64; 3]) {
-    // Joints that are kept go on; further ones are left out.
+    // Kept joints continue; further ones are left out.
     if joints.len() >= MAX_JOINTS && !joints.contains_key(name) {
         return;
     }
@@ -91,7 +91,7 @@ fn add(joints: &mut BTreeMap<String, Samples>, name: &str, stamp: i64, values: [
     samples.effort.push(values[2]);
 }
 
-/// Reads all joint states of a bag (rosbag2 folder or `.mcap` file), and what `streams` names. Stamps are
+/// Reads all joint states of a bag (rosbag2 folder or `.mcap` file), and the topics named in `streams`. Stamps are
 /// those of the headers; where these are missing, those of the recorder, with a warning.
 ///
 /// # Errors
@@ -135,7 +135,7 @@ impl<'a> Reader<'a> {
             };
             format!("{}{foreign}", message.type_name)
         });
-        // Of what would be used, this is a loss; other topics are no concern.
+        // On a used topic this is a loss; other topics are no concern.
         if !is_cdr {
             self.broken += usize::from(TYPES.contains(&message.type_name));
             return;
@@ -158,7 +158,7 @@ impl<'a> Reader<'a> {
             },
             TRAJECTORY => match decode::<JointTrajectory>(message.data) {
                 Ok(sent) => {
-                    // A header that says when it begins is followed; 0 means at once.
+                    // A header with a start time is followed; 0 means at once.
                     let stamp = sent.header.stamp.nanos().filter(|n| *n > 0).unwrap_or(log_nanos);
                     self.commands.trajectory(&sent, stamp, self.joints_of(topic).is_some());
                 }
@@ -172,7 +172,7 @@ impl<'a> Reader<'a> {
                 }
             }
             WRENCH => {
-                // Only topics that were named: a wrench does not say which link it acts on.
+                // Only named topics: a wrench does not contain its link.
                 let Some(link) = named(&self.streams.wrenches) else { return };
                 match decode::<WrenchStamped>(message.data) {
                     Ok(wrench) => self.wrench(topic, link, &wrench, log_nanos),
@@ -202,7 +202,7 @@ impl<'a> Reader<'a> {
 
     fn stamp(&mut self, header: &Header, log_nanos: i64) -> i64 {
         match header.stamp.nanos() {
-            // Drivers that do not stamp leave 0.
+            // Drivers without stamps write 0.
             Some(nanos) if nanos > 0 => nanos,
             _ => {
                 self.unstamped += 1;
@@ -211,7 +211,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Joints of the values on a topic of commands that was asked for.
+    /// Joints of the values on a requested topic of commands.
     fn joints_of(&self, topic: &str) -> Option<&'a [String]> {
         self.streams.commands.iter().find(|(t, _)| t == topic).map(|(_, joints)| joints.as_slice())
     }
@@ -268,7 +268,7 @@ impl<'a> Reader<'a> {
         } else if !force.iter().chain(moment.iter()).all(|x| x.is_finite()) {
             self.broken += 1;
         } else if own.stamps.last().is_none_or(|last| stamp > *last) {
-            // Stamps of a track rise; a message that was sent again or came late is left out.
+            // Stamps of a track rise; repeated and late messages are left out.
             own.stamps.push(stamp);
             own.track.force.push(force);
             own.track.moment.push(moment);
@@ -307,7 +307,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Refuses a bag that holds nothing about joints, or lacks what was named.
+    /// Refuses a bag without joints or without a named topic.
     fn check(&self, path: &Path) -> Result<(), CaptureError> {
         let refused = |reason: String| Err(CaptureError::NotARecording { path: path.to_owned(), reason });
         let seen: Vec<String> = self.topics.iter().map(|(topic, kind)| format!("{topic} ({kind})")).collect();

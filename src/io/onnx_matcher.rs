@@ -16,7 +16,7 @@ use capture::{Correspondence, RgbdFrame};
 const INPUTS: [&str; 2] = ["image0", "image1"];
 const POINTS: [&str; 2] = ["keypoints0", "keypoints1"];
 const CONFIDENCE: &str = "confidence";
-/// Pairs of image sizes whose plans are kept.
+/// Number of pairs of image sizes with a kept plan.
 const KEPT_PLANS: usize = 8;
 
 type Plan = Arc<TypedRunnableModel>;
@@ -68,7 +68,7 @@ impl OnnxMatcher {
         }
         let confidence = outlet(CONFIDENCE);
         let wanted: Vec<OutletId> = [points0, points1].into_iter().chain(confidence).collect();
-        // What only further outputs need is not computed then.
+        // Nodes needed only by further outputs are not computed then.
         model.select_output_outlets(&wanted).map_err(|e| refused(chain(&e)))?;
         let formats = [format0, format1];
         let has_confidence = confidence.is_some();
@@ -164,7 +164,7 @@ fn read(path: &Path) -> Result<Vec<u8>, OnnxError> {
     let file = common::files::open(path).map_err(fails)?;
     let stated_bytes = file.metadata().map_err(fails)?.len();
     let mut bytes = Vec::new();
-    // A file that is too large is not read at all; one that grows meanwhile is cut a byte beyond the limit.
+    // Too large a file is not read at all; one growing meanwhile is cut a byte beyond the limit.
     file.take(if stated_bytes > MAX_MODEL_BYTES { 0 } else { MAX_MODEL_BYTES + 1 })
         .read_to_end(&mut bytes)
         .map_err(fails)?;
@@ -188,7 +188,7 @@ enum RuntimeError {
 
 /// The runtime's result; its panics are errors.
 fn caught<T>(work: impl FnOnce() -> TractResult<T>) -> Result<T, RuntimeError> {
-    // The model is a file of the user: what it makes the runtime do must not end a run of an hour.
+    // The model is a file of the user: a panic of the runtime must not end a run of an hour.
     let result = catch_unwind(AssertUnwindSafe(work)).map_err(|_panic| RuntimeError::Panic)?;
     result.map_err(RuntimeError::Refusal)
 }
@@ -202,7 +202,7 @@ fn input_place(model: &InferenceModel, name: &str) -> Option<usize> {
     model.inputs.iter().position(|outlet| model.node(outlet.node).name == name)
 }
 
-/// Outputs by the names that the file gives them.
+/// Outputs by their names in the file.
 fn output_names(model: &InferenceModel) -> Vec<(String, OutletId)> {
     let name =
         |outlet: &OutletId| model.outlet_label(*outlet).unwrap_or(&model.node(outlet.node).name).to_owned();

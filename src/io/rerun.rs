@@ -1,4 +1,4 @@
-//! What a run saw and found, as a recording of rerun (<https://rerun.io>): camera, images, surfaces, parts,
+//! Input and result of a run as a recording of rerun (<https://rerun.io>): camera, images, surfaces, parts,
 //! joints.
 
 use std::path::Path;
@@ -29,9 +29,9 @@ use geometry::Pose;
 use model::ArticulatedModel;
 use surface::TriangleMesh;
 
-/// Timeline of the views, in the order in which they were recorded.
+/// Timeline of the views, in the order of recording.
 const VIEW: &str = "view";
-/// Timeline on which all joints go from their lower to their upper limits and back.
+/// Timeline of all joints going from their lower to their upper limits and back.
 const MOTION: &str = "motion";
 /// Steps of that motion there and back.
 const STEPS: usize = 60;
@@ -46,10 +46,10 @@ const ARROW_RADIUS: f64 = 0.01;
 /// Why no recording was written.
 #[derive(Debug, thiserror::Error)]
 pub enum RerunError {
-    /// The library refuses what it was given.
+    /// The library refuses its input.
     #[error("cannot make the rerun recording: {0}")]
     Log(#[from] RecordingStreamError),
-    /// What was logged cannot be written down.
+    /// The log cannot be written.
     #[error("cannot make the rerun recording: {0}")]
     Encode(Box<dyn std::error::Error + Send + Sync>),
     /// The file is there, or cannot be written.
@@ -57,12 +57,12 @@ pub enum RerunError {
     Write {
         /// Where it was to go.
         path: std::path::PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
 }
 
-/// What is shown.
+/// Contents of the recording.
 pub struct Seen<'a> {
     /// Posed images; the world is that of state 0.
     pub capture: &'a Capture,
@@ -70,11 +70,11 @@ pub struct Seen<'a> {
     pub surfaces: &'a [TriangleMesh],
     /// The twin.
     pub model: &'a ArticulatedModel,
-    /// What was lost or is uncertain.
+    /// Losses and uncertainties.
     pub warnings: &'a [Note],
 }
 
-/// Writes a recording that `rerun FILE` shows. Its bytes are not the same twice: the library numbers what is
+/// Writes a recording for `rerun FILE`. Its bytes are not the same twice: the library numbers what is
 /// logged by the clock.
 ///
 /// # Errors

@@ -30,7 +30,7 @@ pub enum DatasetLayout {
 }
 
 impl DatasetLayout {
-    /// Names by which a command line asks for the layouts.
+    /// Names of the layouts on a command line.
     pub const NAMES: [&'static str; 2] = ["dta", "paris"];
 
     /// The layout of a name.
@@ -183,7 +183,7 @@ fn put_start_end(folder: &RunDir, state: usize, recording: &SynthState) -> Resul
     Ok(())
 }
 
-/// The mask of a view, which these layouts need.
+/// The mask of a view; these layouts need it.
 fn mask_of(frame: &SynthFrame) -> Result<&[bool], SynthError> {
     let none = || SynthError::Layout("a camera carried by hand has no masks".into());
     frame.mask.as_deref().ok_or_else(none)

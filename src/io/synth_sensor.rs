@@ -1,4 +1,4 @@
-//! What `truth.json` holds of the sensor that spoilt a recording.
+//! The sensor entry of `truth.json`: errors added to a recording.
 
 use serde::Serialize;
 
@@ -9,7 +9,7 @@ use synth::{Effect, HandheldCamera, SynthConfig, SynthState, handheld_camera};
 /// Nodes of the warp along the image's width.
 const WARP_NODES: usize = 32;
 
-/// A sensor and what it drew.
+/// A sensor and its random draws.
 #[derive(Serialize)]
 pub(super) struct SensorEntry {
     name: &'static str,
@@ -28,7 +28,7 @@ pub(super) struct SensorEntry {
 
 #[derive(Serialize)]
 struct WarpEntry {
-    /// Columns and rows of pixels at which `relative` holds the field.
+    /// Columns and rows of the pixels sampled in `relative`.
     u_px: Vec<usize>,
     v_px: Vec<usize>,
     /// A list a row.
@@ -37,7 +37,7 @@ struct WarpEntry {
 
 #[derive(Serialize)]
 struct StateEntry {
-    /// Where the true world stands in that of the recording.
+    /// Pose of the true world in the recording's world.
     recorded_from_world: [[f64; 4]; 4],
     views: Vec<ViewEntry>,
 }

@@ -17,10 +17,10 @@ use export::{Description, INERTIA, InertialText, JointText, LimitText, LinkText}
 use gap::twin_tree::{Motion, TwinJoint, TwinLink, TwinTree};
 use model::{JointType, TreeJoint};
 
-/// The URDF that a path leads to: of a folder the only one beside those for ROS (`*.ros.urdf`).
+/// The URDF of a path: in a folder the only one beside those for ROS (`*.ros.urdf`).
 ///
 /// # Errors
-/// A folder that cannot be read, or has none or several.
+/// An unreadable folder, or one without a URDF or with several.
 pub fn twin_path(path: &Path) -> Result<PathBuf, UrdfError> {
     if !path.is_dir() {
         return Ok(path.to_owned());
@@ -50,8 +50,8 @@ pub fn read_twin(path: &Path, gravity: [f64; 3]) -> Result<(TwinTree, String), U
     Ok((twin_tree(description, gravity).map_err(|e| UrdfError::of(path, e))?, text))
 }
 
-/// Files that a twin consists of: the URDF, whose text is given, the SDF and USD that stand beside it, and
-/// what it names.
+/// Files of a twin: the URDF with the given text, the SDF and USD beside it, and
+/// the files it names.
 #[must_use]
 pub fn twin_files(path: &Path, text: &str) -> Vec<PathBuf> {
     let folder = path.parent().unwrap_or(Path::new(""));
@@ -136,7 +136,7 @@ fn link(link: &LinkText) -> Result<TwinLink, UrdfFault> {
         name: link.name.clone(),
         mass_kg: inertial.mass.unwrap_or(0.0),
         center_of_mass: Point3::from(inertial.link_from_inertial.translation.vector),
-        // URDF gives the inertia in the inertial frame; a twin holds it in that of the link.
+        // URDF gives the inertia in the inertial frame; a twin holds it in the link frame.
         inertia: r.matrix() * tensor(inertial)? * r.matrix().transpose(),
     })
 }
@@ -146,7 +146,7 @@ fn tensor(inertial: &InertialText) -> Result<Matrix3<f64>, UrdfFault> {
     if inertial.inertia.iter().all(Option::is_none) {
         return Ok(Matrix3::zeros());
     }
-    // A tensor of which a part is guessed is that of no body.
+    // A partly guessed tensor belongs to no body.
     let of = |k: usize| inertial.inertia[k].ok_or(UrdfFault::Inertia(INERTIA[k]));
     let [xx, xy, xz, yy, yz, zz] = [of(0)?, of(1)?, of(2)?, of(3)?, of(4)?, of(5)?];
     Ok(Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz))
