@@ -16,11 +16,11 @@ use io::read_urdf;
 use model::{JointType, Tree};
 use surface::{TriangleMesh, merge};
 
-/// What a simulator gets from a run: a tree and the joint positions of the observed states.
+/// Input of a simulator from a run: a tree and the joint positions of the observed states.
 pub struct RunFiles {
     /// Links and joints; the root frame is the world.
     pub tree: Tree,
-    /// Joint positions by name in every state, two at least; a joint that is not named is at 0.
+    /// Joint positions by name in every state, two at least; an unnamed joint is at 0.
     pub states: Vec<BTreeMap<String, f64>>,
     /// Links of each rigid part; the first holds the root.
     pub parts: Vec<Vec<usize>>,
@@ -31,7 +31,7 @@ impl RunFiles {
     /// less than `min_component` times the area of the largest are dropped from each link's mesh.
     ///
     /// # Errors
-    /// A file that is missing or damaged, named in the error.
+    /// A missing or damaged file, named in the error.
     pub fn read(folder: &Path, min_component: Option<f64>) -> Result<Self, EvaluateError> {
         let mut tree = read_urdf(&the_urdf(folder)?)?;
         if let Some(share) = min_component {
@@ -115,7 +115,7 @@ fn the_urdf(folder: &Path) -> Result<PathBuf, EvaluateError> {
     let mut found: Vec<PathBuf> = entries.flatten().map(|e| e.path()).filter(is_urdf).collect();
     match (found.pop(), found.len()) {
         (Some(path), 0) => Ok(path),
-        // None, or several: which of them is meant cannot be known.
+        // None, or several: the right one cannot be known.
         (last, rest) => {
             Err(EvaluateError::NotARun { path: folder.to_owned(), count: rest + usize::from(last.is_some()) })
         }

@@ -1,4 +1,4 @@
-//! MJCF text: what URDF cannot hold for MuJoCo: textures, excluded pairs, keyframes, friction, armature,
+//! MJCF text, with data missing in URDF: textures, excluded pairs, keyframes, friction, armature,
 //! springs.
 
 use std::fmt::Write as _;
@@ -14,7 +14,7 @@ use super::{
 use geometry::Pose;
 use model::{ArticulatedModel, Joint, Limit, Link, escape_xml as escape};
 
-/// Settings that every body shares; PREFIX keeps the classes of several twins apart. Collision geoms carry no
+/// Settings of every body; PREFIX keeps the classes of several twins apart. Collision geoms carry no
 /// mass: the bodies state theirs.
 const HEAD: &str = r#"  <compiler angle="radian" meshdir="." texturedir="." autolimits="true" balanceinertia="true"/>
   <option timestep="0.002" integrator="implicitfast"/>
@@ -70,7 +70,7 @@ pub(crate) fn mjcf(model: &ArticulatedModel, config: &ExportConfig) -> String {
     text
 }
 
-/// Positions of everything that moves in the file of [`mjcf`], in its order.
+/// Positions of all movable joints in the file of [`mjcf`], in its order.
 pub(super) fn positions(model: &ArticulatedModel, base: Base, state: &[f64]) -> String {
     // The frame of a free root: its place, then the quaternion.
     let root = (base == Base::Floating).then(|| "0 0 0 1 0 0 0".to_owned());
@@ -83,7 +83,7 @@ pub(super) fn positions(model: &ArticulatedModel, base: Base, state: &[f64]) -> 
     positions.join(" ")
 }
 
-/// Joints in the order in which the bodies of the text bring them, which is the order of positions in a
+/// Joints in the order of their bodies in the text, also the order of positions in a
 /// keyframe.
 fn joint_order(model: &ArticulatedModel, link: usize) -> Vec<usize> {
     let children = (0..model.joints.len()).filter(|&j| model.joints[j].parent == link);
@@ -183,7 +183,7 @@ fn push_body(
         let place = place(&grasp.link_from_grasp);
         writeln!(text, "{pad}  <site name=\"{site}\" {place} size=\"0.005\" group=\"4\"/>").ok();
     }
-    // In the order of `joint_order`, which the keyframes have.
+    // In the order of `joint_order`, as in the keyframes.
     for below in model.joints.iter().filter(|j| j.parent == index) {
         push_body(text, model, config, below.child, Some(below));
     }
@@ -191,8 +191,8 @@ fn push_body(
 }
 
 fn push_joint(text: &mut String, joint: &Joint, pad: &str) {
-    // The slide comes before the hinge, as in the keyframes. The thread ties it to the hinge, which has
-    // friction and damping; its range is for readers that know no equality, as Drake.
+    // The slide comes before the hinge, as in the keyframes. The thread ties it to the hinge. The hinge has
+    // friction and damping; its range is for readers without equalities, as Drake.
     if let Some(pitch) = joint.kind.thread_m_per_rad() {
         let name = escape(&joint.advance_name());
         let axis = triple(joint.axis.as_ref().as_ref());

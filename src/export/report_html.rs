@@ -1,4 +1,4 @@
-//! The report as one page that needs nothing else: pictures inside, no script, nothing loaded.
+//! The report as one self-contained page: pictures inside, no script, nothing loaded.
 
 use std::fmt::Write as _;
 
@@ -15,10 +15,10 @@ use super::{
 };
 use model::escape_xml as escape;
 
-/// In place of a deviation that no guess would exceed.
+/// In place of a deviation beyond any guess.
 const NOT_DETERMINED: &str = "not determined";
 
-/// What the colors of [`PhotoAndTwin::difference`] say.
+/// Meaning of the colors of [`PhotoAndTwin::difference`].
 const DIFFERENCE_LEGEND: &str = "Orange: a camera read the object where the twin has nothing. Violet: a \
     camera saw through where the twin is. White: edges and pixels without a reading, which say nothing.";
 
@@ -29,7 +29,7 @@ pub struct ReportPictures {
     pub states: Vec<PhotoAndTwin>,
     /// The parts in the colors of [`part_color`] with their axes.
     pub parts: Vec<Picture>,
-    /// What was kept as the object.
+    /// The kept surface of the object.
     pub kept: Vec<Picture>,
     /// Where the twin and the photos differ, over all views.
     pub differences: Vec<StateDifference>,
@@ -44,11 +44,11 @@ pub struct PhotoAndTwin {
     pub view: String,
     /// Peak signal-to-noise ratio over the object's pixels, where these are known.
     pub psnr_db: Option<f64>,
-    /// What the camera saw.
+    /// The photo.
     pub photo: Picture,
     /// The rendered model.
     pub twin: Picture,
-    /// Where they differ by the depth that was read; where the object's pixels are known.
+    /// Differences by the measured depth; where the object's pixels are known.
     pub difference: Option<Picture>,
     /// The object alone as the camera saw it, and that camera; where the object's pixels are known.
     pub cutout: Option<(Vec<u8>, RecordedCamera)>,
@@ -57,7 +57,7 @@ pub struct PhotoAndTwin {
 /// The page of a report.
 ///
 /// # Errors
-/// A picture that cannot be encoded.
+/// A picture without an encoding.
 pub fn report_html(report: &Report, pictures: &ReportPictures) -> Result<String, PictureError> {
     let name = escape(&report.name);
     let mut out = page::head(&format!("{name}: articulated twin"), "");
@@ -116,7 +116,7 @@ fn push_header(out: &mut String, report: &Report) {
     writeln!(out, "<p class=\"facts\">{}</p>\n</header>", escape(&facts.join(" \u{b7} "))).ok();
 }
 
-/// What a joint does, in words.
+/// Motion of a joint, in words.
 fn sentence(joint: &JointReport) -> String {
     let verb = if joint.motion.unit == "rad" { "turns" } else { "slides" };
     format!("{} {verb} {}", joint.child, motion(&joint.motion, &joint.motion_std))
@@ -128,7 +128,7 @@ fn push_warnings(out: &mut String, report: &Report) {
     push_list(out, "warnings", "Warnings", &all);
 }
 
-/// Of every view that is shown the photo, the twin, and where they differ.
+/// The photo, the twin and their differences of every shown view.
 fn push_photos(
     out: &mut String,
     states: &[PhotoAndTwin],
@@ -251,7 +251,7 @@ fn push_joints(out: &mut String, report: &Report) {
     push_table(out, "Joints", &head, &rows);
 }
 
-/// What is not observable of each joint, and how the parts were counted.
+/// Unobservable parameters of each joint, and how the parts were counted.
 fn push_unknown(out: &mut String, report: &Report) {
     let said =
         |j: &JointReport| j.not_observable.iter().map(|n| format!("{}: {n}", j.name)).collect::<Vec<_>>();
@@ -412,7 +412,7 @@ fn motion(value: &Quantity, std: &SpreadReport) -> String {
     minus(&format!("{:+.2}{unit} {spread}", factor * value.value))
 }
 
-/// A deviation with its unit, or that there is none.
+/// A deviation with its unit, or a word for its absence.
 fn spread(value: Option<f64>, its_unit: &str) -> String {
     value.map_or_else(|| NOT_DETERMINED.to_owned(), |v| unit(&significant(v, 2), its_unit))
 }

@@ -15,7 +15,7 @@ use super::{
 use geometry::Pose;
 use model::{ArticulatedModel, Joint, JointDynamics, Limit, Link, escape_xml as escape, identifier};
 
-/// Folder of the URDF in which a screw is its nearest joint.
+/// Folder of the URDF with the nearest joint in place of a screw.
 pub const SINGLE_JOINT: &str = "single_joint";
 
 /// Digits after the point of lengths, angles and axes.
@@ -30,7 +30,7 @@ const MUJOCO: &str = r#"  <mujoco>
   </mujoco>
 "#;
 
-/// Names elements that are no URDF; readers leave them out.
+/// Names elements outside URDF; readers leave them out.
 const NAMESPACE: &str = "urn:artitwin:urdf";
 /// Mass and inertia of the link between the two joints of a pair: simulators refuse none, and it should weigh
 /// nothing. chosen: a gram, with a radius of gyration of 3 cm
@@ -66,7 +66,7 @@ pub(crate) fn single_joint_urdf(model: &ArticulatedModel) -> String {
     robot(model, Form { paths: "../", screws: UrdfScrew::Nearest, ..Form::default() })
 }
 
-/// URDF text for ROS tools, which resolve no relative paths: `package://<name>/...`.
+/// URDF text for ROS tools. They resolve no relative paths: `package://<name>/...`.
 #[must_use]
 pub(crate) fn ros_urdf(model: &ArticulatedModel, screws: UrdfScrew) -> String {
     let paths = format!("package://{}/", identifier(&model.name));
@@ -80,7 +80,7 @@ fn is_nearest(j: &Joint, screws: UrdfScrew) -> bool {
 }
 
 fn robot(model: &ArticulatedModel, form: Form) -> String {
-    // Only where it is used: the namespace of what URDF has no word for.
+    // Only where it is used: the namespace of elements outside URDF.
     let space = if model.joints.iter().any(|j| is_nearest(j, form.screws)) {
         format!(" xmlns:artitwin=\"{NAMESPACE}\"")
     } else {
@@ -88,7 +88,7 @@ fn robot(model: &ArticulatedModel, form: Form) -> String {
     };
     let mut text = format!("<?xml version=\"1.0\"?>\n<robot name=\"{}\"{space}>\n", escape(&model.name));
     push_elements(&mut text, model, form);
-    // Last: there every importer that was tried accepts or skips it.
+    // Last: there every tried importer accepts or skips it.
     text.push_str(MUJOCO);
     text.push_str("</robot>\n");
     text
@@ -260,7 +260,7 @@ pub(super) fn carrier_name(joint: &Joint) -> String {
 
 /// Limits of the slide of a screw.
 pub(super) fn advance_limit(joint: &Joint, pitch_m_per_rad: f64) -> Limit {
-    // A left-handed thread has a negative pitch, which swaps the ends.
+    // A left-handed thread has a negative pitch: it swaps the ends.
     let mut ends = [joint.limit.lower, joint.limit.upper].map(|q| pitch_m_per_rad * q);
     ends.sort_by(f64::total_cmp);
     Limit { lower: ends[0], upper: ends[1], ..joint.limit }

@@ -145,7 +145,7 @@ fn push_mass(text: &mut String, inertial: &Inertial) {
 
 /// Principal moments and the rotation of their axes.
 fn principal(inertia: &Matrix3<f64>) -> ([f64; 3], UnitQuaternion<f64>) {
-    // docs/method.md 11.2. Eigenvectors may form a reflection, which no quaternion stands for.
+    // docs/method.md 11.2. Eigenvectors may form a reflection, without a quaternion.
     let eigen = SymmetricEigen::new(*inertia);
     let mut axes = eigen.eigenvectors;
     if axes.determinant() < 0.0 {
@@ -215,7 +215,7 @@ fn open_mesh(text: &mut String, name: &str, schemas: &str) {
     )
     .ok();
     text.push_str(
-        // USD subdivides a mesh by default, which would round off its edges.
+        // USD subdivides a mesh by default and would round off its edges.
         "            uniform token subdivisionScheme = \"none\"\n            uniform token \
         orientation = \"rightHanded\"\n",
     );

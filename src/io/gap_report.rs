@@ -1,4 +1,4 @@
-//! What the folder of a diagnosis says, as a message.
+//! The report in the folder of a diagnosis, as a message.
 
 use std::path::{Path, PathBuf};
 
@@ -15,7 +15,7 @@ pub enum GapReportError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// It is of another form.
@@ -23,7 +23,7 @@ pub enum GapReportError {
     Form {
         /// The file.
         path: PathBuf,
-        /// What the parser said.
+        /// Error of the parser.
         source: serde_json::Error,
     },
 }

@@ -91,7 +91,7 @@ fn add(joints: &mut BTreeMap<String, Samples>, name: &str, stamp: i64, values: [
     samples.effort.push(values[2]);
 }
 
-/// Reads all joint states of a bag (rosbag2 folder or `.mcap` file), and the topics named in `streams`. Stamps are
+/// Reads all joint states of a bag (rosbag2 folder or `.mcap` file), and the topics of `streams`. Stamps are
 /// those of the headers; where these are missing, those of the recorder, with a warning.
 ///
 /// # Errors

@@ -1,4 +1,4 @@
-//! A URDF folder, or a URDF and what it names, read into memory.
+//! A URDF folder, or a URDF and the files it names, read into memory.
 
 use std::{
     fs, io,
@@ -20,7 +20,7 @@ pub enum ModelFolderError {
     Disk {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
     /// More than a model folder holds.
@@ -31,11 +31,11 @@ pub enum ModelFolderError {
     NotUrdf(PathBuf),
 }
 
-/// A model folder, or a URDF file with what it names in its folder and below: meshes, their materials and
-/// textures. The folder that a lone file stands in may hold anything else.
+/// A model folder, or a URDF file with the files it names in its folder and below: meshes, their materials and
+/// textures. The folder of a lone file may hold anything else.
 ///
 /// # Errors
-/// As [`read_model_folder`]; a file whose name does not end in `.urdf`.
+/// As [`read_model_folder`]; a file with another extension than `.urdf`.
 pub fn read_model(path: &Path) -> Result<Folder, ModelFolderError> {
     if path.is_dir() {
         return read_model_folder(path);
@@ -82,7 +82,7 @@ fn disk_error(path: &Path, source: std::io::Error) -> ModelFolderError {
 /// files are left out.
 ///
 /// # Errors
-/// A folder that cannot be read, or holds more than 20000 files or 1 GiB.
+/// An unreadable folder, or one with more than 20000 files or 1 GiB.
 pub fn read_model_folder(folder: &Path) -> Result<Folder, ModelFolderError> {
     let mut found = Folder::new();
     let mut bytes = 0;

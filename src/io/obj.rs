@@ -6,12 +6,12 @@ use surface::TriangleMesh;
 /// Why an OBJ text is no mesh.
 #[derive(Debug, thiserror::Error)]
 pub enum ObjError {
-    /// A line that cannot be used.
+    /// An unusable line.
     #[error("line {line}: {fault}")]
     Line {
         /// From 1.
         line: usize,
-        /// What is wrong with it.
+        /// Its fault.
         fault: ObjFault,
     },
     /// More than are taken.
@@ -19,16 +19,16 @@ pub enum ObjError {
     Large,
 }
 
-/// What is wrong with a line of an OBJ text.
+/// A fault in a line of an OBJ text.
 #[derive(Debug, thiserror::Error)]
 pub enum ObjFault {
-    /// A coordinate that is no number.
+    /// A coordinate without a number.
     #[error("a vertex: {0}")]
     Coordinate(#[from] std::num::ParseFloatError),
     /// Too few coordinates.
     #[error("a vertex has fewer than three coordinates")]
     Coordinates,
-    /// A corner that is no number.
+    /// A corner without a number.
     #[error("a face corner '{word}': {source}")]
     Corner {
         /// The corner.

@@ -44,7 +44,7 @@ impl PoseSource {
         }
     }
 
-    /// Finds where the poses of the color images come from: the topic that was asked for, else /tf if the
+    /// Finds where the poses of the color images come from: the requested topic, else /tf if the
     /// camera moves there, else the only pose topic.
     ///
     /// # Errors
@@ -55,7 +55,7 @@ impl PoseSource {
         config: &CaptureConfig,
     ) -> Result<Self, CaptureError> {
         let optical = index.images.get(&topics.color).map(|i| i.frame.clone()).unwrap_or_default();
-        // Only a chain in which something moves can say where a moving camera is.
+        // Only a chain with a moving frame can locate a moving camera.
         let moves = index.tf.chain(&optical).moves;
         // A pose topic may be that of anything, such as a robot's base:
         // unasked it counts only where /tf is at rest.
@@ -73,7 +73,7 @@ impl PoseSource {
                 .pose_frame
                 .clone()
                 // PoseStamped names no child, and Odometry may leave it
-                // empty: then it is the camera that is posed.
+                // empty: then the camera is posed.
                 .or(poses.child)
                 .filter(|c| !c.is_empty())
                 .unwrap_or_else(|| source.optical.clone());
@@ -82,7 +82,7 @@ impl PoseSource {
             source.from_topic = true;
         }
         let chain = source.tf.chain(&source.optical);
-        // The root of the chain: the frame that nothing else is known to carry.
+        // The root of the chain: the frame without a known parent.
         source.world = config.world_frame.clone().unwrap_or_else(|| chain.root.clone());
         // First, as a missing parent or a camera at rest are only the symptoms of this.
         if source.invalid(index) > 0

@@ -1,4 +1,4 @@
-//! Folders beside a result, under names that nobody took.
+//! Folders beside a result, under free names.
 
 use std::{
     ffi::{OsStr, OsString},
@@ -8,10 +8,10 @@ use std::{
 
 use super::RunDirError;
 
-/// Names that are tried for a folder beside the result, at most.
+/// Largest number of names tried for a folder beside the result.
 const MAX_TRIES: usize = 1000;
 
-/// Makes a hidden folder `.<name>.<suffix>-<process>-<k>` that was not there before.
+/// Makes a new hidden folder `.<name>.<suffix>-<process>-<k>`.
 pub(super) fn free_sibling(out: &Path, name: &OsStr, suffix: &str) -> Result<PathBuf, RunDirError> {
     first_free(|k| out.join(hidden_name(name, suffix, k)), |path| fs::create_dir(path))
 }
@@ -23,7 +23,7 @@ fn hidden_name(name: &OsStr, suffix: &str, k: usize) -> OsString {
     hidden
 }
 
-/// The first path that `make` makes; one that is there already is passed over.
+/// The first path made by `make`; existing ones are passed over.
 pub(super) fn first_free(
     path: impl Fn(usize) -> PathBuf,
     make: impl Fn(&Path) -> io::Result<()>,

@@ -1,4 +1,4 @@
-//! What a format holds of a joint's effects, as numbers of the joint, and the notes on what became of each.
+//! A joint's effects as the numbers of a format, and the notes on the status of each effect.
 
 use gap::{
     judge::{
@@ -36,7 +36,7 @@ pub fn joint_numbers(
     Some(numbers)
 }
 
-/// What became of every effect of a joint in a file.
+/// Status of every effect of a joint in a file.
 #[must_use]
 pub fn notes(format: Format, file: &str, joint: &JointReport, catalogue: &Catalogue) -> Vec<ExportNote> {
     let effects = held(format, joint).into_iter().flat_map(|m| m.effects.iter().map(move |e| (m, e)));
@@ -60,7 +60,7 @@ fn held_term(term: &Term, turns: bool, catalogue: &Catalogue) -> Held {
     Held { effect: effect.name().into(), parameters }
 }
 
-/// What became of an effect in a file; the residuals are those of the joint with all that the file holds.
+/// Status of an effect in a file; the residuals are those of the joint with all effects of the file.
 fn note(
     held: &FormatModel,
     effect: &HeldEffect,

@@ -1,5 +1,5 @@
-//! The named effects in the SDF that stands beside the twin: damping, friction, spring and stops of its
-//! joints, and the links of a joint whose axis was found tilted.
+//! The named effects in the SDF beside the twin: damping, friction, spring and stops of its
+//! joints, and the links of a joint with a tilted axis.
 
 use std::fmt::Write as _;
 
@@ -19,7 +19,7 @@ use gap::{
 };
 use geometry::Pose;
 
-/// The SDF with the effects, and what became of each. A joint that the SDF does not have is listed in the
+/// The SDF with the effects, and the status of each. A joint missing in the SDF is listed in the
 /// notes.
 ///
 /// # Errors
@@ -138,7 +138,7 @@ fn limit(text: &str, axis: roxmltree::Node, held: &JointNumbers) -> Option<Edit>
     }
     let old = axis.children().find(|n| n.has_tag_name("limit"));
     let changed = |tag: &str| held.stops.iter().any(|s| tag == if s.is_upper { "upper" } else { "lower" });
-    // What the stops do not replace stays: the other end, effort, velocity.
+    // The rest stays: the other end, effort, velocity.
     let kept = old.iter().flat_map(|l| l.children()).filter(|n| n.is_element());
     let kept = kept.filter(|n| {
         !changed(n.tag_name().name()) && !matches!(n.tag_name().name(), "stiffness" | "dissipation")

@@ -1,5 +1,5 @@
 //! The effects found, in the twin's URDF: type, origin and axis of joints in place, the camera's as elements
-//! that other readers skip.
+//! skipped by other readers.
 
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use roxmltree::Node;
@@ -22,10 +22,10 @@ use model::escape_xml;
 
 /// Pitches below this are none, meters a radian.
 ///
-/// chosen: below the digits that a URDF is written with
+/// chosen: below the written digits of a URDF
 const LEAST_PITCH: f64 = 1e-9;
 
-/// The URDF with the effects, and what became of each.
+/// The URDF with the effects, and the status of each.
 ///
 /// # Errors
 /// [`XmlError`].
@@ -43,7 +43,7 @@ pub fn urdf(
         if law == before {
             continue;
         }
-        // Edits of one joint may touch what hangs on another: the text is read anew for each.
+        // Edits of one joint may touch the subtree of another: the text is read anew for each.
         let mut edits: Vec<Edit> = Vec::new();
         let document = parse_xml(&updated)?;
         joint_edits(&document.root_element(), &updated, joint, &law, &mut edits);
@@ -78,7 +78,7 @@ pub fn urdf(
     Ok((edited(&updated, edits), notes))
 }
 
-/// A joint's new type, origin and axis. Its frame moves onto the axis, and what hangs on the child moves
+/// A joint's new type, origin and axis. Its frame moves onto the axis, and the child's subtree moves
 /// back.
 fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &MotionLaw, edits: &mut Vec<Edit>) {
     let Some(node) =
@@ -122,7 +122,7 @@ fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &MotionLaw, edit
             old.map_or_else(|| (before_end(text, node), thread.clone()), |n| (n.range(), thread.clone())),
         );
     }
-    // The frame moved: what hangs on the child moves back and stays where it was.
+    // The frame moved: the child's subtree moves back and stays in place.
     if shift.norm() == 0.0 {
         return;
     }

@@ -1,4 +1,4 @@
-//! A turned joint in files that place every link in the frame of the model (SDF, USD): all links that it
+//! A turned joint in files with every link in the frame of the model (SDF, USD): all links it
 //! carries turn with it.
 
 use gap::{
@@ -7,18 +7,18 @@ use gap::{
 };
 use geometry::Pose;
 
-/// A joint that is turned about its origin.
+/// A joint turned about its origin.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Tilt {
-    /// Link that stays.
+    /// The fixed parent link.
     pub parent: String,
-    /// Links that turn.
+    /// Turned links.
     pub links: Vec<String>,
-    /// Where what the joint carries stands, from where it stood; frame of the parent.
+    /// New pose of a carried link from its old one; frame of the parent.
     pub turned_from_given: Pose,
 }
 
-/// The turn of a joint that takes a load off it; `None` where there is none to take or no turn does it.
+/// The turn of a joint to take a load off it; `None` without a load or a solution.
 #[must_use]
 pub(super) fn tilt(tree: &TwinTree, joint: &str, numbers: &JointNumbers) -> Option<Tilt> {
     let [sine, cosine] = numbers.tilt?;
@@ -57,7 +57,7 @@ fn load_miss(tree: &mut TwinTree, joint: usize, pose: Pose, wanted: (f64, f64)) 
 }
 
 /// Pose of a joint, turned as little as possible, at which gravity loads it by `sine sin(q) + cosine cos(q)`
-/// less than the twin; `None` where no turn does that.
+/// less than the twin; `None` without such a turn.
 #[must_use]
 pub(super) fn tilted(tree: &TwinTree, joint: usize, sine: f64, cosine: f64) -> Option<Pose> {
     let plant = Plant::of(tree, joint).ok()?;

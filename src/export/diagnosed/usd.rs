@@ -1,4 +1,4 @@
-//! The named effects in the USD text that stands beside the twin: attributes of its joints.
+//! The named effects in the USD text beside the twin: attributes of its joints.
 //!
 //! UsdPhysics itself has limits and a drive, whose stiffness and target are a spring. Friction and damping of
 //! a joint are attributes of PhysX (`physxJointAxis`, effort) and of Newton (`newton`); angles are degrees.
@@ -19,7 +19,7 @@ use gap::{
 use geometry::Pose;
 use model::is_plain_name;
 
-/// The USD text with the effects, and what became of each. Notes name a joint that the text does not have.
+/// The USD text with the effects, and the status of each. Notes name a joint missing in the text.
 #[must_use]
 pub fn usd(
     text: &str,
@@ -57,7 +57,7 @@ pub fn usd(
     (text, all)
 }
 
-/// Where a prim begins. A name that USD cannot have is nowhere: it would be found in the middle of something
+/// Start of a prim. A name invalid in USD is nowhere: it would be found in the middle of something
 /// else.
 fn definition(text: &str, kind: &str, name: &str) -> Option<usize> {
     if is_plain_name(name) { text.find(&format!("def {kind} \"{name}\"")) } else { None }
@@ -139,7 +139,7 @@ fn link_pose(text: &str, name: &str) -> Option<LinkPose> {
     })
 }
 
-/// Range of the tuple that follows an attribute, from `start` on, before the next prim begins.
+/// Range of the tuple behind an attribute, from `start` on, before the next prim begins.
 fn value_of(text: &str, start: usize, attribute: &str) -> Option<std::ops::Range<usize>> {
     // The next prim may have an attribute of the same name.
     let end = text[start + 4..].find("def ").map_or(text.len(), |i| start + 4 + i);

@@ -143,7 +143,7 @@ fn read_frame(
     let depth_file = image_path(folder, "depth_filtered", entry);
     let depth = codec::depth_file(&read_image(&depth_file, size, false)?, 0.001)
         .map_err(|e| image_error(&depth_file, e))?;
-    // Depth may be coarser than color. Nearest: a mean across an edge is a surface that nobody saw.
+    // Depth may be coarser than color. Nearest: a mean across an edge is an unseen surface.
     let mut depth_m = depth.resized_nearest(width, height).pixels;
     limit_depth(&mut depth_m, config);
     let mask = match optional(image_path(folder, "mask", entry)) {

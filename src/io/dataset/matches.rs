@@ -1,4 +1,4 @@
-//! Pixel matches that come with a dataset: `correspondence_loftr/no_filter/src_<id>_tgt_all_top30.npz`, each
+//! Pixel matches of a dataset: `correspondence_loftr/no_filter/src_<id>_tgt_all_top30.npz`, each
 //! a NumPy array of dictionaries `{source id: N x 2 pixels, target id: N x 2 pixels}` (u, v).
 
 use std::{collections::BTreeMap, path::Path};
@@ -13,7 +13,7 @@ use capture::{Capture, CaptureError, PixelMatch};
 use common::note::{Note, NoteCode};
 use common::stop::Stop;
 
-/// Most pixels of matches that are looked at.
+/// Largest number of read matches.
 const MAX_MATCHES: usize = 40_000_000;
 
 /// Why the matches of a file are not used.
@@ -54,7 +54,7 @@ enum MatchesError {
     Lengths(usize, usize),
 }
 
-/// Adds the matches between frames that were kept; a broken file gives a warning.
+/// Adds the matches between kept frames; a broken file gives a warning.
 ///
 /// # Errors
 /// [`CaptureError::Read`].
@@ -67,7 +67,7 @@ pub fn import_matches(folder: &Path, capture: &mut Capture, stop: &Stop) -> Resu
         std::fs::read_dir(&folder).map_err(|source| CaptureError::Read { path: folder.clone(), source })?;
     let mut files: Vec<_> =
         entries.flatten().map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "npz")).collect();
-    // `read_dir` has no order, and the order of matches is part of what a run computes.
+    // `read_dir` has no order, and results of a run depend on the order of matches.
     files.sort();
     let mut places = BTreeMap::new();
     for (state, frames) in capture.states.iter().enumerate() {
@@ -110,7 +110,7 @@ pub fn import_matches(folder: &Path, capture: &mut Capture, stop: &Stop) -> Resu
 /// By frame id: state, index, width, height.
 type Places = BTreeMap<String, (usize, usize, usize, usize)>;
 
-/// Adds the matches of one file; the number of those outside their images. `left`: matches that may still be
+/// Adds the matches of one file; the number of those outside their images. `left`: matches still to be
 /// looked at.
 fn read_matches(
     archive: &[u8],

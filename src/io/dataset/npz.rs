@@ -25,7 +25,7 @@ pub enum NpzError {
     /// Its directory leads nowhere.
     #[error("the zip archive is broken")]
     Broken,
-    /// A member that is not read.
+    /// An unsupported member.
     #[error("member `{0}` is encrypted or too large")]
     Member(String),
     /// Two members in one place.
@@ -56,7 +56,7 @@ pub struct Member<'a> {
 /// Members of a zip archive, in the order of its directory.
 ///
 /// # Errors
-/// What is broken or not supported: encryption, members over 4 GiB, members that share bytes (a
+/// Broken or unsupported parts: encryption, members over 4 GiB, members with shared bytes (a
 /// directory that names one of them twice), more than [`ARCHIVE`] bytes in all.
 pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, NpzError> {
     let broken = || NpzError::Broken;
@@ -76,7 +76,7 @@ pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, NpzError> {
         let field32 = |offset| u32_at(archive, at + offset).ok_or_else(broken);
         let flags = field16(8)?;
         let method = field16(10)?;
-        // From the directory: a member that was written as a stream has zeros in its own header.
+        // From the directory: a streamed member has zeros in its own header.
         let packed = field32(20)?;
         let size = field32(24)?;
         let local = field32(42)?;
@@ -92,7 +92,7 @@ pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, NpzError> {
         if archive.get(local..local + 4) != Some(&LOCAL) {
             return Err(broken());
         }
-        // Lengths of the local header, which may differ from those of the directory.
+        // Lengths of the local header. Those of the directory may differ.
         let skip = u16_at(archive, local + 26)
             .zip(u16_at(archive, local + 28))
             .map(|(n, e)| 30 + n + e)
@@ -103,7 +103,7 @@ pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, NpzError> {
         at += 46 + name_len + extra_len + comment_len;
     }
     places.sort();
-    // Members that share bytes would unpack a small archive many times over.
+    // Members with shared bytes would unpack a small archive many times over.
     if let Some(pair) = places.windows(2).find(|pair| pair[1].0 < pair[0].1) {
         return Err(NpzError::Shared(pair[0].2.clone(), pair[1].2.clone()));
     }
@@ -122,7 +122,7 @@ impl Member<'_> {
             0 => content.extend_from_slice(self.data),
             8 => {
                 let decoder = flate2::read::DeflateDecoder::new(self.data);
-                // One byte beyond the stated size shows that there is more.
+                // One byte beyond the stated size reveals more data.
                 _ = decoder.take(self.size + 1).read_to_end(&mut content)?;
             }
             other => return Err(NpzError::Compression(other)),

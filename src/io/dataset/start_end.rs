@@ -130,7 +130,7 @@ impl Part {
         }
         let depth = codec::depth_file(&read_image(&depth_file, size, false)?, 0.001)
             .map_err(|e| image_error(&depth_file, e))?;
-        // Depth may be coarser than color. Nearest: a mean across an edge is a surface that nobody saw.
+        // Depth may be coarser than color. Nearest: a mean across an edge is an unseen surface.
         let mut depth_m = depth.resized_nearest(color.width, color.height).pixels;
         limit_depth(&mut depth_m, config);
         Ok(RgbdFrame {
