@@ -57,7 +57,7 @@ pub struct PhotoAndTwin {
 /// The page of a report.
 ///
 /// # Errors
-/// A picture without an encoding.
+/// A picture fails to encode.
 pub fn report_html(report: &Report, pictures: &ReportPictures) -> Result<String, PictureError> {
     let name = escape(&report.name);
     let mut out = page::head(&format!("{name}: articulated twin"), "");

@@ -135,7 +135,7 @@ impl InfoTopic {
 pub struct PoseTopic {
     /// Frame of the poses.
     pub parent: String,
-    /// Frame whose pose they are, where the message says.
+    /// The posed frame, where the message names it.
     pub child: Option<String>,
     /// By header stamp.
     pub samples: BTreeMap<i64, Pose>,

@@ -63,7 +63,7 @@ impl Expansion {
     }
 }
 
-/// A decompressed stream; an error at the end of the budget.
+/// A decompressed stream that fails at the end of the budget.
 pub struct Within<'a, R> {
     /// The stream.
     pub source: R,

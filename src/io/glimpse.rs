@@ -22,9 +22,9 @@ use super::{
 use capture::CaptureConfig;
 use gap::record::tracks::Streams;
 
-/// Largest number of image topics with a look at the first message.
+/// Largest number of image topics whose first messages are read.
 const MAX_IMAGE_TOPICS: usize = 64;
-/// Largest chunk with a look at its first messages, bytes.
+/// Largest chunk whose first messages are read, bytes.
 const MAX_LOOK: u64 = 64 << 20;
 
 /// How many views a bag holds.
@@ -140,14 +140,19 @@ impl Summaries {
                 // A file of this chunk alone, with the names of all channels.
                 let alone = [mcap::MAGIC, &summary.names[..], &records, &[op::DATA_END], &[0; 8]].concat();
                 let mut found = None;
-                let mut first = |message: &RawMessage| -> Result<(), DecodeError> {
-                    if message.topic == topic && found.is_none() {
-                        found = Some(front(message)?);
-                    }
-                    Ok(())
-                };
                 let mut expansion = Expansion::of(file.size());
-                if read_messages(&alone[..], &mut Channels::default(), &mut expansion, &mut first).is_err() {
+                let read = read_messages(
+                    &alone[..],
+                    &mut Channels::default(),
+                    &mut expansion,
+                    &mut |message: &RawMessage| -> Result<(), DecodeError> {
+                        if message.topic == topic && found.is_none() {
+                            found = Some(front(message)?);
+                        }
+                        Ok(())
+                    },
+                );
+                if read.is_err() {
                     return Ok(None);
                 }
                 // An index may name a message where none can be read.

@@ -1,8 +1,8 @@
 //! MCAP files read front to back, without their index, and salvaged chunk by chunk where they are damaged.
 //!
 //! A file is a magic, then records of one opcode byte, an 8-byte length and a body; chunks hold records of
-//! the same form, compressed. The largest record bounds the memory. A chunk of bad checksum or compression
-//! is broken is left out as a whole, because a message in it may be silently wrong; a file cut in the middle
+//! the same form, compressed. The largest record bounds the memory. A chunk with a broken checksum or
+//! compression is left out as a whole, because a message in it may be silently wrong; a file cut in the middle
 //! of a chunk gives the records before the cut.
 
 use std::{

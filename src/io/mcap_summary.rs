@@ -82,24 +82,20 @@ impl McapSummary {
         let mut rest = section;
         while !rest.is_empty() {
             let (opcode, body, behind) = record(rest)?;
-            let mut learn = || -> Result<(), RecordError> {
-                match opcode {
-                    op::SCHEMA => {
-                        let schema = SchemaRecord::read(body)?;
-                        types.insert(schema.id, schema.name);
-                        found.names.extend_from_slice(&rest[..9 + body.len()]);
-                    }
-                    op::CHANNEL => {
-                        channels.push(ChannelRecord::read(body)?);
-                        found.names.extend_from_slice(&rest[..9 + body.len()]);
-                    }
-                    op::CHUNK_INDEX => found.chunks.push(ChunkIndexRecord::read(body)?),
-                    op::STATISTICS => statistics = Some(StatisticsRecord::read(body)?),
-                    _ => {}
+            match opcode {
+                op::SCHEMA => {
+                    let schema = SchemaRecord::read(body).ok()?;
+                    types.insert(schema.id, schema.name);
+                    found.names.extend_from_slice(&rest[..9 + body.len()]);
                 }
-                Ok(())
-            };
-            learn().ok()?;
+                op::CHANNEL => {
+                    channels.push(ChannelRecord::read(body).ok()?);
+                    found.names.extend_from_slice(&rest[..9 + body.len()]);
+                }
+                op::CHUNK_INDEX => found.chunks.push(ChunkIndexRecord::read(body).ok()?),
+                op::STATISTICS => statistics = Some(StatisticsRecord::read(body).ok()?),
+                _ => {}
+            }
             rest = behind;
         }
         let statistics = statistics?;

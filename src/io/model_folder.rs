@@ -31,7 +31,7 @@ pub enum ModelFolderError {
     NotUrdf(PathBuf),
 }
 
-/// A model folder, or a URDF file with the files it names in its folder and below: meshes, their materials and
+/// A model folder, or a URDF file with its named files in its folder and below: meshes, their materials and
 /// textures. The folder of a lone file may hold anything else.
 ///
 /// # Errors

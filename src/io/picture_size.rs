@@ -40,7 +40,7 @@ fn jpeg_size(file: &[u8]) -> Option<(usize, usize)> {
 }
 
 /// A PNG file with only the chunks needed for its pixels: the others (profiles, texts)
-/// is compressed, and a decoder unpacks it.
+/// are compressed, and a decoder unpacks them.
 #[must_use]
 pub fn bare_png(file: &[u8]) -> Vec<u8> {
     let mut bare = file[..file.len().min(8)].to_vec();

@@ -85,21 +85,23 @@ pub fn decode_views(
     let used: BTreeSet<usize> = chosen.iter().map(|(_, v)| views.views[*v].camera).collect();
     let shared: BTreeMap<usize, Maps> =
         used.into_iter().take(SHARED_MAPS).map(|c| (c, maps(&views.cameras[c]))).collect();
-    let frame = |view: &View| {
-        stop.check().map_err(CaptureError::from)?;
-        let own;
-        let maps = match shared.get(&view.camera) {
-            Some(maps) => maps,
-            None => {
-                own = maps(&views.cameras[view.camera]);
-                &own
-            }
-        };
-        Decoder { views, payloads: &payloads, maps, config }.frame(view)
-    };
-    let decoded: Vec<Result<RgbdFrame, FrameError>> =
-        // In parallel, but gathered in the order of the choice.
-        chosen.par_iter().map(|(_, v)| frame(&views.views[*v])).collect();
+    // In parallel, but gathered in the order of the choice.
+    let decoded: Vec<Result<RgbdFrame, FrameError>> = chosen
+        .par_iter()
+        .map(|(_, v)| {
+            stop.check().map_err(CaptureError::from)?;
+            let view = &views.views[*v];
+            let own;
+            let maps = match shared.get(&view.camera) {
+                Some(maps) => maps,
+                None => {
+                    own = maps(&views.cameras[view.camera]);
+                    &own
+                }
+            };
+            Decoder { views, payloads: &payloads, maps, config }.frame(view)
+        })
+        .collect();
     let mut frames = Vec::new();
     let mut lost = Vec::new();
     for ((state, _), frame) in chosen.iter().zip(decoded) {

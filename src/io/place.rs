@@ -195,8 +195,7 @@ fn own_place(path: &Path) -> Option<PathBuf> {
     }
 }
 
-/// All places an input needs: its own, those of the links to it, and those links inside it lead
-/// to.
+/// All places an input needs: its own, those of the links to it, and the targets of links in it.
 fn places(input: &Path) -> Vec<PathBuf> {
     let mut places: Vec<PathBuf> =
         input.ancestors().filter(|a| !a.as_os_str().is_empty()).filter_map(own_place).collect();

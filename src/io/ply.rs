@@ -168,7 +168,7 @@ impl Element {
 }
 
 impl Values<'_> {
-    /// Largest possible number of remaining bytes; one more in text, where the last value needs no space behind it.
+    /// Upper bound of the remaining bytes; one more in text, where the last value needs no space behind it.
     fn left(&self) -> usize {
         match self {
             Self::Ascii(_, length) => length + 1,

@@ -87,7 +87,7 @@ impl RunDir {
     /// Writes a file at a relative path with `/`, making folders on the way.
     ///
     /// # Errors
-    /// A path that is absolute, empty, too long or contains `.` or `..` in it; an error of the disk.
+    /// A path that is absolute, empty, too long or contains `.` or `..`; an error of the disk.
     pub fn put(&self, path: &str, bytes: &[u8]) -> Result<(), RunDirError> {
         let file = self.partial.join(safe_path(path)?);
         if let Some(folder) = file.parent() {

@@ -83,7 +83,7 @@ impl TopicSummary {
         let raw = i32::from(self.type_name == IMAGE_TYPES[0]);
         match role {
             // The stream's name counts most, then the driver's own topic, then raw before compressed.
-            // An infrared image comes last, and `best` takes none of only this role.
+            // An infrared image comes last, and `best` takes none that is nothing else.
             ImageRole::Color => {
                 8 * has(&["color", "rgb"]) + 2 * has(&["image_raw", "image_rect"])
                     - 16 * has(&["infra", "/ir", "fisheye", "debug", "overlay"])
@@ -149,7 +149,7 @@ pub fn choose(
     };
     let color_info = match chooser.asked("camera_info", wanted.color_info.as_ref(), &[INFO_TYPE])? {
         Some(topic) => topic,
-        // First the one of the images by name, then the only one there is.
+        // First the one named like the images, then the only one there is.
         None => chooser
             .info_of(&color)
             .or_else(|| chooser.only_info(&color))

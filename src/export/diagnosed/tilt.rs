@@ -10,7 +10,7 @@ use geometry::Pose;
 /// A joint turned about its origin.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Tilt {
-    /// The fixed parent link.
+    /// Link at rest.
     pub parent: String,
     /// Turned links.
     pub links: Vec<String>,

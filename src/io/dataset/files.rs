@@ -125,7 +125,7 @@ pub fn pose_from_opengl(path: &Path, name: &str, matrix: &[f64]) -> Result<Pose,
     Ok(Pose::from_parts(Translation3::new(m.m14, m.m24, m.m34), rotation))
 }
 
-/// The rotation nearest to a matrix close to one. The search may stay at half a turn from it for ever,
+/// The rotation nearest to a matrix that is nearly one. The search may stay at half a turn from it for ever,
 /// where the matrix is half a turn from the start but for its last digits: it then starts again from the
 /// matrix itself.
 fn nearest_rotation(m: &Matrix3<f64>) -> Rotation3<f64> {

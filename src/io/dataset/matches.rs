@@ -13,7 +13,7 @@ use capture::{Capture, CaptureError, PixelMatch};
 use common::note::{Note, NoteCode};
 use common::stop::Stop;
 
-/// Largest number of read matches.
+/// Largest number of pixels read from matches.
 const MAX_MATCHES: usize = 40_000_000;
 
 /// Why the matches of a file are not used.
@@ -143,16 +143,9 @@ fn add_pair(
 ) -> Result<usize, MatchesError> {
     let Node::Dict(items) = &pickle.nodes[entry] else { return Err(MatchesError::NoDictionary) };
     let [a, b] = items[..] else { return Err(MatchesError::Entries(items.len())) };
-    let mut side = |(key, value): (usize, usize)| -> Result<_, MatchesError> {
-        let Node::Str(id) = &pickle.nodes[key] else { return Err(MatchesError::NoId) };
-        let pixels = pickle.pairs(value).ok_or(MatchesError::NoPixels)?;
-        // One array may be mentioned often.
-        *left = left.checked_sub(pixels.len()).ok_or(MatchesError::Large)?;
-        // Keys come with and without the prefix, as those of the keyframes.
-        Ok((places.get(id.strip_prefix("frame_").unwrap_or(id)).copied(), pixels))
-    };
-    let (place_a, pixels_a) = side(a)?;
-    let (place_b, pixels_b) = side(b)?;
+    let (id_a, pixels_a) = frame_pixels(pickle, a.0, a.1, left)?;
+    let (id_b, pixels_b) = frame_pixels(pickle, b.0, b.1, left)?;
+    let [place_a, place_b] = [id_a, id_b].map(|id| places.get(id).copied());
     if pixels_a.len() != pixels_b.len() {
         return Err(MatchesError::Lengths(pixels_a.len(), pixels_b.len()));
     }
@@ -173,6 +166,21 @@ fn add_pair(
         matches.push(PixelMatch { frame0: zero.1, pixel0: pixel(p), frame1: one.1, pixel1: pixel(q) });
     }
     Ok(outside)
+}
+
+/// Frame id and matched pixels of one side of a pair.
+fn frame_pixels<'a>(
+    pickle: &'a Pickle,
+    key: usize,
+    value: usize,
+    left: &mut usize,
+) -> Result<(&'a str, Vec<[f64; 2]>), MatchesError> {
+    let Node::Str(id) = &pickle.nodes[key] else { return Err(MatchesError::NoId) };
+    let pixels = pickle.pairs(value).ok_or(MatchesError::NoPixels)?;
+    // One array may be mentioned often.
+    *left = left.checked_sub(pixels.len()).ok_or(MatchesError::Large)?;
+    // Keys come with and without the prefix, as those of the keyframes.
+    Ok((id.strip_prefix("frame_").unwrap_or(id), pixels))
 }
 
 fn is_inside(p: &[f64; 2], width: usize, height: usize) -> bool {

@@ -12,7 +12,7 @@ use super::{
     text::{Clock, Text},
 };
 
-/// A message with its ROS type.
+/// A message sent under its ROS type.
 pub trait RosMessage: serde::Serialize + serde::de::DeserializeOwned + Send + Sync + 'static {
     /// Its type, e.g. `sensor_msgs/msg/Image`.
     const TYPE: &'static str;
