@@ -201,8 +201,7 @@ fn push_mesh(text: &mut String, path: &str) {
 
 fn push_joint(text: &mut String, joint: &Joint, links: &[Link], names: &str) {
     let ends = [joint.parent, joint.child].map(|l| links[l].name.as_str());
-    let kind = (joint.name.as_str(), joint.kind.nearest().name());
-    open_joint(text, kind, &joint.parent_from_joint, ends, joint, names);
+    open_joint(text, &joint.name, joint.kind.nearest().name(), &joint.parent_from_joint, ends, joint, names);
     if let Some(pitch) = joint.kind.pitch_m_per_rad() {
         let kind = joint.kind.name();
         writeln!(
@@ -236,13 +235,13 @@ fn push_pair(text: &mut String, joint: &Joint, pitch_m_per_rad: f64, links: &[Li
     .ok();
     text.push_str("    </inertial>\n  </link>\n");
     let ends = [links[joint.parent].name.as_str(), carrier.as_str()];
-    open_joint(text, (&advance, "prismatic"), &joint.parent_from_joint, ends, joint, names);
+    open_joint(text, &advance, "prismatic", &joint.parent_from_joint, ends, joint, names);
     let limit = advance_limit(joint, pitch_m_per_rad);
     // Friction and damping act once, at the turn.
     push_limit(text, &Joint { limit, dynamics: JointDynamics::default(), ..joint.clone() });
     // The turn keeps the joint's name: the positions in the report are turns.
     let ends = [carrier.as_str(), links[joint.child].name.as_str()];
-    open_joint(text, (&joint.name, "revolute"), &Pose::identity(), ends, joint, names);
+    open_joint(text, &joint.name, "revolute", &Pose::identity(), ends, joint, names);
     writeln!(
         text,
         "    <mimic joint=\"{names}{}\" multiplier=\"{}\" offset=\"0\"/>",
@@ -268,7 +267,8 @@ pub(super) fn advance_limit(joint: &Joint, pitch_m_per_rad: f64) -> Limit {
 
 fn open_joint(
     text: &mut String,
-    (name, kind): (&str, &str),
+    name: &str,
+    kind: &str,
     parent_from_joint: &Pose,
     [parent, child]: [&str; 2],
     joint: &Joint,

@@ -38,6 +38,10 @@ pub fn inspect_motion(path: &Path) -> MotionInspection {
     }
 }
 
+fn has_finite(values: &[f64]) -> bool {
+    values.iter().any(|x| x.is_finite())
+}
+
 /// Available data of a joint, and whether it is enough.
 fn line(run: &Recording, joint: &JointSamples) -> (String, bool) {
     let first = joint.time_s.iter().copied().fold(f64::INFINITY, f64::min);
@@ -46,12 +50,11 @@ fn line(run: &Recording, joint: &JointSamples) -> (String, bool) {
     let seconds = (last - first).max(0.0);
     let rate =
         if n > 1 && seconds > 0.0 { format!(", {:.1} Hz", (n - 1) as f64 / seconds) } else { String::new() };
-    let has = |values: &[f64]| values.iter().any(|x| x.is_finite());
     let command = run.commands.iter().any(|c| c.joint == joint.name);
     let held: Vec<&str> = [
-        (has(&joint.position), "positions"),
-        (has(&joint.velocity), "velocities"),
-        (has(&joint.effort), "efforts"),
+        (has_finite(&joint.position), "positions"),
+        (has_finite(&joint.velocity), "velocities"),
+        (has_finite(&joint.effort), "efforts"),
         (command, "commands"),
     ]
     .into_iter()

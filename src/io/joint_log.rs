@@ -61,6 +61,15 @@ struct Stamped<T> {
     stamps: Vec<i64>,
 }
 
+/// Link of a pose message.
+struct PosedLink {
+    /// Child frame; empty where the message names none.
+    child: String,
+    link: String,
+    /// Requested by name.
+    asked: bool,
+}
+
 /// All data read, in the order of messages.
 struct Reader<'a> {
     streams: &'a Streams,
@@ -182,7 +191,10 @@ impl<'a> Reader<'a> {
             POSE => {
                 let Some(link) = named(&self.streams.poses) else { return };
                 match decode::<PoseStamped>(message.data) {
-                    Ok(m) => self.pose(topic, (String::new(), link, true), &m.header, &m.pose, log_nanos),
+                    Ok(m) => {
+                        let posed = PosedLink { child: String::new(), link, asked: true };
+                        self.pose(topic, posed, &m.header, &m.pose, log_nanos);
+                    }
                     Err(_) => self.broken += 1,
                 }
             }
@@ -192,7 +204,8 @@ impl<'a> Reader<'a> {
                     let child = t.child_frame_id.trim_start_matches('/').to_owned();
                     // /tf holds the whole robot; only links of the twin are of use.
                     if self.streams.links.contains(&child) {
-                        self.pose(topic, (child.clone(), child, false), &t.header, &t.transform, log_nanos);
+                        let posed = PosedLink { child: child.clone(), link: child, asked: false };
+                        self.pose(topic, posed, &t.header, &t.transform, log_nanos);
                     }
                 }
             }
@@ -247,9 +260,9 @@ impl<'a> Reader<'a> {
         let stamp = self.stamp(&state.header, log_nanos);
         self.commands.controller_state(state, stamp);
         for (i, name) in state.joint_names.iter().enumerate() {
-            let of = |values: &[f64]| values.get(i).copied().unwrap_or(f64::NAN);
             let measured = &state.feedback;
-            let values = [&measured.positions, &measured.velocities, &measured.effort].map(|v| of(v));
+            let values = [&measured.positions, &measured.velocities, &measured.effort]
+                .map(|v| v.get(i).copied().unwrap_or(f64::NAN));
             add(&mut self.feedback, name, stamp, values);
         }
     }
@@ -260,9 +273,8 @@ impl<'a> Reader<'a> {
         let track =
             WrenchTrack { topic: topic.to_owned(), frame: frame.to_owned(), link, ..WrenchTrack::default() };
         let own = self.wrenches.entry(topic.to_owned()).or_insert(Stamped { track, stamps: Vec::new() });
-        let vector = |v: &super::ros2msg::Vector3| nalgebra::Vector3::new(v.x, v.y, v.z);
-        let force = vector(&message.force);
-        let moment = vector(&message.torque);
+        let [force, moment] =
+            [&message.force, &message.torque].map(|v| nalgebra::Vector3::new(v.x, v.y, v.z));
         if own.track.frame != frame {
             self.changing.insert(topic.to_owned());
         } else if !force.iter().chain(moment.iter()).all(|x| x.is_finite()) {
@@ -275,26 +287,20 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// A pose of (child frame, link, whether it was asked for).
-    fn pose(
-        &mut self,
-        topic: &str,
-        (child, link, asked): (String, String, bool),
-        header: &Header,
-        pose: &Transform,
-        log_nanos: i64,
-    ) {
+    fn pose(&mut self, topic: &str, posed: PosedLink, header: &Header, pose: &Transform, log_nanos: i64) {
         let stamp = self.stamp(header, log_nanos);
         let frame = header.frame_id.trim_start_matches('/');
         let track = PoseTrack {
             topic: topic.to_owned(),
             frame: frame.to_owned(),
-            link,
-            asked,
+            link: posed.link,
+            asked: posed.asked,
             ..PoseTrack::default()
         };
-        let own =
-            self.poses.entry((topic.to_owned(), child)).or_insert(Stamped { track, stamps: Vec::new() });
+        let own = self
+            .poses
+            .entry((topic.to_owned(), posed.child))
+            .or_insert(Stamped { track, stamps: Vec::new() });
         let Some(pose) = pose.checked() else {
             self.broken += 1;
             return;

@@ -8,8 +8,7 @@ use super::{
     file_ranges::FileRanges,
     mcap_file::RECORD_LIMIT,
     mcap_record::{
-        ChannelRecord, ChunkIndexRecord, RecordError, SchemaRecord, StatisticsRecord, TAIL, summary_crc,
-        summary_start,
+        ChannelRecord, ChunkIndexRecord, SchemaRecord, StatisticsRecord, TAIL, summary_crc, summary_start,
     },
 };
 

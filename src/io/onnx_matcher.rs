@@ -217,8 +217,8 @@ fn format(model: &InferenceModel, name: &str) -> Option<ImageFormat> {
     }
     let dims = dims(fact);
     let [batch, Some(channels @ (1 | 3)), height, width] = dims[..] else { return None };
-    let usable = |side: Option<usize>| side.is_none_or(|s| (1..=8192).contains(&s));
-    let valid = batch.is_none_or(|b| b == 1) && usable(height) && usable(width);
+    let usable = [height, width].iter().flatten().all(|side| (1..=8192).contains(side));
+    let valid = batch.is_none_or(|b| b == 1) && usable;
     valid.then_some(ImageFormat { channels, height, width })
 }
 

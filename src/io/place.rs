@@ -111,8 +111,8 @@ impl Place {
     pub(super) fn spare_inputs(&self, folder: &Path) -> Result<(), RunDirError> {
         let Some(place) = own_place(folder) else { return Ok(()) };
         // By whole components: `/a/bc` does not lie in `/a/b`.
-        let held = |input: &&PathBuf| places(input).iter().any(|p| p.starts_with(&place));
-        match self.inputs.iter().find(held) {
+        let held = self.inputs.iter().find(|input| places(input).iter().any(|p| p.starts_with(&place)));
+        match held {
             Some(input) => Err(RunDirError::HoldsInput { folder: folder.to_owned(), input: input.clone() }),
             None => Ok(()),
         }

@@ -149,11 +149,11 @@ fn view(stream: &RecordingStream, frame: &RgbdFrame) -> Result<(), RerunError> {
     // Column by column. Here integers stand at pixel centers, there at their corners.
     let image_from_camera = [[fx, 0.0, 0.0], [0.0, fy, 0.0], [cx + 0.5, cy + 0.5, 1.0]];
     stream.log("world/camera", &Pinhole::new(image_from_camera).with_resolution([width, height]))?;
-    let encoded = |file: image::ImageResult<Vec<u8>>| file.map_err(|e| RerunError::Encode(e.into()));
-    let color = encoded(jpeg(k, &frame.rgb, JPEG_QUALITY))?;
+    let color = jpeg(k, &frame.rgb, JPEG_QUALITY).map_err(|e| RerunError::Encode(e.into()))?;
     stream.log("world/camera/color", &EncodedImage::from_file_contents(color))?;
     let units: Vec<u16> = frame.depth_m.iter().map(|d| (d * DEPTH_UNITS).round() as u16).collect();
-    let depth = EncodedDepthImage::from_file_contents(encoded(depth_png(k, &units))?);
+    let depth = depth_png(k, &units).map_err(|e| RerunError::Encode(e.into()))?;
+    let depth = EncodedDepthImage::from_file_contents(depth);
     Ok(stream.log("world/camera/depth", &depth.with_meter(DEPTH_UNITS))?)
 }
 

@@ -185,8 +185,7 @@ fn put_start_end(folder: &RunDir, state: usize, recording: &SynthState) -> Resul
 
 /// The mask of a view; these layouts need it.
 fn mask_of(frame: &SynthFrame) -> Result<&[bool], SynthError> {
-    let none = || SynthError::Layout("a camera carried by hand has no masks".into());
-    frame.mask.as_deref().ok_or_else(none)
+    frame.mask.as_deref().ok_or_else(|| SynthError::Layout("a camera carried by hand has no masks".into()))
 }
 
 fn color_png(k: &Intrinsics, rgb: &[[u8; 3]]) -> Result<Vec<u8>, SynthError> {

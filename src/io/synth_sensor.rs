@@ -90,12 +90,13 @@ impl SensorEntry {
 
 fn warp(camera: &HandheldCamera, width: usize, height: usize) -> Option<WarpEntry> {
     let step = (width / WARP_NODES).max(1);
-    let at = |n: usize| (0..=n / step).map(|k| (k * step).min(n - 1)).collect::<Vec<_>>();
-    let u_px = at(width);
-    let v_px = at(height);
-    let row = |v: &usize| u_px.iter().map(|u| camera.depth_warp[v * width + u]).collect();
+    let [u_px, v_px] =
+        [width, height].map(|n| (0..=n / step).map(|k| (k * step).min(n - 1)).collect::<Vec<usize>>());
     (!camera.depth_warp.is_empty()).then(|| WarpEntry {
-        relative: v_px.iter().map(row).collect(),
+        relative: v_px
+            .iter()
+            .map(|v| u_px.iter().map(|u| camera.depth_warp[v * width + u]).collect())
+            .collect(),
         u_px: u_px.clone(),
         v_px: v_px.clone(),
     })

@@ -59,21 +59,20 @@ pub struct Member<'a> {
 /// Broken or unsupported parts: encryption, members over 4 GiB, members with shared bytes (a
 /// directory that names one of them twice), more than [`ARCHIVE`] bytes in all.
 pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, NpzError> {
-    let broken = || NpzError::Broken;
     // The end record has 22 bytes and up to 65,535 of a comment behind it.
     let search = archive.len().saturating_sub(22 + 65_535);
     let end =
         archive[search..].windows(4).rposition(|w| w == END).map(|i| i + search).ok_or(NpzError::NoZip)?;
-    let count = u16_at(archive, end + 10).ok_or_else(broken)?;
-    let mut at = u32_at(archive, end + 16).ok_or_else(broken)?;
+    let count = u16_at(archive, end + 10).ok_or(NpzError::Broken)?;
+    let mut at = u32_at(archive, end + 16).ok_or(NpzError::Broken)?;
     let mut found = Vec::new();
     let mut places = Vec::new();
     for _ in 0..count {
         if archive.get(at..at + 4) != Some(&CENTRAL) {
             return Err(broken());
         }
-        let field16 = |offset| u16_at(archive, at + offset).ok_or_else(broken);
-        let field32 = |offset| u32_at(archive, at + offset).ok_or_else(broken);
+        let field16 = |offset| u16_at(archive, at + offset).ok_or(NpzError::Broken);
+        let field32 = |offset| u32_at(archive, at + offset).ok_or(NpzError::Broken);
         let flags = field16(8)?;
         let method = field16(10)?;
         // From the directory: a streamed member has zeros in its own header.
@@ -83,7 +82,7 @@ pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, NpzError> {
         let name_len = field16(28)?;
         let extra_len = field16(30)?;
         let comment_len = field16(32)?;
-        let name = archive.get(at + 46..at + 46 + name_len).ok_or_else(broken)?;
+        let name = archive.get(at + 46..at + 46 + name_len).ok_or(NpzError::Broken)?;
         let name = String::from_utf8_lossy(name).escape_debug().take(64).collect::<String>();
         // Bit 0: encrypted. All ones: ZIP64, where the size stands elsewhere.
         if flags & 1 != 0 || [packed, size, local].contains(&(u32::MAX as usize)) {
@@ -96,8 +95,8 @@ pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, NpzError> {
         let skip = u16_at(archive, local + 26)
             .zip(u16_at(archive, local + 28))
             .map(|(n, e)| 30 + n + e)
-            .ok_or_else(broken)?;
-        let data = archive.get(local + skip..local + skip + packed).ok_or_else(broken)?;
+            .ok_or(NpzError::Broken)?;
+        let data = archive.get(local + skip..local + skip + packed).ok_or(NpzError::Broken)?;
         places.push((local, local + skip + packed, name));
         found.push(Member { data, method, size: size as u64 });
         at += 46 + name_len + extra_len + comment_len;
