@@ -69,7 +69,7 @@ pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, NpzError> {
     let mut places = Vec::new();
     for _ in 0..count {
         if archive.get(at..at + 4) != Some(&CENTRAL) {
-            return Err(broken());
+            return Err(NpzError::Broken);
         }
         let field16 = |offset| u16_at(archive, at + offset).ok_or(NpzError::Broken);
         let field32 = |offset| u32_at(archive, at + offset).ok_or(NpzError::Broken);
@@ -89,7 +89,7 @@ pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, NpzError> {
             return Err(NpzError::Member(name));
         }
         if archive.get(local..local + 4) != Some(&LOCAL) {
-            return Err(broken());
+            return Err(NpzError::Broken);
         }
         // Lengths of the local header. Those of the directory may differ.
         let skip = u16_at(archive, local + 26)
