@@ -2,8 +2,8 @@
 //!
 //! A file is a magic, then records of one opcode byte, an 8-byte length and a body; chunks hold records of
 //! the same form, compressed. The largest record bounds the memory. A chunk with a broken checksum or
-//! compression is left out as a whole, because a message in it may be silently wrong; a file cut in the middle
-//! of a chunk gives the records before the cut.
+//! compression is left out as a whole, because a message in it may be silently wrong; a file cut in the
+//! middle of a chunk gives the records before the cut.
 
 use std::{
     collections::BTreeMap,
