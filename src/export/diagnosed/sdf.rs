@@ -109,7 +109,10 @@ fn with_joint(text: &str, name: &str, held: &JointNumbers) -> Result<Option<Stri
     Ok(Some(edited(text, edits)))
 }
 
-fn link_node<'a, 'input>(document: &'a Document<'input>, name: &str) -> Option<roxmltree::Node<'a, 'input>> {
+fn link_node<'a, 'input>(
+    document: &'a roxmltree::Document<'input>,
+    name: &str,
+) -> Option<roxmltree::Node<'a, 'input>> {
     document.descendants().find(|n| n.has_tag_name("link") && n.attribute("name") == Some(name))
 }
 

@@ -161,11 +161,15 @@ fn quaternion_text(q: &nalgebra::UnitQuaternion<f64>) -> String {
     format!("({}, {}, {}, {})", q.w, q.i, q.j, q.k)
 }
 
+/// Name of the `float` attribute on a line.
+fn float_name(line: &str) -> Option<&str> {
+    line.trim_start().strip_prefix("float ")?.split(" =").next()
+}
+
 /// Lines of attributes with one of them set, or added at the end.
 fn with_attribute(body: &str, attribute: &str, value: f64) -> String {
     let line = format!("            float {attribute} = {value}\n");
-    let name_of = |l: &str| l.trim_start().strip_prefix("float ").and_then(|l| l.split(" =").next());
-    match body.split_inclusive('\n').find(|l| name_of(l) == Some(attribute)) {
+    match body.split_inclusive('\n').find(|l| float_name(l) == Some(attribute)) {
         Some(old) => body.replacen(old, &line, 1),
         None => format!("{body}{line}"),
     }
