@@ -16,7 +16,7 @@ use super::{
     synth_matrix::rows,
 };
 use geometry::{Intrinsics, Pose};
-use surface::{TriangleMesh, merge};
+use surface::merge;
 use synth::{Object, PartJointKind, SynthConfig, SynthFrame, SynthState, generate, record};
 
 /// A published layout.
