@@ -70,21 +70,21 @@ fn push_trial(out: &mut String, trial: &Evaluation) {
     table(out, &std::iter::once(head.to_vec()).chain(rows).collect::<Vec<_>>());
 }
 
+/// Motions to all states beside state 0.
+fn motions_text(first: f64, row: &JointRow) -> String {
+    let all = std::iter::once(first).chain(row.further_motions.iter().copied());
+    all.map(|m| format!("{m:.3}")).collect::<Vec<_>>().join(" / ")
+}
+
 fn joint_cells(row: &JointRow) -> Vec<String> {
     if row.missing {
         return vec![row.part.clone(), format!("missing ({})", row.type_true)];
     }
     let kind = row.kind.clone().unwrap_or_default();
     let kind = if row.type_right == Some(true) { kind } else { format!("{kind}, not {}", row.type_true) };
-    let all = |first: f64| {
-        std::iter::once(first)
-            .chain(row.further_motions.iter().copied())
-            .map(|m| format!("{m:.3}"))
-            .collect::<Vec<_>>()
-    };
     let motion = match (row.motion_deg, row.motion_mm) {
-        (Some(deg), _) => format!("{} deg", all(deg).join(" / ")),
-        (_, Some(mm)) => format!("{} mm", all(mm).join(" / ")),
+        (Some(deg), _) => format!("{} deg", motions_text(deg, row)),
+        (_, Some(mm)) => format!("{} mm", motions_text(mm, row)),
         _ => "-".into(),
     };
     vec![row.part.clone(), kind, cell(row.axis_deg), cell(row.axis_mm), motion, cell(row.error_mm)]

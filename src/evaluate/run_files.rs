@@ -16,11 +16,11 @@ use io::read_urdf;
 use model::{JointType, Tree};
 use surface::{TriangleMesh, merged_mesh};
 
-/// What a simulator gets from a run: a tree and the joint positions of the observed states.
+/// Input of a simulator from a run: a tree and the joint positions of the observed states.
 pub struct RunFiles {
     /// Links and joints; the root frame is the world.
     pub tree: Tree,
-    /// Joint positions by name in every state, two at least; a joint that is not named is at 0.
+    /// Joint positions by name in every state, two at least; an unnamed joint is at 0.
     pub states: Vec<BTreeMap<String, f64>>,
     /// Links of each rigid part; the first holds the root.
     pub parts: Vec<Vec<usize>>,
@@ -31,7 +31,7 @@ impl RunFiles {
     /// less than `min_component` times the area of the largest are dropped from each link's mesh.
     ///
     /// # Errors
-    /// A file that is missing or damaged, named in the error.
+    /// A missing or damaged file, named in the error.
     pub fn read(folder: &Path, min_component: Option<f64>) -> Result<Self, EvaluateError> {
         let mut tree = read_urdf(&the_urdf(folder)?)?;
         if let Some(share) = min_component {
@@ -57,10 +57,9 @@ impl RunFiles {
     /// The surface of some links in the world in a state.
     #[must_use]
     pub fn surface(&self, links: &[usize], state: usize) -> TriangleMesh {
-        let placed = |&l: &usize| {
-            self.tree.links[l].visual.transformed(&self.tree.world_from_link(l, &self.states[state]))
-        };
-        let placed: Vec<TriangleMesh> = links.iter().map(placed).collect();
+        let world_from = |link: usize| self.tree.world_from_link(link, &self.states[state]);
+        let placed: Vec<TriangleMesh> =
+            links.iter().map(|&l| self.tree.links[l].visual.transformed(&world_from(l))).collect();
         merged_mesh(&placed.iter().collect::<Vec<_>>())
     }
 
@@ -87,20 +86,23 @@ impl RunFiles {
     /// reverse; `fixed` for the part of the root.
     #[must_use]
     pub fn kind(&self, part: usize) -> &'static str {
-        let name = |kind| match kind {
-            JointType::Fixed => "fixed",
-            JointType::Revolute | JointType::Continuous => "revolute",
-            JointType::Prismatic => "prismatic",
-        };
         let Some(joint) = self.tree.joint_of(self.parts[part][0]) else { return "fixed" };
-        let kind = name(joint.kind);
+        let kind = kind_name(joint.kind);
         // A screw may be written as a pair of joints with a link between them that has no mesh.
         let carrier =
             self.tree.joint_of(joint.parent).filter(|_| self.tree.links[joint.parent].visual.is_empty());
-        match (kind, carrier.map(|c| name(c.kind))) {
+        match (kind, carrier.map(|c| kind_name(c.kind))) {
             ("revolute", Some("prismatic")) | ("prismatic", Some("revolute")) => "screw",
             _ => kind,
         }
+    }
+}
+
+fn kind_name(kind: JointType) -> &'static str {
+    match kind {
+        JointType::Fixed => "fixed",
+        JointType::Revolute | JointType::Continuous => "revolute",
+        JointType::Prismatic => "prismatic",
     }
 }
 
@@ -113,7 +115,7 @@ fn the_urdf(folder: &Path) -> Result<PathBuf, EvaluateError> {
     let mut found: Vec<PathBuf> = entries.flatten().map(|e| e.path()).filter(is_urdf).collect();
     match (found.pop(), found.len()) {
         (Some(path), 0) => Ok(path),
-        // None, or several: which of them is meant cannot be known.
+        // None, or several: the right one cannot be known.
         (last, rest) => {
             Err(EvaluateError::NotARun { path: folder.to_owned(), count: rest + usize::from(last.is_some()) })
         }

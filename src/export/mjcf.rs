@@ -1,4 +1,4 @@
-//! MJCF text: what URDF cannot hold for MuJoCo: textures, excluded pairs, keyframes, friction, armature,
+//! MJCF text, with data missing in URDF: textures, excluded pairs, keyframes, friction, armature,
 //! springs.
 
 use std::fmt::Write as _;
@@ -14,7 +14,7 @@ use super::{
 use geometry::Pose;
 use model::{ArticulatedModel, Joint, Limit, Link, escape_xml as escape};
 
-/// Settings that every body shares; PREFIX keeps the classes of several twins apart. Collision geoms carry no
+/// Settings of every body; PREFIX keeps the classes of several twins apart. Collision geoms carry no
 /// mass: the bodies state theirs.
 const HEAD: &str = r#"  <compiler angle="radian" meshdir="." texturedir="." autolimits="true" balanceinertia="true"/>
   <option timestep="0.002" integrator="implicitfast"/>
@@ -70,20 +70,20 @@ pub(crate) fn mjcf(model: &ArticulatedModel, config: &ExportConfig) -> String {
     text
 }
 
-/// Positions of everything that moves in the file of [`mjcf`], in its order.
+/// Positions of all movable joints in the file of [`mjcf`], in its order.
 pub(super) fn positions(model: &ArticulatedModel, base: Base, state: &[f64]) -> String {
     // The frame of a free root: its place, then the quaternion.
     let root = (base == Base::Floating).then(|| "0 0 0 1 0 0 0".to_owned());
     // A keyframe must satisfy the threads: where it breaks an equality the solver moves the joints at once.
-    let of = |j: usize| {
-        let advance = model.joints[j].kind.thread_m_per_rad().map(|pitch| short(pitch * state[j]));
-        advance.into_iter().chain([short(state[j])]).collect::<Vec<_>>()
-    };
-    let joints = joint_order(model, 0).into_iter().flat_map(of);
-    root.into_iter().chain(joints).collect::<Vec<_>>().join(" ")
+    let mut positions: Vec<String> = root.into_iter().collect();
+    for j in joint_order(model, 0) {
+        positions.extend(model.joints[j].kind.thread_m_per_rad().map(|pitch| short(pitch * state[j])));
+        positions.push(short(state[j]));
+    }
+    positions.join(" ")
 }
 
-/// Joints in the order in which the bodies of the text bring them, which is the order of positions in a
+/// Joints in the order of their bodies in the text, also the order of positions in a
 /// keyframe.
 fn joint_order(model: &ArticulatedModel, link: usize) -> Vec<usize> {
     let children = (0..model.joints.len()).filter(|&j| model.joints[j].parent == link);
@@ -92,20 +92,22 @@ fn joint_order(model: &ArticulatedModel, link: usize) -> Vec<usize> {
         .collect()
 }
 
+/// Equality between hinge and slide of a screw; `None` for other joints.
+fn thread_equality(joint: &Joint) -> Option<String> {
+    let name = escape(&joint.name);
+    let advance = escape(&joint.advance_name());
+    let turn = short(1.0 / joint.kind.thread_m_per_rad()?);
+    Some(format!(
+        "    <joint name=\"{name}_thread\" joint1=\"{name}\" joint2=\"{advance}\" polycoef=\"0 \
+         {turn} 0 0 0\" {HARD_THREAD}/>\n"
+    ))
+}
+
 /// Ties the hinge of every screw to its slide.
 fn push_threads(text: &mut String, model: &ArticulatedModel) {
     // docs/method.md (11.2): the position of `joint1` is a polynomial in that of `joint2`. The hinge follows:
     // MuJoCo softens a constraint by the inertia of either joint, whatever the factor, and a lid's is small.
-    let thread = |joint: &Joint| {
-        let name = escape(&joint.name);
-        let advance = escape(&joint.advance_name());
-        let turn = short(1.0 / joint.kind.thread_m_per_rad()?);
-        Some(format!(
-            "    <joint name=\"{name}_thread\" joint1=\"{name}\" joint2=\"{advance}\" polycoef=\"0 \
-             {turn} 0 0 0\" {HARD_THREAD}/>\n"
-        ))
-    };
-    let threads: String = model.joints.iter().filter_map(thread).collect();
+    let threads: String = model.joints.iter().filter_map(thread_equality).collect();
     if !threads.is_empty() {
         write!(text, "  <equality>\n{threads}  </equality>\n").ok();
     }
@@ -181,7 +183,7 @@ fn push_body(
         let place = place(&grasp.link_from_grasp);
         writeln!(text, "{pad}  <site name=\"{site}\" {place} size=\"0.005\" group=\"4\"/>").ok();
     }
-    // In the order of `joint_order`, which the keyframes have.
+    // In the order of `joint_order`, as in the keyframes.
     for below in model.joints.iter().filter(|j| j.parent == index) {
         push_body(text, model, config, below.child, Some(below));
     }
@@ -189,8 +191,8 @@ fn push_body(
 }
 
 fn push_joint(text: &mut String, joint: &Joint, pad: &str) {
-    // The slide comes before the hinge, as in the keyframes. The thread ties it to the hinge, which has
-    // friction and damping; its range is for readers that know no equality, as Drake.
+    // The slide comes before the hinge, as in the keyframes. The thread ties it to the hinge. The hinge has
+    // friction and damping; its range is for readers without equalities, as Drake.
     if let Some(pitch) = joint.kind.thread_m_per_rad() {
         let name = escape(&joint.advance_name());
         let axis = triple(joint.axis.as_ref().as_ref());

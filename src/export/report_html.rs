@@ -1,4 +1,4 @@
-//! The report as one page that needs nothing else: pictures inside, no script, nothing loaded.
+//! The report as one self-contained page: pictures inside, no script, nothing loaded.
 
 use std::fmt::Write as _;
 
@@ -15,10 +15,10 @@ use super::{
 };
 use model::escape_xml as escape;
 
-/// In place of a deviation that no guess would exceed.
+/// In place of a deviation beyond any guess.
 const NOT_DETERMINED: &str = "not determined";
 
-/// What the colors of [`PhotoAndTwin::difference`] say.
+/// Meaning of the colors of [`PhotoAndTwin::difference`].
 const DIFFERENCE_LEGEND: &str = "Orange: a camera read the object where the twin has nothing. Violet: a \
     camera saw through where the twin is. White: edges and pixels without a reading, which say nothing.";
 
@@ -29,7 +29,7 @@ pub struct ReportPictures {
     pub states: Vec<PhotoAndTwin>,
     /// The parts in the colors of [`part_color`] with their axes.
     pub parts: Vec<Picture>,
-    /// What was kept as the object.
+    /// The kept surface of the object.
     pub kept: Vec<Picture>,
     /// Where the twin and the photos differ, over all views.
     pub differences: Vec<StateDifference>,
@@ -44,11 +44,11 @@ pub struct PhotoAndTwin {
     pub view: String,
     /// Peak signal-to-noise ratio over the object's pixels, where these are known.
     pub psnr_db: Option<f64>,
-    /// What the camera saw.
+    /// The photo.
     pub photo: Picture,
     /// The rendered model.
     pub twin: Picture,
-    /// Where they differ by the depth that was read; where the object's pixels are known.
+    /// Differences by the measured depth; where the object's pixels are known.
     pub difference: Option<Picture>,
     /// The object alone as the camera saw it, and that camera; where the object's pixels are known.
     pub cutout: Option<(Vec<u8>, RecordedCamera)>,
@@ -57,7 +57,7 @@ pub struct PhotoAndTwin {
 /// The page of a report.
 ///
 /// # Errors
-/// A picture that cannot be encoded.
+/// A picture fails to encode.
 pub fn report_html(report: &Report, pictures: &ReportPictures) -> Result<String, PictureError> {
     let name = escape(&report.name);
     let mut out = page::page_head(&format!("{name}: articulated twin"), "");
@@ -117,7 +117,7 @@ fn push_header(out: &mut String, report: &Report) {
     writeln!(out, "<p class=\"facts\">{}</p>\n</header>", escape(&facts.join(" \u{b7} "))).ok();
 }
 
-/// What a joint does, in words.
+/// Motion of a joint, in words.
 fn sentence(joint: &JointReport) -> String {
     let verb = if joint.motion.unit == "rad" { "turns" } else { "slides" };
     format!("{} {verb} {}", joint.child, motion(&joint.motion, &joint.motion_std))
@@ -129,7 +129,7 @@ fn push_warnings(out: &mut String, report: &Report) {
     push_list(out, "warnings", "Warnings", &all);
 }
 
-/// Of every view that is shown the photo, the twin, and where they differ.
+/// The photo, the twin and their differences of every shown view.
 fn push_photos(
     out: &mut String,
     states: &[PhotoAndTwin],
@@ -151,27 +151,31 @@ fn push_photos(
         "Orange: twin lacks",
         "Violet: twin too much",
     ];
-    let percent = |share: f64| number_with_unit(&decimal(100.0 * share, 2), "%");
-    let cells = |d: &StateDifference| {
-        let worst = d.views.iter().max_by(|a, b| a.share.total_cmp(&b.share));
-        let worst = worst.map_or_else(String::new, |w| {
-            format!("<br><span class=\"soft\">most in {}: {}</span>", escape(&w.name), percent(w.share))
-        });
-        let links: Vec<String> =
-            d.links.iter().map(|l| format!("{} {}", escape(&l.name), percent(l.share))).collect();
-        let by_part = format!("<br><span class=\"soft\">{}</span>", links.join(", "));
-        [
-            format!("state {}", d.state),
-            d.views.len().to_string() + &worst,
-            d.readings.to_string(),
-            percent(d.share) + &by_part,
-            percent(d.lacks),
-            percent(d.surplus),
-        ]
-    };
-    let rows: String = differences.iter().map(|d| table_row(&head, &cells(d))).collect();
+    let rows: String = differences.iter().map(|d| table_row(&head, &difference_cells(d))).collect();
     push_table(out, "Where twin and photos differ", &head, &rows);
     Ok(())
+}
+
+fn difference_cells(d: &StateDifference) -> [String; 6] {
+    let worst = d.views.iter().max_by(|a, b| a.share.total_cmp(&b.share));
+    let worst = worst.map_or_else(String::new, |w| {
+        format!("<br><span class=\"soft\">most in {}: {}</span>", escape(&w.name), percent(w.share))
+    });
+    let links: Vec<String> =
+        d.links.iter().map(|l| format!("{} {}", escape(&l.name), percent(l.share))).collect();
+    let by_part = format!("<br><span class=\"soft\">{}</span>", links.join(", "));
+    [
+        format!("state {}", d.state),
+        d.views.len().to_string() + &worst,
+        d.readings.to_string(),
+        percent(d.share) + &by_part,
+        percent(d.lacks),
+        percent(d.surplus),
+    ]
+}
+
+fn percent(share: f64) -> String {
+    number_with_unit(&decimal(100.0 * share, 2), "%")
 }
 
 fn push_pictures(
@@ -248,7 +252,7 @@ fn push_joints(out: &mut String, report: &Report) {
     push_table(out, "Joints", &head, &rows);
 }
 
-/// What is not observable of each joint, and how the parts were counted.
+/// Unobservable parameters of each joint, and how the parts were counted.
 fn push_unknown(out: &mut String, report: &Report) {
     let said =
         |j: &JointReport| j.not_observable.iter().map(|n| format!("{}: {n}", j.name)).collect::<Vec<_>>();
@@ -266,48 +270,53 @@ fn push_unknown(out: &mut String, report: &Report) {
     }
 }
 
+fn mass_text(kg: f64, range_kg: [f64; 2]) -> String {
+    let [low, high] = range_kg.map(|m| significant(m, 2));
+    format!(
+        "{}<br><span class=\"soft\">{low} to {}</span>",
+        number_with_unit(&significant(kg, 3), "kg"),
+        number_with_unit(&high, "kg")
+    )
+}
+
+fn triangles_text(n: usize) -> String {
+    number_with_unit(&n.to_string(), if n == 1 { "triangle" } else { "triangles" })
+}
+
+fn link_cells(i: usize, link: &LinkReport) -> [String; 6] {
+    let FileTriangles { visual, assumed: walls, collision } = link.file_triangles;
+    let walls = if walls > 0 { format!(", {walls} of assumed walls") } else { String::new() };
+    [
+        format!("{}{}{}", dot(i), escape(&link.name), grasps(link)),
+        format!(
+            "{}<br><span class=\"soft\">of {} before decimation{walls}</span>",
+            triangles_text(visual),
+            link.triangles
+        ),
+        format!(
+            "{}<br><span class=\"soft\">in {}</span>",
+            triangles_text(collision),
+            count(link.solids, "convex solid")
+        ),
+        number_with_unit(&decimal(link.area_m2, 3), "m\u{b2}") + &assumed(link),
+        mass_text(link.mass_kg, link.mass_range_kg),
+        format!("<span class=\"soft\">{}</span>", escape(&link.assumption)),
+    ]
+}
+
 fn push_links(out: &mut String, report: &Report) {
     let head = ["Part", "Visual mesh", "Collision", "Area", "Mass (assumed)", "Rests on"];
-    let mass = |kg: f64, range_kg: [f64; 2]| {
-        let [low, high] = range_kg.map(|m| significant(m, 2));
-        format!(
-            "{}<br><span class=\"soft\">{low} to {}</span>",
-            number_with_unit(&significant(kg, 3), "kg"),
-            number_with_unit(&high, "kg")
-        )
-    };
-    let triangles =
-        |n: usize| number_with_unit(&n.to_string(), if n == 1 { "triangle" } else { "triangles" });
-    let cells = |(i, link): (usize, &LinkReport)| {
-        let FileTriangles { visual, assumed: walls, collision } = link.file_triangles;
-        let walls = if walls > 0 { format!(", {walls} of assumed walls") } else { String::new() };
-        [
-            format!("{}{}{}", dot(i), escape(&link.name), grasps(link)),
-            format!(
-                "{}<br><span class=\"soft\">of {} before decimation{walls}</span>",
-                triangles(visual),
-                link.triangles
-            ),
-            format!(
-                "{}<br><span class=\"soft\">in {}</span>",
-                triangles(collision),
-                counted_noun(link.solids, "convex solid")
-            ),
-            number_with_unit(&decimal(link.area_m2, 3), "m\u{b2}") + &assumed(link),
-            mass(link.mass_kg, link.mass_range_kg),
-            format!("<span class=\"soft\">{}</span>", escape(&link.assumption)),
-        ]
-    };
-    let mut rows: String = report.links.iter().enumerate().map(|l| table_row(&head, &cells(l))).collect();
+    let mut rows: String =
+        report.links.iter().enumerate().map(|(i, link)| table_row(&head, &link_cells(i, link))).collect();
     if report.links.len() > 1 {
         let all = |of: fn(&LinkReport) -> usize| report.links.iter().map(of).sum::<usize>();
         let sum = |of: fn(&LinkReport) -> f64| report.links.iter().map(of).sum::<f64>();
         let cells = [
             "All parts".to_owned(),
-            triangles(all(|l| l.file_triangles.visual + l.file_triangles.assumed)),
-            triangles(all(|l| l.file_triangles.collision)),
+            triangles_text(all(|l| l.file_triangles.visual + l.file_triangles.assumed)),
+            triangles_text(all(|l| l.file_triangles.collision)),
             number_with_unit(&decimal(sum(|l| l.area_m2), 3), "m\u{b2}"),
-            mass(sum(|l| l.mass_kg), [sum(|l| l.mass_range_kg[0]), sum(|l| l.mass_range_kg[1])]),
+            mass_text(sum(|l| l.mass_kg), [sum(|l| l.mass_range_kg[0]), sum(|l| l.mass_range_kg[1])]),
             String::new(),
         ];
         rows.push_str(&table_row(&head, &cells));
@@ -358,20 +367,18 @@ fn push_times(out: &mut String, report: &Report) {
     out.push_str("</div>\n</section>\n");
 }
 
+fn motion_text(rotation_deg: f64, displacement_mm: f64) -> String {
+    let displacement = number_with_unit(&decimal(displacement_mm, 2), "mm");
+    format!("{} / {displacement}", number_with_unit(&decimal(rotation_deg, 3), "\u{b0}"))
+}
+
 fn push_start(out: &mut String, report: &Report) {
     let head = ["Joint", "Started from", "Start turns / moves part by", "Result differs by"];
     let mut rows = String::new();
     for m in &report.run.initialization {
         let source = if m.used { escape(&m.source) } else { format!("not used: {}", escape(&m.source)) };
-        let both = |rotation_deg, displacement_mm| {
-            format!(
-                "{} / {}",
-                number_with_unit(&decimal(rotation_deg, 3), "\u{b0}"),
-                number_with_unit(&decimal(displacement_mm, 2), "mm")
-            )
-        };
-        let start = both(m.start_rotation_deg, m.start_displacement_mm);
-        let change = both(m.rotation_deg, m.displacement_mm);
+        let start = motion_text(m.start_rotation_deg, m.start_displacement_mm);
+        let change = motion_text(m.rotation_deg, m.displacement_mm);
         rows.push_str(&table_row(&head, &[escape(&m.joint), source, start, change]));
     }
     push_table(out, "From the start to the result", &head, &rows);
@@ -406,7 +413,7 @@ fn motion(value: &Quantity, std: &SpreadReport) -> String {
     with_true_minus(&format!("{:+.2}{unit} {spread}", factor * value.value))
 }
 
-/// A deviation with its unit, or that there is none.
+/// A deviation with its unit, or a word for its absence.
 fn spread(value: Option<f64>, its_unit: &str) -> String {
     value.map_or_else(|| NOT_DETERMINED.to_owned(), |v| number_with_unit(&significant(v, 2), its_unit))
 }

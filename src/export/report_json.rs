@@ -1,4 +1,4 @@
-//! What a run found and what it rests on, as a machine-readable report.
+//! Results of a run and their evidence, as a machine-readable report.
 
 use std::collections::BTreeMap;
 
@@ -32,7 +32,7 @@ pub struct Report {
     pub format: String,
     /// Name of the object.
     pub name: String,
-    /// What can be done with it.
+    /// Possible uses of the twin.
     pub overall: Overall,
     /// Joint positions of the observed states.
     pub states: Vec<StateReport>,
@@ -40,7 +40,7 @@ pub struct Report {
     pub joints: Vec<JointReport>,
     /// Links, in the order of the URDF.
     pub links: Vec<LinkReport>,
-    /// What is known about the run itself.
+    /// Facts about the run itself.
     #[serde(flatten)]
     pub run: RunFacts,
 }
@@ -64,9 +64,9 @@ pub struct JointReport {
     pub pitch_m_per_rad: Option<f64>,
     /// Standard deviation of the pitch.
     pub pitch_std_m_per_rad: Option<f64>,
-    /// Link that carries it.
+    /// Parent link.
     pub parent: String,
-    /// Link that it moves.
+    /// Child link.
     pub child: String,
     /// Direction of the axis in the world in state 0.
     pub axis: [f64; 3],
@@ -91,15 +91,15 @@ pub struct JointReport {
     /// Covariance of (axis direction 3, point on the axis 3, motion 1), world, radians and meters, row by
     /// row.
     pub covariance: Vec<[f64; 7]>,
-    /// Points and matches that support the motion.
+    /// Points and matches in support of the motion.
     pub inliers: usize,
-    /// Those that were tried.
+    /// Tried points and matches.
     pub tried: usize,
     /// Root mean square distance of the supporting points after the motion, millimeters.
     pub residual_rms_mm: f64,
     /// Cost of every joint type (Bayesian information criterion); lower is better.
     pub type_scores: BTreeMap<String, f64>,
-    /// Squared error of the parameters against what independent observations would give; the covariance holds
+    /// Squared error of the parameters against that of independent observations; the covariance holds
     /// it.
     pub dispersion: f64,
     /// How well each link would carry the child, by name.
@@ -107,9 +107,9 @@ pub struct JointReport {
     /// The axis by the motion alone, where the object's other axes and flat faces had a say.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub axis_alone: Option<AxisAloneReport>,
-    /// What speaks against trusting this joint.
+    /// Reasons not to trust this joint.
     pub cautions: Vec<Note>,
-    /// What is not observable in the states.
+    /// Unobservable parameters in the states.
     pub not_observable: Vec<Note>,
 }
 
@@ -161,27 +161,27 @@ pub struct SpreadReport {
     pub unit: String,
 }
 
-/// What resists a joint's motion; N m or N, per radian or meter.
+/// Resistance to a joint's motion; N m or N, per radian or meter.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct DynamicsReport {
     /// Coulomb friction.
     pub friction: f64,
     /// Viscous damping.
     pub damping: f64,
-    /// What both rest on.
+    /// Source of both.
     pub assumption: String,
 }
 
-/// What is known about a run beside its model.
+/// Facts about a run beside its model.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct RunFacts {
-    /// What was read.
+    /// The input.
     pub input: InputFacts,
     /// How the motions started and how far refinement took them.
     pub initialization: Vec<InitialMotion>,
     /// How close the twin looks to photos.
     pub renderings: Vec<Rendering>,
-    /// Where the cameras saw something else than the twin shows, by state; none of a state whose object
+    /// Differences between the photos and the twin, by state; none of a state whose object
     /// pixels are not known.
     pub differences: Vec<StateDifference>,
     /// How the number of parts was found.
@@ -193,31 +193,31 @@ pub struct RunFacts {
     /// How the camera was tracked through each state; empty where its poses were recorded.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub camera_tracking: Vec<CameraTrackingReport>,
-    /// What was found of the camera poses of each state.
+    /// Corrections of the camera poses of each state.
     pub camera_poses: Vec<CameraPosesReport>,
     /// By how much the twin's frame may be off as a whole, where poses were corrected.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub world_frame: Option<WorldFrameReport>,
-    /// What was found of the depth sensor.
+    /// Corrections of the depth sensor.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth_sensor: Option<DepthSensorReport>,
     /// Stages in order with their wall times.
     pub stages: Vec<StageTime>,
-    /// Versions of the program and what it was built with, by name.
+    /// Versions of the program and its libraries, by name.
     pub versions: BTreeMap<String, String>,
     /// Seed of all random streams.
     pub seed: u64,
-    /// Name of the preset that the settings started from, and what it costs in accuracy.
+    /// Name of the preset of the settings, and its cost in accuracy.
     pub preset: String,
     /// Digest of the effective configuration.
     pub config_digest: String,
     /// Digest of recordings, settings, seed and version: runs in which it is the same compute the same.
     pub fingerprint: String,
-    /// What computed: processor or graphics adapter, threads.
+    /// Device: processor or graphics adapter, threads.
     pub device: String,
-    /// What was found and chosen.
+    /// Findings and choices.
     pub notes: Vec<Note>,
-    /// What was degraded.
+    /// Degradations.
     pub warnings: Vec<Note>,
 }
 
@@ -232,7 +232,7 @@ pub struct Rendering {
     pub psnr_db: f64,
     /// PNG of the object's pixels, all others transparent, relative to the run folder.
     pub photo: String,
-    /// What took the photo.
+    /// Camera of the photo.
     pub camera: Option<RecordedCamera>,
 }
 
@@ -257,12 +257,12 @@ impl RecordedCamera {
     }
 }
 
-/// What was read.
+/// The input.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct InputFacts {
     /// Files and folders, as they were named.
     pub paths: Vec<String>,
-    /// Frames of each state that were used.
+    /// Used frames of each state.
     pub frames: Vec<usize>,
 }
 
@@ -280,32 +280,18 @@ impl Report {
     /// ([`model::validate`]).
     #[must_use]
     pub fn new(model: &ArticulatedModel, files: &[ExportFile], run: RunFacts) -> Self {
-        let state = |positions: &Vec<f64>| StateReport {
-            joints: model
-                .joints
-                .iter()
-                .zip(positions)
-                .flat_map(|(j, &q)| {
-                    let turn = (j.name.clone(), round_significant(q, 12));
-                    // The slide of a screw leads in the URDF.
-                    let pitch = j.kind.thread_m_per_rad();
-                    let advance = pitch.map(|p| (j.advance_name(), round_significant(p * q, 12)));
-                    advance.into_iter().chain([turn])
-                })
-                .collect(),
-        };
         Self {
             format: REPORT_FORMAT.to_owned(),
             name: model.name.clone(),
             overall: Overall::of_run(model.joints.len(), &run.warnings, &run.differences),
-            states: model.states.iter().map(state).collect(),
+            states: model.states.iter().map(|positions| state_report(model, positions)).collect(),
             joints: model.joints.iter().enumerate().map(|(i, j)| joint_report(model, i, j)).collect(),
             links: model.links.iter().map(|l| LinkReport::of_link(l, files)).collect(),
             run,
         }
     }
 
-    /// The report as indented JSON with a line break at the end. Numbers that are not finite become `null`.
+    /// The report as indented JSON with a line break at the end. NaN and infinities become `null`.
     #[must_use]
     pub fn to_json(&self) -> String {
         // Maps with text keys always serialize.
@@ -380,25 +366,35 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
     }
 }
 
+fn state_report(model: &ArticulatedModel, positions: &[f64]) -> StateReport {
+    let joints = model.joints.iter().zip(positions).flat_map(|(j, &q)| {
+        let turn = (j.name.clone(), round_significant(q, 12));
+        // The slide of a screw leads in the URDF.
+        let pitch = j.kind.thread_m_per_rad();
+        let advance = pitch.map(|p| (j.advance_name(), round_significant(p * q, 12)));
+        advance.into_iter().chain([turn])
+    });
+    StateReport { joints: joints.collect() }
+}
+
+/// Standard deviation of a position; `None` where it is unknown.
+fn position_std(joint: &Joint, state: usize) -> Option<f64> {
+    // Positions count from state 0, so state 0 has no deviation; the evidence begins with state 1.
+    let Some(k) = state.checked_sub(1) else { return Some(0.0) };
+    let std = joint.evidence.position_std.get(k).copied().filter(|s| s.is_finite());
+    std.map(|s| round_significant(s, 4))
+}
+
 /// Position in every state.
 fn positions(model: &ArticulatedModel, joint: usize) -> Vec<PositionReport> {
-    // Positions count from state 0, which has no deviation; the evidence begins with state 1.
-    let std = |state: usize| match state.checked_sub(1) {
-        None => Some(0.0),
-        Some(k) => model.joints[joint]
-            .evidence
-            .position_std
-            .get(k)
-            .copied()
-            .filter(|s| s.is_finite())
-            .map(|s| round_significant(s, 4)),
-    };
-    let of = |(state, q): (usize, &Vec<f64>)| PositionReport {
-        state,
-        value: round_significant(q[joint], 12),
-        std: std(state),
-    };
-    model.states.iter().enumerate().map(of).collect()
+    let states = model.states.iter().enumerate();
+    states
+        .map(|(state, q)| PositionReport {
+            state,
+            value: round_significant(q[joint], 12),
+            std: position_std(&model.joints[joint], state),
+        })
+        .collect()
 }
 
 fn parent_report(score: &ParentScore) -> ParentReport {

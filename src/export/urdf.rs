@@ -15,7 +15,7 @@ use super::{
 use geometry::Pose;
 use model::{ArticulatedModel, Joint, JointDynamics, Limit, Link, escape_xml as escape, identifier};
 
-/// Folder of the URDF in which a screw is its nearest joint.
+/// Folder of the URDF with the nearest joint in place of a screw.
 pub const SINGLE_JOINT: &str = "single_joint";
 
 /// Digits after the point of lengths, angles and axes.
@@ -30,7 +30,7 @@ const MUJOCO: &str = r#"  <mujoco>
   </mujoco>
 "#;
 
-/// Names elements that are no URDF; readers leave them out.
+/// Names elements outside URDF; readers leave them out.
 const NAMESPACE: &str = "urn:artitwin:urdf";
 /// Mass and inertia of the link between the two joints of a pair: simulators refuse none, and it should weigh
 /// nothing. chosen: a gram, with a radius of gyration of 3 cm
@@ -66,27 +66,29 @@ pub(crate) fn single_joint_urdf(model: &ArticulatedModel) -> String {
     robot(model, Form { paths: "../", screws: UrdfScrew::Nearest, ..Form::default() })
 }
 
-/// URDF text for ROS tools, which resolve no relative paths: `package://<name>/...`.
+/// URDF text for ROS tools. They resolve no relative paths: `package://<name>/...`.
 #[must_use]
 pub(crate) fn ros_urdf(model: &ArticulatedModel, screws: UrdfScrew) -> String {
     let paths = format!("package://{}/", identifier(&model.name));
     robot(model, Form { paths: &paths, names: "", screws, gazebo: true })
 }
 
+/// Whether a joint is written as the nearest joint of URDF.
+fn is_nearest(j: &Joint, screws: UrdfScrew) -> bool {
+    j.kind.pitch_m_per_rad().is_some()
+        && (screws == UrdfScrew::Nearest || j.kind.thread_m_per_rad().is_none())
+}
+
 fn robot(model: &ArticulatedModel, form: Form) -> String {
-    let nearest = |j: &Joint| {
-        j.kind.pitch_m_per_rad().is_some()
-            && (form.screws == UrdfScrew::Nearest || j.kind.thread_m_per_rad().is_none())
-    };
-    // Only where it is used: the namespace of what URDF has no word for.
-    let space = if model.joints.iter().any(nearest) {
+    // Only where it is used: the namespace of elements outside URDF.
+    let space = if model.joints.iter().any(|j| is_nearest(j, form.screws)) {
         format!(" xmlns:artitwin=\"{NAMESPACE}\"")
     } else {
         String::new()
     };
     let mut text = format!("<?xml version=\"1.0\"?>\n<robot name=\"{}\"{space}>\n", escape(&model.name));
     push_elements(&mut text, model, form);
-    // Last: there every importer that was tried accepts or skips it.
+    // Last: there every tried importer accepts or skips it.
     text.push_str(MUJOCO);
     text.push_str("</robot>\n");
     text
@@ -199,8 +201,7 @@ fn push_mesh(text: &mut String, path: &str) {
 
 fn push_joint(text: &mut String, joint: &Joint, links: &[Link], names: &str) {
     let ends = [joint.parent, joint.child].map(|l| links[l].name.as_str());
-    let kind = (joint.name.as_str(), joint.kind.nearest_simple().name());
-    open_joint(text, kind, &joint.parent_from_joint, ends, joint, names);
+    open_joint(text, &joint.name, joint.kind.nearest_simple().name(), &joint.parent_from_joint, ends, joint, names);
     if let Some(pitch) = joint.kind.pitch_m_per_rad() {
         let kind = joint.kind.name();
         writeln!(
@@ -234,13 +235,13 @@ fn push_pair(text: &mut String, joint: &Joint, pitch_m_per_rad: f64, links: &[Li
     .ok();
     text.push_str("    </inertial>\n  </link>\n");
     let ends = [links[joint.parent].name.as_str(), carrier.as_str()];
-    open_joint(text, (&advance, "prismatic"), &joint.parent_from_joint, ends, joint, names);
+    open_joint(text, &advance, "prismatic", &joint.parent_from_joint, ends, joint, names);
     let limit = advance_limit(joint, pitch_m_per_rad);
     // Friction and damping act once, at the turn.
     push_limit(text, &Joint { limit, dynamics: JointDynamics::default(), ..joint.clone() });
     // The turn keeps the joint's name: the positions in the report are turns.
     let ends = [carrier.as_str(), links[joint.child].name.as_str()];
-    open_joint(text, (&joint.name, "revolute"), &Pose::identity(), ends, joint, names);
+    open_joint(text, &joint.name, "revolute", &Pose::identity(), ends, joint, names);
     writeln!(
         text,
         "    <mimic joint=\"{names}{}\" multiplier=\"{}\" offset=\"0\"/>",
@@ -258,7 +259,7 @@ pub(super) fn carrier_name(joint: &Joint) -> String {
 
 /// Limits of the slide of a screw.
 pub(super) fn advance_limit(joint: &Joint, pitch_m_per_rad: f64) -> Limit {
-    // A left-handed thread has a negative pitch, which swaps the ends.
+    // A left-handed thread has a negative pitch: it swaps the ends.
     let mut ends = [joint.limit.lower, joint.limit.upper].map(|q| pitch_m_per_rad * q);
     ends.sort_by(f64::total_cmp);
     Limit { lower: ends[0], upper: ends[1], ..joint.limit }
@@ -266,7 +267,8 @@ pub(super) fn advance_limit(joint: &Joint, pitch_m_per_rad: f64) -> Limit {
 
 fn open_joint(
     text: &mut String,
-    (name, kind): (&str, &str),
+    name: &str,
+    kind: &str,
     parent_from_joint: &Pose,
     [parent, child]: [&str; 2],
     joint: &Joint,

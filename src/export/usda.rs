@@ -145,7 +145,7 @@ fn push_mass(text: &mut String, inertial: &Inertial) {
 
 /// Principal moments and the rotation of their axes.
 fn principal(inertia: &Matrix3<f64>) -> ([f64; 3], UnitQuaternion<f64>) {
-    // docs/method.md 11.2. Eigenvectors may form a reflection, which no quaternion stands for.
+    // docs/method.md 11.2. Eigenvectors may form a reflection, without a quaternion.
     let eigen = SymmetricEigen::new(*inertia);
     let mut axes = eigen.eigenvectors;
     if axes.determinant() < 0.0 {
@@ -182,16 +182,17 @@ fn push_visual(text: &mut String, model: &str, Drawn { visual, look, .. }: &Draw
     writeln!(text, "            rel material:binding = </{model}/Looks/{material}>\n        }}").ok();
 }
 
+fn normal_text(mesh: &TriangleMesh, triangle: usize) -> String {
+    let [a, b, c] = mesh.corners(triangle).map(|p| p.cast::<f64>());
+    let n = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_else(Vector3::z);
+    format!("({})", [n.x, n.y, n.z].map(|x| decimal(x, 4)).join(", "))
+}
+
 fn push_collider(text: &mut String, model: &str, name: &str, mesh: &TriangleMesh) {
     open_mesh(text, name, "\"PhysicsCollisionAPI\", \"PhysicsMeshCollisionAPI\", \"MaterialBindingAPI\"");
     push_points(text, mesh);
     // NVIDIA's asset validator asks for normals of colliders, too.
-    let normal = |t: usize| {
-        let [a, b, c] = mesh.corners(t).map(|p| p.cast::<f64>());
-        let n = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_else(Vector3::z);
-        format!("({})", [n.x, n.y, n.z].map(|x| decimal(x, 4)).join(", "))
-    };
-    let normals = (0..mesh.triangles.len()).map(normal);
+    let normals = (0..mesh.triangles.len()).map(|t| normal_text(mesh, t));
     push_list(
         text,
         "normal3f[] normals",
@@ -214,7 +215,7 @@ fn open_mesh(text: &mut String, name: &str, schemas: &str) {
     )
     .ok();
     text.push_str(
-        // USD subdivides a mesh by default, which would round off its edges.
+        // USD subdivides a mesh by default and would round off its edges.
         "            uniform token subdivisionScheme = \"none\"\n            uniform token \
         orientation = \"rightHanded\"\n",
     );

@@ -1,6 +1,6 @@
 //! A recording on disk: a rosbag2 folder or a bare `.mcap` file.
 //!
-//! `metadata.yaml` is read for the files' names and their compression only; what the bag holds is found by
+//! `metadata.yaml` is read for the files' names and their compression only; the contents are found by
 //! reading it.
 
 use std::{
@@ -27,13 +27,13 @@ const MAX_FILES: usize = 10_000;
 /// The files of one recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bag {
-    /// What was given: the folder or the file.
+    /// The given folder or file.
     pub path: PathBuf,
     /// Its MCAP files.
     pub files: Vec<PathBuf>,
     /// Every message is compressed with zstd by itself (`compression_mode: message`).
     compressed_messages: bool,
-    /// What was odd about the folder.
+    /// Notes about the folder.
     pub warnings: Vec<Note>,
 }
 
@@ -106,7 +106,7 @@ impl Bag {
                 ),
             ));
         }
-        // metadata.yaml may also name files that were renamed since: those that are there are read.
+        // metadata.yaml may also name files renamed since: the existing ones are read.
         if bag.files.is_empty() {
             bag.files = files_with(path, is_mcap);
         }
@@ -277,7 +277,7 @@ fn read_file(
     read_messages(file, &mut channels, expansion, visit)
 }
 
-/// A payload that was compressed by itself.
+/// A payload compressed by itself.
 fn unpack_message(data: &[u8], expansion: &mut Expansion) -> io::Result<Vec<u8>> {
     let mut unpacked = Vec::new();
     let decoder = zstd::Decoder::new(data)?;
@@ -299,7 +299,7 @@ fn read_metadata(path: &Path) -> Result<Metadata, MetadataError> {
     Ok(parse_yaml::<MetadataFile>(&text)?.rosbag2_bagfile_information)
 }
 
-/// The files of a folder that satisfy a test, sorted by name.
+/// The files of a folder with a given property, sorted by name.
 fn files_with(folder: &Path, test: fn(&Path) -> bool) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let mut files: Vec<_> =
@@ -314,7 +314,7 @@ fn is_mcap(path: &Path) -> bool {
     name.ends_with(".mcap") || name.ends_with(".mcap.zstd")
 }
 
-/// Whether a file is an sqlite3 database, by its name or by what it begins with.
+/// Whether a file is an sqlite3 database, by its name or its first bytes.
 fn is_db3(path: &Path) -> bool {
     named_db3(path) || starts_with(path, b"SQLite format 3\0")
 }

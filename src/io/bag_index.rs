@@ -1,4 +1,4 @@
-//! First reading of a bag: everything but the pixels. What there is, when, and where the camera was.
+//! First reading of a bag: everything but the pixels: topics, times and camera poses.
 
 use std::{
     collections::{BTreeMap, HashMap},
@@ -21,11 +21,11 @@ use common::note::{Note, NoteCode};
 use common::stop::Stop;
 use geometry::Pose;
 
-/// Most transforms, images and poses that are indexed.
+/// Largest number of indexed transforms, images and poses.
 const MAX_ENTRIES: usize = 5_000_000;
 /// Most topics of one bag.
 const MAX_TOPICS: usize = 10_000;
-/// Most different camera parameters of a topic: those of a camera that focuses change with every frame.
+/// Largest number of different camera parameters of a topic: a focusing camera changes them every frame.
 const MAX_CAMERAS: usize = 100_000;
 /// Most coefficients of a lens; the largest model of OpenCV has 14.
 const MAX_COEFFICIENTS: usize = 64;
@@ -49,19 +49,19 @@ pub enum MessageError {
     /// A lens with more coefficients than any model has.
     #[error("it has {0} lens coefficients; {MAX_COEFFICIENTS} are the limit")]
     Lens(usize),
-    /// A camera beyond those that are kept.
+    /// A camera beyond the kept ones.
     #[error("it is one more than {MAX_CAMERAS} different camera_infos")]
     Cameras,
 }
 
-/// What is known about a topic.
+/// Counts and type of a topic.
 #[derive(Clone, Debug, Default)]
 pub struct TopicStat {
     /// Type of its messages.
     pub type_name: String,
     /// Messages in the bag.
     pub count: usize,
-    /// Those of a known type that could not be decoded.
+    /// Undecodable messages of a known type.
     pub undecodable: usize,
     /// Why the first of them could not.
     pub problem: Option<String>,
@@ -109,7 +109,7 @@ pub struct InfoTopic {
 }
 
 impl InfoTopic {
-    /// Leaves out parameters that nearly all messages contradict (damage); the number of messages left out.
+    /// Leaves out parameters contradicted by nearly all messages (damage); returns the number left out.
     pub fn settle(&mut self) -> usize {
         let mut counts = vec![0; self.distinct.len()];
         self.entries.iter().for_each(|e| counts[e.1] += 1);
@@ -120,7 +120,7 @@ impl InfoTopic {
             return 0;
         };
         let lost = self.entries.len() - agreeing;
-        // A camera that focuses changes its parameters for many messages; damage changes few.
+        // A focusing camera changes its parameters for many messages; damage changes few.
         if lost == 0 || agreeing < 10 * lost {
             return 0;
         }
@@ -133,9 +133,9 @@ impl InfoTopic {
 /// The poses of a topic.
 #[derive(Clone, Debug, Default)]
 pub struct PoseTopic {
-    /// Frame in which they are given.
+    /// Frame of the poses.
     pub parent: String,
-    /// Frame whose pose they are, where the message says.
+    /// The posed frame, where the message names it.
     pub child: Option<String>,
     /// By header stamp.
     pub samples: BTreeMap<i64, Pose>,
@@ -187,7 +187,7 @@ impl BagIndex {
         Some((first, self.topics.values().map(|t| t.last_nanos).max()?))
     }
 
-    /// What is damaged; of many files or topics the first ones.
+    /// Notes about damage; of many files or topics the first ones.
     #[must_use]
     pub fn damage(&self) -> Vec<Note> {
         let undecodable = |text| Note::new(NoteCode::MessagesUndecodable, text);
@@ -216,16 +216,19 @@ impl BagIndex {
     /// The topics as the choice between them needs them.
     #[must_use]
     pub fn summaries(&self) -> Vec<TopicSummary> {
-        let summary = |(name, stat): (&String, &TopicStat)| TopicSummary {
-            name: name.clone(),
+        self.topics.iter().map(|(name, stat)| self.topic_summary(name, stat)).collect()
+    }
+
+    fn topic_summary(&self, name: &str, stat: &TopicStat) -> TopicSummary {
+        TopicSummary {
+            name: name.to_owned(),
             type_name: stat.type_name.clone(),
             count: stat.count - stat.undecodable,
             encoding: self.images.get(name).map_or_else(String::new, |i| i.encoding.clone()),
-        };
-        self.topics.iter().map(summary).collect()
+        }
     }
 
-    /// Leaves out the images between two states, which belong to neither. What belongs to a color image of a
+    /// Leaves out the images between two states. Messages belonging to a color image of a
     /// state may have been recorded a little before or after it.
     pub fn leave_out_between(&mut self, split: &Split, color: &str) {
         for (topic, images) in &mut self.images {
@@ -235,27 +238,25 @@ impl BagIndex {
     }
 
     fn add(&mut self, message: &RawMessage, bag: &Bag) -> Result<(), CaptureError> {
-        let refuse = |what: &str, remedy: &str| {
-            let what = format!("`{}`: {what}", bag.path.display());
-            Err(CaptureError::Unsupported { what, remedy: remedy.into() })
-        };
         // MCAP holds ROS 1 messages as well. They are no CDR: each of them would be counted as damaged.
         if message.message_encoding == "ros1" {
-            return refuse(
+            return refuse_bag(
+                bag,
                 "ROS 1 messages",
                 "convert the bag to ROS 2 with `rosbags-convert --src BAG --dst DIR --dst-storage mcap`",
             );
         }
         // Before the message is indexed: a small compressed bag may hold more of them than memory does.
         if self.entries >= MAX_ENTRIES || self.topics.len() >= MAX_TOPICS {
-            return refuse(
+            return refuse_bag(
+                bag,
                 "a bag with so many messages",
                 "cut it with `ros2 bag convert` to the topics and times that are needed",
             );
         }
-        // MCAP counts unsigned; what i64 lacks room for lies beyond the year 2262.
+        // MCAP counts unsigned; values beyond i64 lie after the year 2262.
         let log_nanos = i64::try_from(message.log_time_nanos).unwrap_or(i64::MAX);
-        // Not `entry`, which would copy the name for every message.
+        // Not `entry`: it would copy the name for every message.
         if !self.topics.contains_key(message.topic) {
             let stat = TopicStat {
                 type_name: message.type_name.to_owned(),
@@ -287,7 +288,7 @@ impl BagIndex {
         let data = message.data;
         match message.type_name {
             "sensor_msgs/msg/Image" => {
-                // The front alone: pixels are read once it is known which views are kept.
+                // The front alone: pixels are read after the choice of views.
                 let front: ImageFront = decode(data)?;
                 let (stamp, frame) = front.header.checked().ok_or(MessageError::Header)?;
                 self.add_image(
@@ -344,7 +345,7 @@ impl BagIndex {
         size: Option<(usize, usize)>,
     ) {
         self.entries += 1;
-        // Messages that cannot be decoded count too, as the second reading counts without decoding.
+        // Undecodable messages count too, as the second reading counts without decoding.
         let ordinal = self.topics.get(topic).map_or(0, |t| t.count);
         let images = self.images.entry(topic.to_owned()).or_default();
         // One optical frame a topic: a stray would get the pose of another camera.
@@ -419,6 +420,11 @@ impl BagIndex {
             _ => poses.invalid += 1,
         }
     }
+}
+
+fn refuse_bag(bag: &Bag, what: &str, remedy: &str) -> Result<(), CaptureError> {
+    let what = format!("`{}`: {what}", bag.path.display());
+    Err(CaptureError::Unsupported { what, remedy: remedy.into() })
 }
 
 #[cfg(test)]

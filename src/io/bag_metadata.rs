@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::offered_qos::OfferedQos;
 
-/// What a bag holds.
+/// Contents of a bag.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct BagFacts {
     /// Name of its file.
@@ -15,7 +15,7 @@ pub struct BagFacts {
     span_nanos: Option<(u64, u64)>,
 }
 
-/// What a topic holds.
+/// Contents of a topic.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TopicFacts {
     /// Its name.

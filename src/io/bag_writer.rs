@@ -1,7 +1,7 @@
 //! Writes a rosbag2 folder (MCAP storage) as messages come.
 //!
 //! The messages written so far survive a crash up to the last [`BagWriter::flush`]; `metadata.yaml` appears
-//! when the bag is finished, and a folder without one is read as a recording that was not closed.
+//! when the bag is finished, and a folder without one is read as an unclosed recording.
 
 use std::{
     collections::BTreeMap,
@@ -19,7 +19,7 @@ use super::{
     ros2msg::definitions::definition,
 };
 
-/// Uncompressed bytes of a chunk: what a crash may cost besides the last second.
+/// Uncompressed bytes of a chunk: the loss in a crash besides the last second.
 const CHUNK_BYTES: u64 = 768 << 10;
 
 /// Why a bag could not be written.
@@ -33,7 +33,7 @@ pub enum BagWriteError {
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// The MCAP writer refuses.
@@ -41,7 +41,7 @@ pub enum BagWriteError {
     Mcap {
         /// The file.
         path: PathBuf,
-        /// What the writer said.
+        /// Error of the writer.
         source: mcap::McapError,
     },
     /// A type without definition.
@@ -49,7 +49,7 @@ pub enum BagWriteError {
     Type(String),
 }
 
-/// A bag that is being written.
+/// A bag being written.
 pub struct BagWriter {
     folder: PathBuf,
     file: PathBuf,
@@ -65,28 +65,28 @@ struct Channel {
     place: usize,
 }
 
+fn io_error(path: &Path, source: std::io::Error) -> BagWriteError {
+    BagWriteError::Io { path: path.to_owned(), source }
+}
+
 impl BagWriter {
     /// Makes the folder and its file `<folder>_0.mcap`.
     ///
     /// # Errors
     /// If the folder is there already or cannot be made.
     pub fn create(folder: &Path) -> Result<Self, BagWriteError> {
-        let io = |path: &Path| {
-            let path = path.to_owned();
-            move |source| BagWriteError::Io { path, source }
-        };
         if let Some(above) = folder.parent() {
-            fs::create_dir_all(above).map_err(io(above))?;
+            fs::create_dir_all(above).map_err(|source| io_error(above, source))?;
         }
-        // Not `create_dir_all`, which would take a bag that is there for a new one.
+        // Not `create_dir_all`: it would take an existing bag for a new one.
         fs::create_dir(folder).map_err(|source| match source.kind() {
             std::io::ErrorKind::AlreadyExists => BagWriteError::Exists(folder.to_owned()),
             _ => BagWriteError::Io { path: folder.to_owned(), source },
         })?;
         let name = format!("{}_0.mcap", folder.file_name().unwrap_or_default().to_string_lossy());
         let file = folder.join(&name);
-        let sink = BufWriter::new(File::create_new(&file).map_err(io(&file))?);
-        // Images are compressed already or do not compress; checksums are what makes damage visible.
+        let sink = BufWriter::new(File::create_new(&file).map_err(|source| io_error(&file, source))?);
+        // Images are compressed already or do not compress; checksums make damage visible.
         let options =
             mcap::WriteOptions::new().profile("ros2").compression(None).chunk_size(Some(CHUNK_BYTES));
         let writer =
@@ -171,7 +171,7 @@ impl BagWriter {
         Ok(Channel { id, sequence: 0, place: self.facts.topics.len() - 1 })
     }
 
-    /// Puts what was written so far on the disk.
+    /// Puts everything written so far on the disk.
     ///
     /// # Errors
     /// If the disk refuses.

@@ -7,10 +7,10 @@ use capture::{CaptureConfig, UseBoard, find_board};
 use common::note::{Note, NoteCode};
 use common::stop::Stop;
 
-/// Views that are looked at, spread over the recording.
+/// Number of inspected views, spread over the recording.
 const LOOKED_AT: usize = 6;
 
-/// What is said of a board; nothing where none is seen, or none is to be looked for.
+/// Note about a board; `None` if none is seen, or none is to be looked for.
 pub(super) fn board_note(bag: &Bag, views: &Views, config: &CaptureConfig) -> Option<Note> {
     let count = views.views.len();
     if config.board == UseBoard::Never || count == 0 {
@@ -18,7 +18,7 @@ pub(super) fn board_note(bag: &Bag, views: &Views, config: &CaptureConfig) -> Op
     }
     let some = count.min(LOOKED_AT);
     let chosen: Vec<(usize, usize)> = (0..some).map(|k| (0, (2 * k + 1) * count / (2 * some))).collect();
-    // What cannot be decoded shows no board; why is said elsewhere.
+    // Undecodable images show no board; the reason is reported elsewhere.
     let frames = decode_views(bag, views, &chosen, config, &Stop::never()).ok()?.frames;
     let found: Vec<_> = frames.par_iter().filter_map(|(_, frame)| find_board(frame)).collect();
     let paper = found.first()?.paper.name();

@@ -4,7 +4,7 @@ use super::{image_codec::MAX_SIDE, ros2msg::CameraInfo};
 use capture::{CaptureError, Distortion};
 use geometry::Intrinsics;
 
-/// The ideal camera and the lens of a camera_info. A topic whose name says that it is rectified has no
+/// The ideal camera and the lens of a camera_info. A topic with a rectified image's name has no
 /// distortion left and the camera matrix of `P`.
 ///
 /// # Errors

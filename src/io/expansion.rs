@@ -4,7 +4,7 @@ use std::io::{self, Read};
 
 use common::limits::{CHUNK_FREE, EXPANDED_FREE, EXPANSION};
 
-/// A bag that unpacks to more than is taken.
+/// A bag above the limit of decompressed bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ExpansionError {
     /// One piece of it.
@@ -12,9 +12,9 @@ pub enum ExpansionError {
     Piece {
         /// Its bytes.
         packed: u64,
-        /// What it says that they unpack to.
+        /// Its stated decompressed size.
         unpacked: u64,
-        /// What they may unpack to.
+        /// The allowed decompressed size.
         most: u64,
     },
     /// All pieces together.
@@ -23,12 +23,12 @@ pub enum ExpansionError {
          convert`"
     )]
     Bag {
-        /// What the bag may unpack to.
+        /// The allowed decompressed size of the bag.
         total: u64,
     },
 }
 
-/// Decompressed bytes that one reading of a bag has left.
+/// Remaining decompressed bytes of one reading of a bag.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Expansion {
     total: u64,
@@ -43,17 +43,17 @@ impl Expansion {
         Self { total, left: total }
     }
 
-    /// Takes what a piece says that it unpacks to.
+    /// Takes the stated decompressed size of a piece.
     ///
     /// # Errors
-    /// Where that is far more than its bytes can hold, or all pieces together are beyond the budget.
+    /// If it is far more than its bytes can hold, or all pieces together are beyond the budget.
     pub fn take(&mut self, packed: u64, unpacked: u64) -> Result<(), ExpansionError> {
-        // Each piece by itself, too: one chunk must not claim what is meant for the whole bag.
+        // Each piece by itself, too: one chunk must not claim the budget of the whole bag.
         let most = CHUNK_FREE.saturating_add(packed.saturating_mul(EXPANSION));
         if unpacked > most {
             return Err(ExpansionError::Piece { packed, unpacked, most });
         }
-        // Taken by what the chunk claims: it is checked to unpack to no more.
+        // Taken by the chunk's claim: the reader checks that it unpacks to no more.
         self.left = self.left.checked_sub(unpacked).ok_or(self.exhausted())?;
         Ok(())
     }
@@ -63,7 +63,7 @@ impl Expansion {
     }
 }
 
-/// A decompressed stream that ends with an error where the budget does.
+/// A decompressed stream that fails at the end of the budget.
 pub struct Within<'a, R> {
     /// The stream.
     pub source: R,

@@ -1,4 +1,4 @@
-//! A file of which any bytes are read by their place.
+//! A file with reads of any range of bytes.
 
 use std::{
     fs::File,
@@ -36,7 +36,7 @@ impl FileRanges {
         let mut file = &self.file;
         file.seek(SeekFrom::Start(start))?;
         let mut bytes = Vec::new();
-        // Grows with what comes, as `count` may be a claim of the file.
+        // Grows with the bytes read, as `count` may be a claim of the file.
         file.take(count).read_to_end(&mut bytes)?;
         if (bytes.len() as u64) < count { Err(io::ErrorKind::UnexpectedEof.into()) } else { Ok(bytes) }
     }

@@ -17,8 +17,8 @@ use numeric::statistics::median;
 const VELOCITY_NANOS: i64 = 1_000_000;
 
 /// Reads a recording (rosbag2 folder or `.mcap` file) by the rules of a reconstruction, its depth as it was
-/// measured and with the masks that it holds; the depth noise is that of the settings. What was lost of the
-/// frames is added to `warnings`, what was lost of joint positions comes beside the result.
+/// measured and with its masks; the depth noise is that of the settings. Losses of the
+/// frames are added to `warnings`; those of joint positions are returned beside the result.
 ///
 /// # Errors
 /// [`CaptureError`] where the recording cannot be used.
@@ -31,7 +31,7 @@ pub fn read_frame_run(
     config.check()?;
     let bag = Bag::open(path)?;
     let index = BagIndex::read(&bag, stop)?;
-    // Frames are compared with a twin that stands in the world of the recorded poses.
+    // Frames are compared with a twin in the world of the recorded poses.
     let config = &CaptureConfig { tracking: TrackCamera::Never, ..config.clone() };
     let views = Views::find(&bag, &index, config, 0)?;
     let poses: Vec<Pose> = views.views.iter().filter_map(|v| v.world_from_camera).collect();
@@ -93,7 +93,7 @@ fn velocity(
     (seconds > 0.0).then(|| [step.translation.vector / seconds, step.rotation.scaled_axis() / seconds])
 }
 
-/// Median joint positions of a recording that has joint states.
+/// Median joint positions of a recording with joint states.
 fn positions(index: &BagIndex, path: &Path, warnings: &mut Vec<Note>) -> BTreeMap<String, f64> {
     let has = index.summaries().iter().any(|t| t.type_name == super::ros2msg::JointState::TYPE);
     if !has {

@@ -14,14 +14,14 @@ use common::limits::{FileLimit, REPORT};
 use export::{GalleryCard, ReadJoint, ReadReport, counted_noun};
 use gap::judge::report_json::ReadDiagnosis;
 
-/// Folders within folders that are looked through: objects in dates in labs.
+/// Depth of searched folders: objects in dates in labs.
 const MAX_DEPTH: usize = 6;
-/// Most folders that are looked at.
+/// Largest number of searched folders.
 const MAX_FOLDERS: usize = 100_000;
 /// A picture of a card; the program's own have a tenth of it.
 const PICTURE: FileLimit = FileLimit { what: "a picture of a gallery", bytes: 2 << 20 };
 
-/// Results, and those that could not be read with why.
+/// Results, and unreadable ones with the reason.
 #[derive(Clone, Debug, Default)]
 pub struct Gallery {
     /// Sorted by folder.
@@ -33,7 +33,7 @@ pub struct Gallery {
 /// Reads the results of `reconstruct` and `diagnose` under some folders, for a page in `page_folder`.
 ///
 /// # Errors
-/// A folder that was given and cannot be read, and why.
+/// An unreadable given folder, and the reason.
 pub fn read_gallery(roots: &[PathBuf], page_folder: &Path) -> Result<Gallery, (PathBuf, io::Error)> {
     let absolute = |path: &Path| fs::canonicalize(path).map_err(|e| (path.to_owned(), e));
     let from = absolute(page_folder)?;
@@ -67,14 +67,14 @@ fn find(folder: &Path, depth: usize, seen: &mut usize, results: &mut Vec<PathBuf
     for entry in fs::read_dir(folder)?.flatten() {
         let is_hidden = entry.file_name().as_encoded_bytes().starts_with(b".");
         if !is_hidden && entry.file_type().is_ok_and(|t| t.is_dir()) {
-            // One that may not be read is none of ours.
+            // A folder without permission to read holds none of our results.
             find(&entry.path(), depth - 1, seen, results).ok();
         }
     }
     Ok(())
 }
 
-/// The card of a result; `None` of what a gallery does not show.
+/// The card of a result; `None` for results without a card.
 fn card(folder: &Path, at: &Path) -> Result<Option<GalleryCard>, String> {
     let manifest = Manifest::read(folder).ok_or_else(|| format!("{MANIFEST} cannot be read"))?;
     let own = folder.file_name().unwrap_or(OsStr::new("result")).to_string_lossy().into_owned();

@@ -1,4 +1,4 @@
-//! What the folder of a diagnosis says, as a message.
+//! The report in the folder of a diagnosis, as a message.
 
 use std::path::{Path, PathBuf};
 
@@ -15,7 +15,7 @@ pub enum GapReportError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// It is of another form.
@@ -23,7 +23,7 @@ pub enum GapReportError {
     Form {
         /// The file.
         path: PathBuf,
-        /// What the parser said.
+        /// Error of the parser.
         source: serde_json::Error,
     },
 }
@@ -51,17 +51,19 @@ pub fn read_gap_report(folder: &Path) -> Result<GapReport, GapReportError> {
     })
 }
 
-/// JSON has no number for what is not finite.
+/// JSON has no number for a value beyond the finite ones.
 fn number(x: Option<f64>) -> f64 {
     x.unwrap_or(f64::NAN)
 }
 
+fn gap_parameter(read: ParameterJson) -> GapParameter {
+    let [lower, upper] = read.interval.map(number);
+    GapParameter { name: read.name, value: number(read.value), lower, upper, unit: read.unit }
+}
+
 fn finding(found: FindingJson) -> GapFinding {
-    let parameter = |ParameterJson { name, value, unit, interval: [lower, upper] }: ParameterJson| {
-        GapParameter { name, value: number(value), lower: number(lower), upper: number(upper), unit }
-    };
     GapFinding {
-        parameters: found.parameters.into_iter().map(parameter).collect(),
+        parameters: found.parameters.into_iter().map(gap_parameter).collect(),
         joint: found.joint,
         effect: found.effect,
         weight: number(found.weight),

@@ -1,4 +1,4 @@
-//! How much a recording holds, by its summary and a few messages: what a run will cost is estimated from it.
+//! How much a recording holds, by its summary and a few messages: the cost of a run is estimated from it.
 
 use std::{
     collections::BTreeMap,
@@ -22,9 +22,9 @@ use super::{
 use capture::CaptureConfig;
 use gap::record::tracks::Streams;
 
-/// Most image topics whose first messages are looked at.
+/// Largest number of image topics whose first messages are read.
 const MAX_IMAGE_TOPICS: usize = 64;
-/// Largest chunk whose first messages are looked at, bytes.
+/// Largest chunk whose first messages are read, bytes.
 const MAX_LOOK: u64 = 64 << 20;
 
 /// How many views a bag holds.
@@ -44,14 +44,15 @@ pub fn glimpse_views(paths: &[PathBuf], config: &CaptureConfig) -> io::Result<Ve
     let bags = match Source::of(paths) {
         Ok(Source::States(paths)) => paths,
         Ok(Source::Both(path)) => vec![path],
-        // What is none is refused by the command itself.
+        // The command itself refuses everything else.
         _ => return Ok(vec![Glimpse::default()]),
     };
-    let look = |path: &PathBuf| {
-        let Some(summaries) = Summaries::of(path)? else { return Ok(Glimpse::default()) };
-        Ok(summaries.views(config)?.unwrap_or_default())
-    };
-    bags.iter().map(look).collect()
+    bags.iter().map(|path| glimpse_of_bag(path, config)).collect()
+}
+
+fn glimpse_of_bag(path: &Path, config: &CaptureConfig) -> io::Result<Glimpse> {
+    let Some(summaries) = Summaries::of(path)? else { return Ok(Glimpse::default()) };
+    Ok(summaries.views(config)?.unwrap_or_default())
 }
 
 /// Number of messages about joints in a bag; 0 where it does not say.
@@ -78,7 +79,7 @@ impl Summaries {
         let mut all = Vec::new();
         for path in &bag.files {
             let file = FileRanges::open(path)?;
-            // What is no MCAP file is refused by its reader.
+            // The reader refuses other files than MCAP.
             if file.size() < 8 || file.range(0, 8)? != mcap::MAGIC {
                 return Ok(None);
             }
@@ -109,7 +110,7 @@ impl Summaries {
                 type_name: channel.type_name.clone(),
                 ..TopicSummary::default()
             });
-            // ROS 1, or a topic of two types: the reader of the whole says what it makes of that.
+            // ROS 1, or a topic of two types: the reader of the whole bag reports it.
             if channel.message_encoding != "cdr" || topic.type_name != channel.type_name {
                 return Ok(None);
             }
@@ -139,14 +140,19 @@ impl Summaries {
                 // A file of this chunk alone, with the names of all channels.
                 let alone = [mcap::MAGIC, &summary.names[..], &records, &[op::DATA_END], &[0; 8]].concat();
                 let mut found = None;
-                let mut first = |message: &RawMessage| -> Result<(), DecodeError> {
-                    if message.topic == topic && found.is_none() {
-                        found = Some(front(message)?);
-                    }
-                    Ok(())
-                };
                 let mut expansion = Expansion::of(file.size());
-                if read_messages(&alone[..], &mut Channels::default(), &mut expansion, &mut first).is_err() {
+                let read = read_messages(
+                    &alone[..],
+                    &mut Channels::default(),
+                    &mut expansion,
+                    &mut |message: &RawMessage| -> Result<(), DecodeError> {
+                        if message.topic == topic && found.is_none() {
+                            found = Some(front(message)?);
+                        }
+                        Ok(())
+                    },
+                );
+                if read.is_err() {
                     return Ok(None);
                 }
                 // An index may name a message where none can be read.
@@ -159,7 +165,7 @@ impl Summaries {
     }
 }
 
-/// What the first message of an image topic says of itself.
+/// Encoding and size by the first message of an image topic.
 struct FirstImage {
     /// Encoding or format.
     encoding: String,

@@ -1,4 +1,4 @@
-//! A recording that grows: whether it is closed, and what can be worked out of it so far.
+//! A recording that grows: whether it is closed, and the results possible so far.
 
 use std::{
     collections::BTreeSet,
@@ -20,36 +20,36 @@ use common::stop::Stop;
 /// measured: shared/bags/laptop played to the node, 2 cores: with 3 its twin came 0.2 s later
 const REST: u32 = 1;
 
-/// The recording of one state, which may still be written.
+/// The recording of one state, perhaps still being written.
 pub struct GrowingState {
     path: PathBuf,
     state: usize,
-    /// Stamps of the views whose images were looked at, nanoseconds.
+    /// Stamps of the views with decoded images, nanoseconds.
     seen: BTreeSet<i64>,
     /// Bytes when it was looked at last.
     bytes: u64,
-    /// Whether all was worked out that can be.
+    /// Whether all possible results are there.
     done: bool,
     /// When it may be read again while it grows.
     rest: Option<Instant>,
 }
 
-/// What is known of a growing recording.
+/// State of a growing recording.
 pub struct Grown {
     /// Views so far.
     pub views: usize,
-    /// Those that a run would take now.
+    /// Views a run would take now.
     pub taken: usize,
     /// Whether its poses were recorded.
     pub is_posed: bool,
-    /// Frames of it that were not looked at before.
+    /// Its new frames.
     pub frames: Vec<RgbdFrame>,
-    /// The whole of one that is closed and holds no poses, once.
+    /// The whole of a closed recording without poses, once.
     pub to_track: Option<Recording>,
 }
 
 impl GrowingState {
-    /// The recording of a state, which need not be there yet.
+    /// The recording of a state. It need not exist yet.
     #[must_use]
     pub fn new(path: &Path, state: usize) -> Self {
         Self { path: path.to_owned(), state, seen: BTreeSet::new(), bytes: 0, done: false, rest: None }
@@ -73,13 +73,15 @@ impl GrowingState {
         if !self.path.is_dir() {
             return ends_as_mcap(&self.path).unwrap_or(false);
         }
-        // rosbag2 writes metadata.yaml before it ends the last file. One that it compresses as a whole it has
+        // rosbag2 writes metadata.yaml before it ends the last file. A file compressed as a whole it has
         // ended by then.
-        let has_end = |file: &PathBuf| {
+        if !self.path.join("metadata.yaml").is_file() {
+            return false;
+        }
+        let Ok(bag) = Bag::open(&self.path) else { return false };
+        bag.files.last().is_some_and(|file| {
             file.extension().is_none_or(|e| e != "mcap") || ends_as_mcap(file).unwrap_or(false)
-        };
-        self.path.join("metadata.yaml").is_file()
-            && Bag::open(&self.path).is_ok_and(|bag| bag.files.last().is_some_and(has_end))
+        })
     }
 
     /// Bytes of its files; 0 where there are none.
@@ -92,11 +94,11 @@ impl GrowingState {
         files.iter().filter_map(|f| fs::metadata(f).ok()).map(|m| m.len()).sum()
     }
 
-    /// Reads what is new: images that a run would take, or all of a closed recording without poses. `None`
+    /// Reads new data: images a run would take, or all of a closed recording without poses. `None`
     /// where nothing is new, or it was read just now.
     ///
     /// # Errors
-    /// [`CaptureError`]: of a recording that has only begun, nothing to mind.
+    /// [`CaptureError`]: of a recording just begun, nothing to mind.
     pub fn read_new(&mut self, config: &CaptureConfig, stop: &Stop) -> Result<Option<Grown>, CaptureError> {
         let closed = self.is_closed();
         let bytes = self.bytes();
@@ -107,12 +109,12 @@ impl GrowingState {
         let begun = Instant::now();
         let grown = self.read(closed, bytes, config, stop);
         self.rest_after(begun.elapsed());
-        // What a closed recording lacks will not come.
+        // Missing data of a closed recording will not come.
         self.done |= closed && grown.is_err();
         grown.map(Some)
     }
 
-    /// Is not read again at once, after so much time was spent on what it held.
+    /// Is not read again at once, after so much time was spent on it.
     pub fn rest_after(&mut self, spent: Duration) {
         self.rest = Some(Instant::now() + REST * spent);
     }

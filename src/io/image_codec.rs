@@ -37,7 +37,7 @@ pub enum ImageError {
     Encoding {
         /// By its name.
         encoding: String,
-        /// What is supported.
+        /// The supported encodings.
         supported: &'static str,
     },
     /// This one image is broken.
@@ -216,12 +216,12 @@ impl<T: Copy> Raster<T> {
     pub fn resized_nearest(&self, width: usize, height: usize) -> Self {
         // Pixel centers are integers: center (u + 0.5) scales.
         let source = |i: usize, from: usize, to: usize| ((2 * i + 1) * from / (2 * to)).min(from - 1);
-        let row = |y: usize| {
-            (0..width).map(move |x| {
-                self.pixels[source(y, self.height, height) * self.width + source(x, self.width, width)]
-            })
-        };
-        Self { width, height, pixels: (0..height).flat_map(row).collect() }
+        let mut pixels = Vec::with_capacity(width * height);
+        for y in 0..height {
+            let row = source(y, self.height, height) * self.width;
+            pixels.extend((0..width).map(|x| self.pixels[row + source(x, self.width, width)]));
+        }
+        Self { width, height, pixels }
     }
 }
 
@@ -229,7 +229,7 @@ fn millimeters(value: u16) -> f32 {
     f32::from(value) * 0.001
 }
 
-/// 0 for what is no distance.
+/// 0 for values without a distance.
 fn known(depth_m: f32) -> f32 {
     if depth_m.is_finite() && depth_m > 0.0 { depth_m } else { 0.0 }
 }
@@ -262,7 +262,7 @@ fn check_size(width: usize, height: usize) -> Result<(), ImageError> {
     Ok(())
 }
 
-/// Width and height that a compressed image states before it is decoded; `None` where it states none.
+/// Width and height stated in a compressed image before decoding; `None` without them.
 #[must_use]
 pub fn compressed_size(image: &CompressedImage) -> Option<(usize, usize)> {
     if !image.format.contains("compressedDepth") {
@@ -293,7 +293,7 @@ fn decode_file(data: &[u8], jpeg_allowed: bool) -> Result<DynamicImage, ImageErr
     if let Some((width, height)) = stated_size(data) {
         check_size(width, height)?;
     }
-    // A decoder would also unpack profiles and texts, which may hold anything.
+    // A decoder would also unpack profiles and texts of any content.
     let bare = if format == ImageFormat::Png { Cow::Owned(bare_png(data)) } else { Cow::Borrowed(data) };
     let mut reader = ImageReader::with_format(std::io::Cursor::new(bare), format);
     let mut limits = Limits::default();

@@ -14,7 +14,7 @@ pub(super) fn depth_png(k: &Intrinsics, depth: &[u16]) -> ImageResult<Vec<u8>> {
     png(image.map(DynamicImage::ImageLuma16))
 }
 
-/// PNG file of an image; nothing of pixels that do not fill it.
+/// PNG file of an image; `None` if the pixels do not fill it.
 pub(super) fn png(image: Option<DynamicImage>) -> ImageResult<Vec<u8>> {
     let mut file = Cursor::new(Vec::new());
     if let Some(image) = image {

@@ -1,4 +1,4 @@
-//! The accelerations of a recording, as an instrument that is fixed to its camera.
+//! The accelerations of a recording, as an instrument fixed to its camera.
 
 use std::collections::BTreeMap;
 
@@ -16,12 +16,12 @@ pub const IMU_TYPE: &str = "sensor_msgs/msg/Imu";
 pub struct ImuTopic {
     /// Frame of the first.
     pub frame: String,
-    /// Stamp, nanoseconds, and what was read, m/s², in that frame.
+    /// Stamp, nanoseconds, and reading, m/s², in that frame.
     pub readings: Vec<(i64, Vector3<f64>)>,
 }
 
 impl ImuTopic {
-    /// Takes a message of a frame that holds an acceleration; whether it did.
+    /// Takes a message with frame and acceleration; returns whether it had both.
     pub fn add(&mut self, stamp_nanos: i64, frame: String, message: &Imu) -> bool {
         if self.readings.is_empty() {
             self.frame = frame;
@@ -34,8 +34,8 @@ impl ImuTopic {
     }
 }
 
-/// The instrument that says which way is up for the frame of the color images: of the topics whose frame is
-/// fixed to it the one with most readings. Beside it what is to be said, or why there is none.
+/// The instrument for the up direction of the color images' frame: of the topics with a frame
+/// fixed to it the one with most readings. Beside it notes, or the reason why there is none.
 pub(super) fn accelerometer(
     topics: &BTreeMap<String, ImuTopic>,
     tf: &TfBuffer,

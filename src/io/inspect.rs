@@ -1,4 +1,4 @@
-//! What a recording holds, whether it can be reconstructed and, if not, what is missing.
+//! Contents of a recording, whether it can be reconstructed and, if not, the missing parts.
 
 use std::{
     fmt::Write as _,
@@ -31,7 +31,7 @@ pub struct TopicInspection {
     pub count: usize,
     /// Messages per second; `None` with fewer than two.
     pub rate_hz: Option<f64>,
-    /// Encoding, size, frame: what is known of images and camera_info.
+    /// Encoding, size, frame: known facts of images and camera_info.
     pub details: String,
 }
 
@@ -48,21 +48,21 @@ pub struct StateInspection {
     pub topics: Vec<TopicInspection>,
     /// Its transform tree, a line per frame.
     pub transforms: Vec<String>,
-    /// What would be used.
+    /// The topics a run would use.
     pub chosen: Vec<Note>,
     /// Damage and loss.
     pub warnings: Vec<Note>,
-    /// RGB-D views that could be used.
+    /// Usable RGB-D views.
     pub views: usize,
-    /// Whether they have no poses, so that the camera is tracked by what it sees.
+    /// Whether they have no poses, so that the camera is tracked by its images.
     pub untracked: bool,
     /// Why `reconstruct` cannot use it.
     pub problem: Option<String>,
-    /// What it shows of joints, where `reconstruct` cannot use it.
+    /// Its joints, if `reconstruct` cannot use it.
     pub motion: MotionInspection,
 }
 
-/// What is at a path.
+/// Contents of a path.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Inspection {
     /// The recordings found: one per state, or one.
@@ -74,12 +74,12 @@ pub struct Inspection {
 /// Looks into a recording with the default settings.
 ///
 /// # Errors
-/// [`CaptureError`] where it cannot be read at all; what is merely missing is reported in the result.
+/// [`CaptureError`] where it cannot be read at all; missing parts are reported in the result.
 pub fn inspect(path: &Path) -> Result<Inspection, CaptureError> {
     inspect_with(&[path.to_owned()], &CaptureConfig::default())
 }
 
-/// Looks into recordings, of which several are the states of one object, with the given settings.
+/// Inspects recordings with the given settings; several are the states of one object.
 ///
 /// # Errors
 /// Those of [`inspect`].
@@ -167,9 +167,9 @@ fn inspect_bag(
             seen.chosen.extend(board);
             seen.warnings = views.warnings;
         }
-        // A recording that cannot be used is shown all the same, with the reason.
+        // An unusable recording is shown all the same, with the reason.
         Err(error) => {
-            // What `Views` would have reported, had it come that far.
+            // The losses `Views` would have reported.
             seen.warnings = [bag.warnings.clone(), index.damage()].concat();
             seen.problem = Some(error.to_string());
             if seen.topics.iter().any(|t| is_of_joints(&t.type_name)) {
@@ -287,7 +287,7 @@ impl StateInspection {
         }
         if !self.topics.is_empty() {
             _ = writeln!(text, "  topics:");
-            // Columns, unless a name is so long that it would push all others away.
+            // Columns, unless a long name would push all others away.
             let width = self.topics.iter().map(|t| t.name.len()).max().unwrap_or(0).min(80);
             for t in self.topics.iter().take(SHOWN) {
                 let rate = t.rate_hz.map_or(String::new(), |r| format!(" {r:.1} Hz"));
@@ -339,7 +339,7 @@ fn more(text: &mut String, lines: usize) {
     }
 }
 
-/// Text from a file without control characters, which a terminal would obey.
+/// Text from a file without control characters: a terminal would obey them.
 #[must_use]
 pub fn printable(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()

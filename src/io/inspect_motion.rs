@@ -1,4 +1,4 @@
-//! What a bag shows of joints, and whether `diagnose` can use it.
+//! Joints in a bag, and whether `diagnose` can use it.
 
 use std::path::Path;
 
@@ -38,7 +38,11 @@ pub fn inspect_motion(path: &Path) -> MotionInspection {
     }
 }
 
-/// What there is of a joint, and whether it is enough.
+fn has_finite(values: &[f64]) -> bool {
+    values.iter().any(|x| x.is_finite())
+}
+
+/// Available data of a joint, and whether it is enough.
 fn line(run: &Recording, joint: &JointSamples) -> (String, bool) {
     let first = joint.time_s.iter().copied().fold(f64::INFINITY, f64::min);
     let last = joint.time_s.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -46,19 +50,18 @@ fn line(run: &Recording, joint: &JointSamples) -> (String, bool) {
     let seconds = (last - first).max(0.0);
     let rate =
         if n > 1 && seconds > 0.0 { format!(", {:.1} Hz", (n - 1) as f64 / seconds) } else { String::new() };
-    let has = |values: &[f64]| values.iter().any(|x| x.is_finite());
     let command = run.commands.iter().any(|c| c.joint == joint.name);
     let held: Vec<&str> = [
-        (has(&joint.position), "positions"),
-        (has(&joint.velocity), "velocities"),
-        (has(&joint.effort), "efforts"),
+        (has_finite(&joint.position), "positions"),
+        (has_finite(&joint.velocity), "velocities"),
+        (has_finite(&joint.effort), "efforts"),
         (command, "commands"),
     ]
     .into_iter()
     .filter_map(|(there, what)| there.then_some(what))
     .collect();
     let held = if held.is_empty() { "nothing".to_owned() } else { held.join(", ") };
-    // The same question that a diagnosis asks first.
+    // The first question of a diagnosis, too.
     let usable = run.joint(&joint.name, &[], &Told::default(), &mut Vec::new());
     let verdict = match &usable {
         Ok(_) => "usable by diagnose".to_owned(),

@@ -1,4 +1,4 @@
-//! Positions and velocities that joints were commanded to, as controllers publish or are sent them.
+//! Commanded joint positions and velocities, as controllers publish or receive them.
 
 use std::collections::BTreeMap;
 
@@ -8,11 +8,11 @@ use super::ros2msg::{
 };
 use gap::record::command::Command;
 
-/// Type of the messages that a controller publishes of itself.
+/// Message type of a controller's own state.
 pub const CONTROLLER_STATE: &str = "control_msgs/msg/JointTrajectoryControllerState";
-/// Type of the messages that a trajectory controller is sent.
+/// Message type of commands to a trajectory controller.
 pub const TRAJECTORY: &str = "trajectory_msgs/msg/JointTrajectory";
-/// Type of the messages that a forward controller is sent.
+/// Message type of commands to a forward controller.
 pub const ARRAY: &str = "std_msgs/msg/Float64MultiArray";
 /// Most joints of one recording.
 pub const MAX_JOINTS: usize = 256;
@@ -22,14 +22,14 @@ const MAX_POINTS: usize = 100_000;
 /// Where commands come from, the more certain ones last.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Origin {
-    /// A trajectory that a controller was sent.
+    /// A trajectory sent to a controller.
     #[default]
     Trajectory,
-    /// Joint states on a topic that is called a command.
+    /// Joint states on a topic with a command's name.
     Named,
-    /// What a controller says that it followed.
+    /// Setpoints reported by a controller.
     Controller,
-    /// A topic that was asked for.
+    /// A requested topic.
     Asked,
 }
 
@@ -49,9 +49,9 @@ pub struct Commands {
 }
 
 impl Commands {
-    /// Adds what one joint was commanded to; stamps rise.
+    /// Adds a command of one joint; stamps rise.
     fn add(&mut self, joint: &str, origin: Origin, stamp: i64, position: f64, velocity: f64) {
-        // Joints that are kept go on; further ones are left out.
+        // Kept joints continue; further ones are left out.
         if self.joints.len() >= MAX_JOINTS && !self.joints.contains_key(joint) {
             return;
         }
@@ -67,7 +67,7 @@ impl Commands {
         }
     }
 
-    /// Joint states that are commands.
+    /// Joint states with the meaning of commands.
     pub fn joint_state(&mut self, state: &JointState, stamp: i64, origin: Origin) {
         for (i, name) in state.name.iter().enumerate() {
             let of = |values: &[f64]| values.get(i).copied().unwrap_or(f64::NAN);
@@ -75,7 +75,7 @@ impl Commands {
         }
     }
 
-    /// What a controller followed.
+    /// Setpoints of a controller.
     pub fn controller_state(&mut self, state: &ControllerStateFront, stamp: i64) {
         for (i, name) in state.joint_names.iter().enumerate() {
             let of = |values: &[f64]| values.get(i).copied().unwrap_or(f64::NAN);
@@ -84,11 +84,11 @@ impl Commands {
         }
     }
 
-    /// A trajectory that was sent: straight from point to point, from where the joint was sent before.
+    /// A sent trajectory: straight from point to point, from the joint's previous command.
     pub fn trajectory(&mut self, trajectory: &JointTrajectory, stamp: i64, asked: bool) {
         let origin = if asked { Origin::Asked } else { Origin::Trajectory };
         for (i, name) in trajectory.joint_names.iter().enumerate() {
-            // What was to come of an earlier trajectory is replaced.
+            // The rest of an earlier trajectory is replaced.
             if let Some(known) = self.joints.get_mut(name).filter(|k| k.origin == origin) {
                 known.cut(stamp);
             }
@@ -100,7 +100,7 @@ impl Commands {
         }
     }
 
-    /// Positions of joints whose order is given.
+    /// Positions of joints in a given order.
     pub fn array(&mut self, array: &Float64MultiArray, joints: &[String], stamp: i64) {
         let values = array.data.iter().skip(array.data_offset as usize);
         for (joint, position) in joints.iter().zip(values) {
@@ -115,14 +115,16 @@ impl Commands {
 
     /// The commands, seconds from `first`.
     pub fn since(self, first: i64) -> Vec<Command> {
-        let one = |(joint, c): (String, Commanded)| Command {
-            joint,
-            time_s: c.stamps.iter().map(|n| (n - first) as f64 * 1e-9).collect(),
-            position: c.position,
-            velocity: c.velocity,
-            is_straight: c.origin == Origin::Trajectory,
-        };
-        self.joints.into_iter().filter(|(_, c)| !c.stamps.is_empty()).map(one).collect()
+        let commanded = self.joints.into_iter().filter(|(_, c)| !c.stamps.is_empty());
+        commanded
+            .map(|(joint, c)| Command {
+                joint,
+                time_s: c.stamps.iter().map(|n| (n - first) as f64 * 1e-9).collect(),
+                position: c.position,
+                velocity: c.velocity,
+                is_straight: c.origin == Origin::Trajectory,
+            })
+            .collect()
     }
 }
 

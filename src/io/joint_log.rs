@@ -21,7 +21,7 @@ use gap::record::{
     tracks::{PoseTrack, Streams, WrenchTrack},
 };
 
-/// Type of the messages that most drivers publish.
+/// Message type of most drivers.
 pub const JOINT_STATE: &str = "sensor_msgs/msg/JointState";
 const WRENCH: &str = "geometry_msgs/msg/WrenchStamped";
 const POSE: &str = "geometry_msgs/msg/PoseStamped";
@@ -55,24 +55,33 @@ struct Samples {
     effort: Vec<f64>,
 }
 
-/// A track whose stamps are still those of the clock.
+/// A track with clock stamps, nanoseconds.
 struct Stamped<T> {
     track: T,
     stamps: Vec<i64>,
 }
 
-/// Everything that is read, as it comes.
+/// Link of a pose message.
+struct PosedLink {
+    /// Child frame; empty where the message names none.
+    child: String,
+    link: String,
+    /// Requested by name.
+    asked: bool,
+}
+
+/// All data read, in the order of messages.
 struct Reader<'a> {
     streams: &'a Streams,
     joints: BTreeMap<String, Samples>,
-    /// What controllers say of joints of which no joint state is recorded.
+    /// Controller feedback of joints without a recorded joint state.
     feedback: BTreeMap<String, Samples>,
     commands: Commands,
     /// By topic and child frame; an empty child for poses.
     poses: BTreeMap<(String, String), Stamped<PoseTrack>>,
     wrenches: BTreeMap<String, Stamped<WrenchTrack>>,
     topics: BTreeMap<String, String>,
-    /// Topics whose frame changes from message to message.
+    /// Topics with a frame that changes between messages.
     changing: BTreeSet<String>,
     broken: usize,
     unstamped: usize,
@@ -80,7 +89,7 @@ struct Reader<'a> {
 
 /// Adds a sample of (position, velocity, effort) to a joint.
 fn add(joints: &mut BTreeMap<String, Samples>, name: &str, stamp: i64, values: [f64; 3]) {
-    // Joints that are kept go on; further ones are left out.
+    // Kept joints continue; further ones are left out.
     if joints.len() >= MAX_JOINTS && !joints.contains_key(name) {
         return;
     }
@@ -91,7 +100,7 @@ fn add(joints: &mut BTreeMap<String, Samples>, name: &str, stamp: i64, values: [
     samples.effort.push(values[2]);
 }
 
-/// Reads all joint states of a bag (rosbag2 folder or `.mcap` file), and what `streams` names. Stamps are
+/// Reads all joint states of a bag (rosbag2 folder or `.mcap` file), and the topics of `streams`. Stamps are
 /// those of the headers; where these are missing, those of the recorder, with a warning.
 ///
 /// # Errors
@@ -135,7 +144,7 @@ impl<'a> Reader<'a> {
             };
             format!("{}{foreign}", message.type_name)
         });
-        // Of what would be used, this is a loss; other topics are no concern.
+        // On a used topic this is a loss; other topics are no concern.
         if !is_cdr {
             self.broken += usize::from(TYPES.contains(&message.type_name));
             return;
@@ -158,7 +167,7 @@ impl<'a> Reader<'a> {
             },
             TRAJECTORY => match decode::<JointTrajectory>(message.data) {
                 Ok(sent) => {
-                    // A header that says when it begins is followed; 0 means at once.
+                    // A header with a start time is followed; 0 means at once.
                     let stamp = sent.header.stamp.nanos().filter(|n| *n > 0).unwrap_or(log_nanos);
                     self.commands.trajectory(&sent, stamp, self.joints_of(topic).is_some());
                 }
@@ -172,7 +181,7 @@ impl<'a> Reader<'a> {
                 }
             }
             WRENCH => {
-                // Only topics that were named: a wrench does not say which link it acts on.
+                // Only named topics: a wrench does not contain its link.
                 let Some(link) = named(&self.streams.wrenches) else { return };
                 match decode::<WrenchStamped>(message.data) {
                     Ok(wrench) => self.wrench(topic, link, &wrench, log_nanos),
@@ -182,7 +191,10 @@ impl<'a> Reader<'a> {
             POSE => {
                 let Some(link) = named(&self.streams.poses) else { return };
                 match decode::<PoseStamped>(message.data) {
-                    Ok(m) => self.pose(topic, (String::new(), link, true), &m.header, &m.pose, log_nanos),
+                    Ok(m) => {
+                        let posed = PosedLink { child: String::new(), link, asked: true };
+                        self.pose(topic, posed, &m.header, &m.pose, log_nanos);
+                    }
                     Err(_) => self.broken += 1,
                 }
             }
@@ -192,7 +204,8 @@ impl<'a> Reader<'a> {
                     let child = t.child_frame_id.trim_start_matches('/').to_owned();
                     // /tf holds the whole robot; only links of the twin are of use.
                     if self.streams.links.contains(&child) {
-                        self.pose(topic, (child.clone(), child, false), &t.header, &t.transform, log_nanos);
+                        let posed = PosedLink { child: child.clone(), link: child, asked: false };
+                        self.pose(topic, posed, &t.header, &t.transform, log_nanos);
                     }
                 }
             }
@@ -202,7 +215,7 @@ impl<'a> Reader<'a> {
 
     fn stamp(&mut self, header: &Header, log_nanos: i64) -> i64 {
         match header.stamp.nanos() {
-            // Drivers that do not stamp leave 0.
+            // Drivers without stamps write 0.
             Some(nanos) if nanos > 0 => nanos,
             _ => {
                 self.unstamped += 1;
@@ -211,7 +224,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Joints of the values on a topic of commands that was asked for.
+    /// Joints of the values on a requested topic of commands.
     fn joints_of(&self, topic: &str) -> Option<&'a [String]> {
         self.streams.commands.iter().find(|(t, _)| t == topic).map(|(_, joints)| joints.as_slice())
     }
@@ -235,11 +248,11 @@ impl<'a> Reader<'a> {
     fn dynamic_state(&mut self, state: &DynamicJointState, log_nanos: i64) {
         let stamp = self.stamp(&state.header, log_nanos);
         for (name, interfaces) in state.joint_names.iter().zip(&state.interface_values) {
-            let of = |wanted: &str| {
+            let values = ["position", "velocity", "effort"].map(|wanted| {
                 let at = interfaces.interface_names.iter().position(|n| n == wanted);
                 at.and_then(|i| interfaces.values.get(i)).copied().unwrap_or(f64::NAN)
-            };
-            add(&mut self.feedback, name, stamp, ["position", "velocity", "effort"].map(of));
+            });
+            add(&mut self.feedback, name, stamp, values);
         }
     }
 
@@ -247,9 +260,9 @@ impl<'a> Reader<'a> {
         let stamp = self.stamp(&state.header, log_nanos);
         self.commands.controller_state(state, stamp);
         for (i, name) in state.joint_names.iter().enumerate() {
-            let of = |values: &[f64]| values.get(i).copied().unwrap_or(f64::NAN);
             let measured = &state.feedback;
-            let values = [&measured.positions, &measured.velocities, &measured.effort].map(|v| of(v));
+            let values = [&measured.positions, &measured.velocities, &measured.effort]
+                .map(|v| v.get(i).copied().unwrap_or(f64::NAN));
             add(&mut self.feedback, name, stamp, values);
         }
     }
@@ -260,41 +273,34 @@ impl<'a> Reader<'a> {
         let track =
             WrenchTrack { topic: topic.to_owned(), frame: frame.to_owned(), link, ..WrenchTrack::default() };
         let own = self.wrenches.entry(topic.to_owned()).or_insert(Stamped { track, stamps: Vec::new() });
-        let vector = |v: &super::ros2msg::Vector3| nalgebra::Vector3::new(v.x, v.y, v.z);
-        let force = vector(&message.force);
-        let moment = vector(&message.torque);
+        let [force, moment] =
+            [&message.force, &message.torque].map(|v| nalgebra::Vector3::new(v.x, v.y, v.z));
         if own.track.frame != frame {
             self.changing.insert(topic.to_owned());
         } else if !force.iter().chain(moment.iter()).all(|x| x.is_finite()) {
             self.broken += 1;
         } else if own.stamps.last().is_none_or(|last| stamp > *last) {
-            // Stamps of a track rise; a message that was sent again or came late is left out.
+            // Stamps of a track rise; repeated and late messages are left out.
             own.stamps.push(stamp);
             own.track.force.push(force);
             own.track.moment.push(moment);
         }
     }
 
-    /// A pose of (child frame, link, whether it was asked for).
-    fn pose(
-        &mut self,
-        topic: &str,
-        (child, link, asked): (String, String, bool),
-        header: &Header,
-        pose: &Transform,
-        log_nanos: i64,
-    ) {
+    fn pose(&mut self, topic: &str, posed: PosedLink, header: &Header, pose: &Transform, log_nanos: i64) {
         let stamp = self.stamp(header, log_nanos);
         let frame = header.frame_id.trim_start_matches('/');
         let track = PoseTrack {
             topic: topic.to_owned(),
             frame: frame.to_owned(),
-            link,
-            asked,
+            link: posed.link,
+            asked: posed.asked,
             ..PoseTrack::default()
         };
-        let own =
-            self.poses.entry((topic.to_owned(), child)).or_insert(Stamped { track, stamps: Vec::new() });
+        let own = self
+            .poses
+            .entry((topic.to_owned(), posed.child))
+            .or_insert(Stamped { track, stamps: Vec::new() });
         let Some(pose) = pose.checked() else {
             self.broken += 1;
             return;
@@ -307,7 +313,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Refuses a bag that holds nothing about joints, or lacks what was named.
+    /// Refuses a bag without joints or without a named topic.
     fn check(&self, path: &Path) -> Result<(), CaptureError> {
         let refused = |reason: String| Err(CaptureError::NotARecording { path: path.to_owned(), reason });
         let seen: Vec<String> = self.topics.iter().map(|(topic, kind)| format!("{topic} ({kind})")).collect();
@@ -368,14 +374,16 @@ impl<'a> Reader<'a> {
         let starts = starts.chain(self.poses.values().filter_map(|s| s.stamps.first().copied()));
         let first = starts.chain(self.commands.first()).min().unwrap_or(0);
         let seconds = |stamps: &[i64]| stamps.iter().map(|n| (n - first) as f64 * 1e-9).collect::<Vec<f64>>();
-        let one = |(name, s): (String, Samples)| JointSamples {
-            name,
-            time_s: seconds(&s.stamps),
-            position: s.position,
-            effort: s.effort,
-            velocity: s.velocity,
-        };
-        let mut joints: Vec<JointSamples> = joints.into_iter().map(one).collect();
+        let mut joints: Vec<JointSamples> = joints
+            .into_iter()
+            .map(|(name, s)| JointSamples {
+                name,
+                time_s: seconds(&s.stamps),
+                position: s.position,
+                effort: s.effort,
+                velocity: s.velocity,
+            })
+            .collect();
         let added = joints.iter_mut().filter_map(|j| j.integrate().then(|| j.name.clone()));
         let added: Vec<String> = added.collect();
         if !added.is_empty() {

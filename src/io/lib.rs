@@ -1,4 +1,4 @@
-//! Everything that touches a disk: bags, datasets, run folders.
+//! All access to disks: bags, datasets, run folders.
 //!
 //! ```
 //! use capture::CaptureConfig;

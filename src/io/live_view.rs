@@ -1,4 +1,4 @@
-//! Views that come one by one, made to frames as those of a recording are.
+//! Views received one by one, made to frames as those of a recording are.
 
 use super::{camera::pinhole, image_codec::Raster, pixels::limit_depth, ros2msg::CameraInfo};
 use capture::{CaptureConfig, CaptureError, Distortion, RgbdFrame, UndistortMap};
@@ -31,7 +31,7 @@ impl LiveEye {
     /// its images.
     ///
     /// # Errors
-    /// A camera that cannot be used.
+    /// An unusable camera.
     pub fn see(
         &mut self,
         stamp_nanos: i64,

@@ -8,13 +8,13 @@ use std::{
 
 use super::open_plain;
 
-/// A file that one owner holds at a time. The system takes the lock of a process that was killed; a file that
+/// A file with one owner at a time. The system releases the lock of a killed process; a file that
 /// only exists would stay.
 #[derive(Debug)]
 pub struct LockedFile(File);
 
 impl LockedFile {
-    /// Locks the file at `path`, which is made where it is missing; `None` while another owner holds it.
+    /// Locks the file at `path` and creates it if it is missing; `None` while another owner holds it.
     ///
     /// # Errors
     /// If it is no plain file or the disk refuses.
@@ -29,7 +29,7 @@ impl LockedFile {
 }
 
 impl Drop for LockedFile {
-    /// Closing alone would not do: a process that another thread is about to start has a copy of the file
+    /// Closing alone would not do: a process just started by another thread has a copy of the file
     /// until its program is loaded, and a lock lasts as long as the last copy.
     fn drop(&mut self) {
         self.0.unlock().ok();

@@ -1,4 +1,4 @@
-//! What a command wrote into a result folder, so that a later command knows whether the folder is still that.
+//! Record of a result folder's files, so that a later command knows whether they are unchanged.
 //!
 //! `manifest.json` stands in the folder itself and names every other file. It is the same for the same files.
 
@@ -16,14 +16,14 @@ use common::files;
 
 /// Name of the file.
 pub(super) const MANIFEST: &str = "manifest.json";
-/// Largest manifest that is read, bytes: more than [`MAX_ENTRIES`] lines.
+/// Largest accepted manifest, bytes: more than [`MAX_ENTRIES`] lines.
 const MAX_BYTES: u64 = 64 << 20;
-/// Most files and folders that are looked at; no result has a hundredth of it.
+/// Largest number of files and folders; no result has a hundredth of it.
 const MAX_ENTRIES: usize = 100_000;
-/// Piece of a file that is read at a time, bytes.
+/// Size of a read, bytes.
 const PIECE: usize = 1 << 16;
 
-/// The command that a result folder is of.
+/// The command of a result folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ResultKind {
@@ -54,7 +54,7 @@ impl fmt::Display for ResultKind {
 pub(super) struct Manifest {
     /// Version of the program.
     artitwin: String,
-    /// The command that wrote the folder.
+    /// The command of the folder.
     pub command: ResultKind,
     files: BTreeMap<String, Content>,
 }
@@ -67,10 +67,10 @@ struct Content {
 }
 
 impl Manifest {
-    /// Describes what stands in a folder and writes that into it.
+    /// Describes the contents of a folder and writes the manifest into it.
     ///
     /// # Errors
-    /// If a file cannot be read, the manifest cannot be written, or the folder holds what is no file.
+    /// If a file cannot be read, the manifest cannot be written, or the folder holds anything but files.
     pub fn write(folder: &Path, command: ResultKind) -> io::Result<()> {
         let mut files = BTreeMap::new();
         for (path, held) in listed(folder)? {
@@ -87,7 +87,7 @@ impl Manifest {
         fs::File::create_new(folder.join(MANIFEST))?.write_all(&manifest.bytes()?)
     }
 
-    /// The manifest of a folder; `None` where there is none that can be read.
+    /// The manifest of a folder; `None` without a readable one.
     pub fn read(folder: &Path) -> Option<Self> {
         let path = folder.join(MANIFEST);
         fs::symlink_metadata(&path).ok().filter(|m| m.is_file() && m.len() <= MAX_BYTES)?;
@@ -95,7 +95,7 @@ impl Manifest {
         serde_json::from_slice(&fs::read(path).ok()?).ok()
     }
 
-    /// Sentences about what differs in the folder from what was written: every file and folder that was
+    /// Sentences about differences between the folder and its manifest: every file and folder
     /// added, removed or edited. A link, and whatever else is no file, counts as an edit.
     ///
     /// # Errors
@@ -107,20 +107,18 @@ impl Manifest {
             match there.remove(path) {
                 None => found.push(format!("{path} was removed")),
                 Some(Held::File { bytes })
-                    // The size first: reading the file is what costs.
+                    // The size first: reading the file costs more.
                     if bytes == content.bytes && sha256(&folder.join(path))? == content.sha256 => {}
                 Some(_) => found.push(format!("{path} was edited")),
             }
         }
         // Folders have no entry of their own. In sorted order the first path from `folder/` on shows whether
-        // it holds a file of ours; an empty folder that was added is a change.
-        let holds_ours = |path: &String| {
-            self.files
-                .range(format!("{path}/")..)
-                .next()
-                .is_some_and(|(p, _)| p.starts_with(&format!("{path}/")))
-        };
-        there.retain(|path, held| *held != Held::Folder || !holds_ours(path));
+        // it holds a file of ours; an added empty folder is a change.
+        there.retain(|path, held| {
+            let below = format!("{path}/");
+            let first = self.files.range(below.clone()..).next();
+            *held != Held::Folder || !first.is_some_and(|(p, _)| p.starts_with(&below))
+        });
         found.extend(there.into_keys().map(|path| format!("{path} was added")));
         if fs::read(folder.join(MANIFEST))? != self.bytes()? {
             found.push(format!("{MANIFEST} was edited"));

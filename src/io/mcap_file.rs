@@ -1,9 +1,9 @@
 //! MCAP files read front to back, without their index, and salvaged chunk by chunk where they are damaged.
 //!
 //! A file is a magic, then records of one opcode byte, an 8-byte length and a body; chunks hold records of
-//! the same form, compressed. Memory is bounded by the largest record. A chunk whose checksum or compression
-//! is broken is left out as a whole, because a message in it may be silently wrong; a file cut in the middle
-//! of a chunk gives what came before the cut.
+//! the same form, compressed. The largest record bounds the memory. A chunk with a broken checksum or
+//! compression is left out as a whole, because a message in it may be silently wrong; a file cut in the
+//! middle of a chunk gives the records before the cut.
 
 use std::{
     collections::BTreeMap,
@@ -23,7 +23,7 @@ use common::note::{Note, NoteCode};
 
 /// Largest record and largest decompressed chunk, bytes.
 pub const RECORD_LIMIT: u64 = 256 << 20;
-/// Most damaged chunks whose reason is kept.
+/// Largest number of damaged chunks with a kept reason.
 const REASONS: usize = 20;
 
 /// Why a file, or a chunk of it, is not read further.
@@ -118,7 +118,7 @@ pub struct RawMessage<'a> {
     /// When it was sent, nanoseconds.
     #[cfg_attr(not(test), allow(dead_code, reason = "the conformance sets name it"))]
     pub publish_time_nanos: u64,
-    /// Number that its sender gave it; 0 where it gave none.
+    /// Sequence number given by the sender; 0 without one.
     #[cfg_attr(not(test), allow(dead_code, reason = "the conformance sets name it"))]
     pub sequence: u32,
     /// Payload with its CDR header.
@@ -135,7 +135,7 @@ pub struct FileReport {
     /// Chunks left out, each with its number (from 1) and the reason.
     /// (the reason of the first ones).
     pub bad_chunks: Vec<(u64, String)>,
-    /// Messages whose channel is not known.
+    /// Messages with an unknown channel.
     pub orphans: u64,
     /// Why reading stopped before the end.
     pub stopped: Option<String>,
@@ -206,7 +206,7 @@ fn next_record(source: &mut impl Read) -> Result<Option<RawRecord>, McapDamage> 
     if length > RECORD_LIMIT {
         return Err(McapDamage::LongRecord(length));
     }
-    // Grows with the bytes that come; a capacity of `length` would be allocated for a cut file, too.
+    // Grows with the bytes read; a capacity of `length` would be allocated for a cut file, too.
     let mut body = Vec::new();
     source.by_ref().take(length).read_to_end(&mut body)?;
     let cut = (body.len() as u64) < length;
@@ -227,7 +227,7 @@ fn read_up_to(source: &mut impl Read, buffer: &mut [u8]) -> std::io::Result<usiz
     Ok(filled)
 }
 
-/// Channels repeated in the summary at the end of a file, so that losing the chunk that first named them
+/// Channels repeated in the summary at the end of a file, so that losing the chunk with their first mention
 /// loses no other. Best effort: nothing is learned from a file without a valid footer. Leaves the source at
 /// its start.
 ///
@@ -255,8 +255,8 @@ fn summary(source: &mut (impl Read + Seek)) -> Option<Channels> {
     Some(channels)
 }
 
-/// Reads all messages in file order. `channels` holds what is already known and learns the rest; chunks
-/// unpack to what `expansion` has left.
+/// Reads all messages in file order. `channels` holds the known channels and learns the rest; chunks
+/// unpack within the budget of `expansion`.
 ///
 /// # Errors
 /// The visitor's error. Damage is no error: it stands in the report.
@@ -282,7 +282,7 @@ pub fn read_messages<R: Read, E>(
             Err(why) => return Ok(report.stopped_by(&why)),
         };
         match record.opcode {
-            // The summary that follows only repeats.
+            // The following summary only repeats.
             op::DATA_END | op::FOOTER => return Ok(report),
             op::CHUNK => read_chunk(&record, channels, expansion, &mut report, visit)?,
             // Half a schema, channel or message is of no use; half a chunk may hold whole messages.
@@ -314,7 +314,7 @@ fn read_flat<E>(
                 Ok(message) => message,
                 Err(why) => return Ok(Err(why)),
             };
-            // Its channel stood in a chunk that was left out, and no summary repeats it.
+            // Its channel stood in a skipped chunk, and no summary repeats it.
             let Some(channel) = channels.channels.get(&message.channel_id) else {
                 report.orphans += 1;
                 return Ok(Ok(()));
@@ -331,7 +331,7 @@ fn read_flat<E>(
             })?;
             Ok(Ok(()))
         }
-        // Indexes, statistics, attachments, and opcodes of later versions, which a reader has to skip.
+        // Indexes, statistics, attachments, and opcodes of later versions: a reader has to skip them.
         _ => Ok(Ok(())),
     }
 }
@@ -345,7 +345,7 @@ fn read_chunk<E>(
 ) -> Result<(), E> {
     report.chunks += 1;
     let number = report.chunks;
-    // A bad chunk costs its own messages, and channels that it alone names.
+    // A bad chunk costs its own messages, and channels named only in it.
     let content = match chunk_content(record, expansion) {
         Ok(content) => content,
         Err(why) => {
@@ -363,7 +363,7 @@ fn read_chunk<E>(
                     Err(why) => why.into(),
                 }
             }
-            // A file that was cut is reported once, by the caller.
+            // A cut file is reported once, by the caller.
             _ if record.cut => return Ok(()),
             Ok(Some(_)) => McapDamage::CutChunk,
             Err(why) => why,
@@ -385,7 +385,7 @@ fn chunk_content(record: &RawRecord, expansion: &mut Expansion) -> Result<Vec<u8
     if header.uncompressed_size > RECORD_LIMIT {
         return Err(McapDamage::LargeChunk(header.uncompressed_size));
     }
-    // What is stored as it is cannot unpack to more than the file has.
+    // Uncompressed data cannot be larger than the file.
     if !header.compression.is_empty() {
         expansion.take(data.len() as u64, header.uncompressed_size)?;
     }
@@ -408,7 +408,7 @@ fn chunk_content(record: &RawRecord, expansion: &mut Expansion) -> Result<Vec<u8
         return Err(McapDamage::Size { has: content.len(), expected: header.uncompressed_size });
     }
     let crc = crc32fast::hash(&content);
-    // 0 says that there is none. rosbag2 records so by default, so damage may come through: the decoders
+    // 0 stands for no checksum. rosbag2 records so by default, so damage may come through: the decoders
     // behind this check sizes and numbers themselves.
     if header.uncompressed_crc != 0 && crc != header.uncompressed_crc {
         return Err(McapDamage::Checksum { has: crc, expected: header.uncompressed_crc });

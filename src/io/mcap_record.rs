@@ -5,7 +5,7 @@ use mcap::records::op;
 
 /// Length of the end of a file, bytes: footer record (9 + 20) and magic.
 pub const TAIL: u64 = 9 + 20 + 8;
-/// Largest summary section that is read, bytes: 500,000 chunks.
+/// Largest supported summary section, bytes: 500,000 chunks.
 const SUMMARY_LIMIT: u64 = 64 << 20;
 /// Longest name of a topic, type or compression, bytes; ROS takes 255.
 const MAX_NAME: usize = 4096;
@@ -18,7 +18,7 @@ pub enum RecordError {
     Field {
         /// The length.
         count: usize,
-        /// What is left of the record.
+        /// The rest of the record.
         has: usize,
     },
     /// A name of so many bytes.
@@ -64,7 +64,7 @@ impl<'a> Fields<'a> {
     }
 }
 
-/// What is needed of a schema.
+/// Id and name of a schema.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SchemaRecord {
     /// Its id.
@@ -77,7 +77,7 @@ impl SchemaRecord {
     /// Reads the body of a schema record.
     ///
     /// # Errors
-    /// What is damaged.
+    /// [`RecordError`]: the damaged part.
     pub fn read(body: &[u8]) -> Result<Self, RecordError> {
         let mut fields = Fields(body);
         let schema = Self { id: fields.id()?, name: fields.text()? };
@@ -88,7 +88,7 @@ impl SchemaRecord {
     }
 }
 
-/// What is needed of a channel.
+/// The needed fields of a channel.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChannelRecord {
     /// Its id.
@@ -105,7 +105,7 @@ impl ChannelRecord {
     /// Reads the body of a channel record.
     ///
     /// # Errors
-    /// What is damaged.
+    /// [`RecordError`]: the damaged part.
     pub fn read(body: &[u8]) -> Result<Self, RecordError> {
         let mut fields = Fields(body);
         let id = fields.id()?;
@@ -122,7 +122,7 @@ impl ChannelRecord {
 pub struct MessageRecord<'a> {
     /// Its channel.
     pub channel_id: u16,
-    /// Number that its sender gave it; 0 where it gave none.
+    /// Sequence number given by the sender; 0 without one.
     pub sequence: u32,
     /// When it was recorded, nanoseconds.
     pub log_time: u64,
@@ -136,7 +136,7 @@ impl<'a> MessageRecord<'a> {
     /// Reads the body of a message record.
     ///
     /// # Errors
-    /// What is damaged.
+    /// [`RecordError`]: the damaged part.
     pub fn read(body: &'a [u8]) -> Result<Self, RecordError> {
         let mut fields = Fields(body);
         let channel_id = fields.id()?;
@@ -147,7 +147,7 @@ impl<'a> MessageRecord<'a> {
     }
 }
 
-/// What is needed of the front of a chunk.
+/// The needed fields at the front of a chunk.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChunkRecord<'a> {
     /// Bytes of its records.
@@ -158,15 +158,15 @@ pub struct ChunkRecord<'a> {
     pub compression: String,
     /// Bytes of its compressed records.
     pub compressed_size: u64,
-    /// What there is of them.
+    /// The available bytes of the records.
     pub data: &'a [u8],
 }
 
 impl<'a> ChunkRecord<'a> {
-    /// Reads the body of a chunk record, which may be cut within its records.
+    /// Reads the body of a chunk record. It may be cut within its records.
     ///
     /// # Errors
-    /// What is damaged.
+    /// [`RecordError`]: the damaged part.
     pub fn read(body: &'a [u8]) -> Result<Self, RecordError> {
         let mut fields = Fields(body);
         // First and last log time of the chunk: the messages carry their own.
@@ -179,14 +179,14 @@ impl<'a> ChunkRecord<'a> {
     }
 }
 
-/// What the summary says of a chunk.
+/// A chunk by the summary.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChunkIndexRecord {
     /// Where its record begins in the file.
     pub start: u64,
     /// Bytes of its record, opcode and length included.
     pub bytes: u64,
-    /// Channels that it holds messages of; none where the writer indexed no messages.
+    /// Channels of its messages; none where the writer indexed no messages.
     pub channels: Vec<u16>,
     /// Bytes of the message indexes behind it.
     pub index_bytes: u64,
@@ -196,7 +196,7 @@ impl ChunkIndexRecord {
     /// Reads the body of a chunk index record.
     ///
     /// # Errors
-    /// What is damaged.
+    /// [`RecordError`]: the damaged part.
     pub fn read(body: &[u8]) -> Result<Self, RecordError> {
         let mut fields = Fields(body);
         // Recording times of the first and last message.
@@ -213,7 +213,7 @@ impl ChunkIndexRecord {
     }
 }
 
-/// What the summary counts.
+/// Counts of the summary.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StatisticsRecord {
     /// Chunks of the file.
@@ -226,7 +226,7 @@ impl StatisticsRecord {
     /// Reads the body of a statistics record.
     ///
     /// # Errors
-    /// What is damaged.
+    /// [`RecordError`]: the damaged part.
     pub fn read(body: &[u8]) -> Result<Self, RecordError> {
         let mut fields = Fields(body);
         // Messages, schemas, channels, attachments, metadata.
@@ -249,14 +249,14 @@ pub fn summary_start(end: &[u8], size: u64) -> Option<u64> {
         return None;
     }
     let start = Fields(&tail[9..29]).number(8).ok()?;
-    // 0 says that there is none.
+    // 0 stands for no checksum.
     (start > 8 && start < size - TAIL && size - TAIL - start <= SUMMARY_LIMIT).then_some(start)
 }
 
 /// Checksum of a summary and of the footer before it, by the body of the footer; 0 = none.
 ///
 /// # Errors
-/// What is damaged.
+/// [`RecordError`]: the damaged part.
 pub fn summary_crc(footer: &[u8]) -> Result<u32, RecordError> {
     let mut fields = Fields(footer);
     fields.bytes(16)?;

@@ -1,4 +1,4 @@
-//! The summary section at the end of an MCAP file: which channels there are, and where their chunks lie.
+//! The summary section at the end of an MCAP file: its channels and the places of their chunks.
 
 use std::{collections::BTreeMap, io};
 
@@ -8,12 +8,11 @@ use super::{
     file_ranges::FileRanges,
     mcap_file::RECORD_LIMIT,
     mcap_record::{
-        ChannelRecord, ChunkIndexRecord, RecordError, SchemaRecord, StatisticsRecord, TAIL, summary_crc,
-        summary_start,
+        ChannelRecord, ChunkIndexRecord, SchemaRecord, StatisticsRecord, TAIL, summary_crc, summary_start,
     },
 };
 
-/// What is read from the end at first, bytes: the summary of most recordings in one request.
+/// First read from the end, bytes: the summary of most recordings in one request.
 const FIRST_LOOK: u64 = 64 << 10;
 
 /// A channel with its type.
@@ -29,7 +28,7 @@ pub struct SummaryChannel {
     pub count: u64,
 }
 
-/// What a file says of itself at its end.
+/// Contents of a file by its summary.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct McapSummary {
     /// By id.
@@ -43,7 +42,7 @@ pub struct McapSummary {
 }
 
 impl McapSummary {
-    /// Reads the summary of a file; `None` where there is none that can be trusted to name every chunk and
+    /// Reads the summary of a file; `None` without one naming every chunk and
     /// channel.
     ///
     /// # Errors
@@ -82,24 +81,20 @@ impl McapSummary {
         let mut rest = section;
         while !rest.is_empty() {
             let (opcode, body, behind) = record(rest)?;
-            let mut learn = || -> Result<(), RecordError> {
-                match opcode {
-                    op::SCHEMA => {
-                        let schema = SchemaRecord::read(body)?;
-                        types.insert(schema.id, schema.name);
-                        found.names.extend_from_slice(&rest[..9 + body.len()]);
-                    }
-                    op::CHANNEL => {
-                        channels.push(ChannelRecord::read(body)?);
-                        found.names.extend_from_slice(&rest[..9 + body.len()]);
-                    }
-                    op::CHUNK_INDEX => found.chunks.push(ChunkIndexRecord::read(body)?),
-                    op::STATISTICS => statistics = Some(StatisticsRecord::read(body)?),
-                    _ => {}
+            match opcode {
+                op::SCHEMA => {
+                    let schema = SchemaRecord::read(body).ok()?;
+                    types.insert(schema.id, schema.name);
+                    found.names.extend_from_slice(&rest[..9 + body.len()]);
                 }
-                Ok(())
-            };
-            learn().ok()?;
+                op::CHANNEL => {
+                    channels.push(ChannelRecord::read(body).ok()?);
+                    found.names.extend_from_slice(&rest[..9 + body.len()]);
+                }
+                op::CHUNK_INDEX => found.chunks.push(ChunkIndexRecord::read(body).ok()?),
+                op::STATISTICS => statistics = Some(StatisticsRecord::read(body).ok()?),
+                _ => {}
+            }
             rest = behind;
         }
         let statistics = statistics?;
@@ -116,7 +111,7 @@ impl McapSummary {
         (statistics.chunks == found.chunks.len() as u64 && !found.chunks.is_empty()).then_some(found)
     }
 
-    /// Whether chunks lie one behind the other within the file, and hold no channel that has no name.
+    /// Whether chunks lie one behind the other within the file, and hold no channel without a name.
     fn is_sound(&self) -> bool {
         let mut at = 8;
         for chunk in &self.chunks {
@@ -139,7 +134,7 @@ impl McapSummary {
     }
 }
 
-/// Opcode and body of the record at the front, and what lies behind it.
+/// Opcode and body of the record at the front, and the bytes behind it.
 pub fn record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
     let (front, rest) = bytes.split_first_chunk::<9>()?;
     let length = u64::from_le_bytes(*front[1..].first_chunk()?);

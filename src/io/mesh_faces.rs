@@ -1,4 +1,4 @@
-//! What all mesh files share: faces of any number of corners, and how many a mesh may have.
+//! Parts shared by all mesh files: faces of any number of corners, and how many a mesh may have.
 
 /// Most vertices or faces of a mesh.
 pub(super) const MAX_ELEMENTS: usize = 20_000_000;

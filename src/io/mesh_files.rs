@@ -18,20 +18,20 @@ pub enum MeshFileError {
     Disk {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
-    /// The contents are not what they should be.
+    /// The contents are malformed.
     #[error("{path}: {problem}")]
     Format {
         /// The file.
         path: PathBuf,
-        /// What is wrong, with the line or element.
+        /// The fault, with its line or element.
         problem: MeshFault,
     },
 }
 
-/// What is wrong with the contents of a mesh file.
+/// A fault in the contents of a mesh file.
 #[derive(Debug, thiserror::Error)]
 pub enum MeshFault {
     /// Of a PLY file.
@@ -40,13 +40,13 @@ pub enum MeshFault {
     /// Of an OBJ file.
     #[error(transparent)]
     Obj(#[from] ObjError),
-    /// A kind of file that is not read.
+    /// An unsupported kind of file.
     #[error("meshes of type '.{0}' are not read; .ply and .obj are")]
     Kind(String),
-    /// A vertex that is nowhere.
+    /// A vertex with coordinates that are not finite.
     #[error("vertex {0} is not finite")]
     NotFinite(usize),
-    /// A triangle between what is not there.
+    /// A triangle with missing vertices.
     #[error("triangle {triangle} names a vertex beyond the last of {count}")]
     Beyond {
         /// Its number, from 0.
@@ -60,7 +60,7 @@ pub enum MeshFault {
 /// triangles. Vertices are kept as they are, also those that coincide.
 ///
 /// # Errors
-/// A file that cannot be read, is larger than 1 GiB, is of another format, is damaged, or holds values that
+/// An unreadable file, one that is larger than 1 GiB, is of another format, is damaged, or holds values that
 /// are not finite or indices beyond the vertices.
 pub fn read_mesh(path: &Path) -> Result<TriangleMesh, MeshFileError> {
     read_mesh_within(path, &mut MESH.bytes.clone())
@@ -82,7 +82,7 @@ pub(super) fn read_mesh_within(path: &Path, left: &mut u64) -> Result<TriangleMe
     *left -= bytes.len() as u64;
     let mesh = match extension.as_str() {
         "ply" => parse_ply(&bytes).map_err(MeshFault::from),
-        // Comments and names of materials may be in any encoding; what counts is ASCII.
+        // Comments and names of materials may be in any encoding; keywords and numbers are ASCII.
         "obj" => parse_obj(&String::from_utf8_lossy(&bytes)).map_err(MeshFault::from),
         other => Err(MeshFault::Kind(other.to_owned())),
     };

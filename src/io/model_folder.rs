@@ -1,4 +1,4 @@
-//! A URDF folder, or a URDF and what it names, read into memory.
+//! A URDF folder, or a URDF and the files it names, read into memory.
 
 use std::{
     fs, io,
@@ -20,7 +20,7 @@ pub enum ModelFolderError {
     Disk {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
     /// More than a model folder holds.
@@ -31,11 +31,11 @@ pub enum ModelFolderError {
     NotUrdf(PathBuf),
 }
 
-/// A model folder, or a URDF file with what it names in its folder and below: meshes, their materials and
-/// textures. The folder that a lone file stands in may hold anything else.
+/// A model folder, or a URDF file with its named files in its folder and below: meshes, their materials and
+/// textures. The folder of a lone file may hold anything else.
 ///
 /// # Errors
-/// As [`read_model_folder`]; a file whose name does not end in `.urdf`.
+/// As [`read_model_folder`]; a file with another extension than `.urdf`.
 pub fn read_model(path: &Path) -> Result<Folder, ModelFolderError> {
     if path.is_dir() {
         return read_model_folder(path);
@@ -74,25 +74,25 @@ fn is_plain(folder: &Path, inner: &str) -> bool {
     }) && at.is_file()
 }
 
+fn disk_error(path: &Path, source: std::io::Error) -> ModelFolderError {
+    ModelFolderError::Disk { path: path.to_owned(), source }
+}
+
 /// All regular files of a folder and of the folders below it, by relative path with `/`. Links and hidden
 /// files are left out.
 ///
 /// # Errors
-/// A folder that cannot be read, or holds more than 20000 files or 1 GiB.
+/// An unreadable folder, or one with more than 20000 files or 1 GiB.
 pub fn read_model_folder(folder: &Path) -> Result<Folder, ModelFolderError> {
     let mut found = Folder::new();
     let mut bytes = 0;
     let mut open = vec![(folder.to_owned(), String::new())];
     while let Some((path, prefix)) = open.pop() {
-        let disk = |path: &Path| {
-            let path = path.to_owned();
-            move |source| ModelFolderError::Disk { path, source }
-        };
-        for entry in fs::read_dir(&path).map_err(disk(&path))? {
-            let entry = entry.map_err(disk(&path))?;
+        for entry in fs::read_dir(&path).map_err(|e| disk_error(&path, e))? {
+            let entry = entry.map_err(|e| disk_error(&path, e))?;
             let name = entry.file_name().to_string_lossy().into_owned();
             // The entry's own type: a link is neither folder nor file, so none is followed.
-            let kind = entry.file_type().map_err(disk(&entry.path()))?;
+            let kind = entry.file_type().map_err(|e| disk_error(&entry.path(), e))?;
             // Version control and editors keep their own files there.
             if name.starts_with('.') {
                 continue;
@@ -100,12 +100,12 @@ pub fn read_model_folder(folder: &Path) -> Result<Folder, ModelFolderError> {
             if kind.is_dir() {
                 open.push((entry.path(), format!("{prefix}{name}/")));
             } else if kind.is_file() {
-                bytes += entry.metadata().map_err(disk(&entry.path()))?.len();
+                bytes += entry.metadata().map_err(|e| disk_error(&entry.path(), e))?.len();
                 if bytes > MODEL_FOLDER.bytes || found.len() >= MAX_FILES {
                     return Err(ModelFolderError::TooLarge(folder.to_owned()));
                 }
                 let content =
-                    files::read_limited(&entry.path(), MODEL_FOLDER).map_err(disk(&entry.path()))?;
+                    files::read_limited(&entry.path(), MODEL_FOLDER).map_err(|e| disk_error(&entry.path(), e))?;
                 found.insert(format!("{prefix}{name}"), content);
             }
         }

@@ -32,26 +32,26 @@ pub enum NpyError {
     Disk {
         /// The file.
         path: std::path::PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
-    /// The contents are not what they should be.
+    /// The contents are malformed.
     #[error("{path}: {problem}")]
     Format {
         /// The file.
         path: std::path::PathBuf,
-        /// What is wrong.
+        /// The fault.
         problem: NpyFault,
     },
 }
 
-/// What is wrong with the bytes of an array.
+/// A fault in the bytes of an array.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NpyFault {
     /// Another kind of file.
     #[error("this is no .npy file")]
     NoNpy,
-    /// A version of the format that is not known.
+    /// An unknown version of the format.
     #[error(".npy version {0} is not known; 1 to 3 are")]
     Version(u8),
     /// The file ends within its header.
@@ -72,7 +72,7 @@ pub enum NpyFault {
     /// More values than can be counted.
     #[error("the shape is too large")]
     Large,
-    /// A type that is not read.
+    /// An unsupported type.
     #[error("values of type '{0}' are not read; '<f4', '<f8', '<i4' and '|u1' are")]
     Type(String),
     /// Fewer bytes than the shape needs.
@@ -88,7 +88,7 @@ pub enum NpyFault {
 /// Reads a two-dimensional little-endian `f4`, `f8`, `i4` or `u1` array in C order.
 ///
 /// # Errors
-/// A file that cannot be read, is larger than 1 GiB, holds another kind of array or ends early.
+/// An unreadable file, one that is larger than 1 GiB, holds another kind of array or ends early.
 pub fn read_npy(path: &Path) -> Result<NpyArray, NpyError> {
     let disk = |source| NpyError::Disk { path: path.to_owned(), source };
     let format = |problem| NpyError::Format { path: path.to_owned(), problem };

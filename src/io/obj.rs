@@ -6,12 +6,12 @@ use surface::TriangleMesh;
 /// Why an OBJ text is no mesh.
 #[derive(Debug, thiserror::Error)]
 pub enum ObjError {
-    /// A line that cannot be used.
+    /// An unusable line.
     #[error("line {line}: {fault}")]
     Line {
         /// From 1.
         line: usize,
-        /// What is wrong with it.
+        /// Its fault.
         fault: ObjFault,
     },
     /// More than are taken.
@@ -19,16 +19,16 @@ pub enum ObjError {
     Large,
 }
 
-/// What is wrong with a line of an OBJ text.
+/// A fault in a line of an OBJ text.
 #[derive(Debug, thiserror::Error)]
 pub enum ObjFault {
-    /// A coordinate that is no number.
+    /// A coordinate without a number.
     #[error("a vertex: {0}")]
     Coordinate(#[from] std::num::ParseFloatError),
     /// Too few coordinates.
     #[error("a vertex has fewer than three coordinates")]
     Coordinates,
-    /// A corner that is no number.
+    /// A corner without a number.
     #[error("a face corner '{word}': {source}")]
     Corner {
         /// The corner.
@@ -82,20 +82,22 @@ fn obj_vertex<'a>(words: impl Iterator<Item = &'a str>, mesh: &mut TriangleMesh)
     Ok(())
 }
 
+/// Index of a corner's vertex; `count`: vertices read so far.
+fn vertex_index(word: &str, count: i64) -> Result<u32, ObjFault> {
+    // vertex/texture/normal: the first is the vertex.
+    let index: i64 = word
+        .split('/')
+        .next()
+        .unwrap_or_default()
+        .parse()
+        .map_err(|source| ObjFault::Corner { word: word.to_owned(), source })?;
+    // OBJ counts from 1; negative numbers count back from the vertex given last.
+    let index = if index < 0 { count + index } else { index - 1 };
+    u32::try_from(index).ok().ok_or_else(|| ObjFault::Beyond { word: word.to_owned(), count })
+}
+
 fn obj_face<'a>(words: impl Iterator<Item = &'a str>, mesh: &mut TriangleMesh) -> Result<(), ObjFault> {
     let count = mesh.vertices.len() as i64;
-    let corner = |word: &str| {
-        // vertex/texture/normal: the first is the vertex.
-        let index: i64 = word
-            .split('/')
-            .next()
-            .unwrap_or_default()
-            .parse()
-            .map_err(|source| ObjFault::Corner { word: word.to_owned(), source })?;
-        // OBJ counts from 1; negative numbers count back from the vertex given last.
-        let index = if index < 0 { count + index } else { index - 1 };
-        u32::try_from(index).ok().ok_or_else(|| ObjFault::Beyond { word: word.to_owned(), count })
-    };
-    let corners = words.map(corner).collect::<Result<Vec<u32>, ObjFault>>()?;
+    let corners = words.map(|word| vertex_index(word, count)).collect::<Result<Vec<u32>, ObjFault>>()?;
     Ok(fan(&corners, &mut mesh.triangles)?)
 }

@@ -13,7 +13,7 @@ pub const MAX_MODEL_BYTES: u64 = 512 << 20;
 #[cfg(feature = "onnx")]
 pub const MAX_PAIR_MATCHES: usize = 100_000;
 
-/// What a model must have.
+/// The required inputs and outputs of a model.
 const CONTRACT: &str = "needed are inputs image0 and image1, float32 [1, 1 or 3, height, width], and \
     outputs keypoints0 and keypoints1, \
                         [matches, 2]; confidence, [matches], may be absent; rename or wrap the exported \
@@ -42,13 +42,13 @@ pub enum OnnxError {
         /// The file.
         path: PathBuf,
     },
-    /// No ONNX model, one with weights in other files, or one with operators that the runtime lacks.
+    /// No ONNX model, one with weights in other files, or one with operators unknown to the runtime.
     #[error("the matcher {} cannot be used: {reason}; give an ONNX model that holds its weights, operator \
         set 9 to 18", path.display())]
     Model {
         /// The file.
         path: PathBuf,
-        /// What the runtime says.
+        /// Error of the runtime.
         reason: String,
     },
     /// Other inputs or outputs than the contract's.
@@ -56,7 +56,7 @@ pub enum OnnxError {
     Contract {
         /// The file.
         path: PathBuf,
-        /// What it has.
+        /// Its inputs and outputs.
         has: String,
     },
     /// The model failed at work.
@@ -67,7 +67,7 @@ pub enum OnnxError {
         path: PathBuf,
         /// Width and height of both images, as the model got them.
         sizes: [[usize; 2]; 2],
-        /// What the runtime says.
+        /// Error of the runtime.
         reason: String,
     },
 }
@@ -83,7 +83,7 @@ mod absent {
     use super::OnnxError;
     use capture::{Correspondence, RgbdFrame};
 
-    /// A matcher that this build does not have.
+    /// A matcher missing in this build.
     #[derive(Debug)]
     pub enum OnnxMatcher {}
 

@@ -16,7 +16,7 @@ use capture::{Correspondence, RgbdFrame};
 const INPUTS: [&str; 2] = ["image0", "image1"];
 const POINTS: [&str; 2] = ["keypoints0", "keypoints1"];
 const CONFIDENCE: &str = "confidence";
-/// Pairs of image sizes whose plans are kept.
+/// Number of pairs of image sizes with a kept plan.
 const KEPT_PLANS: usize = 8;
 
 type Plan = Arc<TypedRunnableModel>;
@@ -68,7 +68,7 @@ impl OnnxMatcher {
         }
         let confidence = outlet(CONFIDENCE);
         let wanted: Vec<OutletId> = [points0, points1].into_iter().chain(confidence).collect();
-        // What only further outputs need is not computed then.
+        // Nodes needed only by further outputs are not computed then.
         model.select_output_outlets(&wanted).map_err(|e| refused(chain(&e)))?;
         let formats = [format0, format1];
         let has_confidence = confidence.is_some();
@@ -164,7 +164,7 @@ fn read(path: &Path) -> Result<Vec<u8>, OnnxError> {
     let file = common::files::open_regular(path).map_err(fails)?;
     let stated_bytes = file.metadata().map_err(fails)?.len();
     let mut bytes = Vec::new();
-    // A file that is too large is not read at all; one that grows meanwhile is cut a byte beyond the limit.
+    // Too large a file is not read at all; one growing meanwhile is cut a byte beyond the limit.
     file.take(if stated_bytes > MAX_MODEL_BYTES { 0 } else { MAX_MODEL_BYTES + 1 })
         .read_to_end(&mut bytes)
         .map_err(fails)?;
@@ -188,7 +188,7 @@ enum RuntimeError {
 
 /// The runtime's result; its panics are errors.
 fn caught<T>(work: impl FnOnce() -> TractResult<T>) -> Result<T, RuntimeError> {
-    // The model is a file of the user: what it makes the runtime do must not end a run of an hour.
+    // The model is a file of the user: a panic of the runtime must not end a run of an hour.
     let result = catch_unwind(AssertUnwindSafe(work)).map_err(|_panic| RuntimeError::Panic)?;
     result.map_err(RuntimeError::Refusal)
 }
@@ -202,7 +202,7 @@ fn input_place(model: &InferenceModel, name: &str) -> Option<usize> {
     model.inputs.iter().position(|outlet| model.node(outlet.node).name == name)
 }
 
-/// Outputs by the names that the file gives them.
+/// Outputs by their names in the file.
 fn output_names(model: &InferenceModel) -> Vec<(String, OutletId)> {
     let name =
         |outlet: &OutletId| model.outlet_label(*outlet).unwrap_or(&model.node(outlet.node).name).to_owned();
@@ -217,8 +217,8 @@ fn format(model: &InferenceModel, name: &str) -> Option<ImageFormat> {
     }
     let dims = dims(fact);
     let [batch, Some(channels @ (1 | 3)), height, width] = dims[..] else { return None };
-    let usable = |side: Option<usize>| side.is_none_or(|s| (1..=8192).contains(&s));
-    let valid = batch.is_none_or(|b| b == 1) && usable(height) && usable(width);
+    let usable = [height, width].iter().flatten().all(|side| (1..=8192).contains(side));
+    let valid = batch.is_none_or(|b| b == 1) && usable;
     valid.then_some(ImageFormat { channels, height, width })
 }
 
@@ -227,17 +227,18 @@ fn dims(fact: &InferenceFact) -> Vec<Option<usize>> {
     fact.shape.dims().map(|d| d.concretize().and_then(|d| usize::try_from(d.as_i64()?).ok())).collect()
 }
 
+fn input_description(model: &InferenceModel, outlet: &OutletId) -> String {
+    let name = &model.node(outlet.node).name;
+    let Ok(fact) = model.outlet_fact(*outlet) else { return name.clone() };
+    let dims: Vec<String> =
+        dims(fact).into_iter().map(|d| d.map_or("?".to_owned(), |d| d.to_string())).collect();
+    let kind = fact.datum_type.concretize().map_or("?".to_owned(), |t| format!("{t:?}").to_lowercase());
+    format!("{name} {kind} [{}]", dims.join(", "))
+}
+
 /// Inputs and outputs in words.
 fn description(model: &InferenceModel, outputs: &[(String, OutletId)]) -> String {
-    let input = |outlet: &OutletId| {
-        let name = &model.node(outlet.node).name;
-        let Ok(fact) = model.outlet_fact(*outlet) else { return name.clone() };
-        let dims: Vec<String> =
-            dims(fact).into_iter().map(|d| d.map_or("?".to_owned(), |d| d.to_string())).collect();
-        let kind = fact.datum_type.concretize().map_or("?".to_owned(), |t| format!("{t:?}").to_lowercase());
-        format!("{name} {kind} [{}]", dims.join(", "))
-    };
-    let inputs: Vec<String> = model.inputs.iter().map(input).collect();
+    let inputs: Vec<String> = model.inputs.iter().map(|outlet| input_description(model, outlet)).collect();
     let outputs: Vec<&str> = outputs.iter().map(|(name, _)| name.as_str()).collect();
     format!("inputs {} and outputs {}", inputs.join(", "), outputs.join(", "))
 }

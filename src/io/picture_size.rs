@@ -1,6 +1,6 @@
 //! Size of a picture by the front of its file, before anything is decoded.
 
-/// Width and height that a PNG or JPEG file states; `None` where it states none.
+/// Width and height stated in a PNG or JPEG file; `None` without them.
 #[must_use]
 pub fn stated_size(file: &[u8]) -> Option<(usize, usize)> {
     match file {
@@ -33,14 +33,14 @@ fn jpeg_size(file: &[u8]) -> Option<(usize, usize)> {
             }
             // The end, or pixels before any frame.
             0xd9 | 0xda => return None,
-            // A length counts its own two bytes; a smaller one is damage, which must not stop the advance.
+            // A length counts its own two bytes; a smaller one is damage and must not stop the advance.
             _ => at += 2 + big(file.get(at + 2..at + 4)?).max(2),
         }
     }
 }
 
-/// A PNG file with the chunks that its pixels need, and no others: what stands beside them (profiles, texts)
-/// is compressed, and a decoder unpacks it.
+/// A PNG file with only the chunks needed for its pixels: the others (profiles, texts)
+/// are compressed, and a decoder unpacks them.
 #[must_use]
 pub fn bare_png(file: &[u8]) -> Vec<u8> {
     let mut bare = file[..file.len().min(8)].to_vec();

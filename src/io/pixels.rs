@@ -1,4 +1,4 @@
-//! Second reading of a bag: the pixels of the views that were chosen, and no others.
+//! Second reading of a bag: the pixels of the chosen views, and no others.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,7 +15,7 @@ use capture::{CaptureConfig, CaptureError, RgbdFrame, UndistortMap};
 use common::stop::Stop;
 use geometry::Intrinsics;
 
-/// One message that is needed: its topic's place in [`Wanted::topics`] and its number in the topic.
+/// One needed message: its topic's place in [`Wanted::topics`] and its number in the topic.
 type Key = (usize, usize);
 
 /// A message of more bytes than its image can have.
@@ -27,7 +27,7 @@ struct LongMessage {
     pixels: usize,
 }
 
-/// Payloads of the messages that the chosen views need.
+/// Payloads of the messages of the chosen views.
 struct Payloads {
     /// Color, depth, mask.
     topics: [Option<String>; 3],
@@ -46,7 +46,7 @@ fn most_pixels(camera: &Intrinsics) -> usize {
     MOST_LARGER * camera.width * camera.height
 }
 
-/// Lens maps that are kept for all frames; those of more cameras are made for each frame.
+/// Number of lens maps kept for all frames; those of more cameras are made for each frame.
 const SHARED_MAPS: usize = 4;
 
 /// Maps of a camera, of color and of depth; masks go with color.
@@ -59,11 +59,11 @@ fn maps(camera: &Camera) -> Maps {
     ]
 }
 
-/// What became of the chosen views.
+/// Frames and losses of the chosen views.
 pub struct Decoded {
     /// State and frame, in the order of the choice.
     pub frames: Vec<(usize, RgbdFrame)>,
-    /// Sentences about views whose pixels are broken.
+    /// Sentences about views with broken pixels.
     pub lost: Vec<String>,
 }
 
@@ -85,21 +85,23 @@ pub fn decode_views(
     let used: BTreeSet<usize> = chosen.iter().map(|(_, v)| views.views[*v].camera).collect();
     let shared: BTreeMap<usize, Maps> =
         used.into_iter().take(SHARED_MAPS).map(|c| (c, maps(&views.cameras[c]))).collect();
-    let frame = |view: &View| {
-        stop.check().map_err(CaptureError::from)?;
-        let own;
-        let maps = match shared.get(&view.camera) {
-            Some(maps) => maps,
-            None => {
-                own = maps(&views.cameras[view.camera]);
-                &own
-            }
-        };
-        Decoder { views, payloads: &payloads, maps, config }.frame(view)
-    };
-    let decoded: Vec<Result<RgbdFrame, FrameError>> =
-        // In parallel, but gathered in the order of the choice.
-        chosen.par_iter().map(|(_, v)| frame(&views.views[*v])).collect();
+    // In parallel, but gathered in the order of the choice.
+    let decoded: Vec<Result<RgbdFrame, FrameError>> = chosen
+        .par_iter()
+        .map(|(_, v)| {
+            stop.check().map_err(CaptureError::from)?;
+            let view = &views.views[*v];
+            let own;
+            let maps = match shared.get(&view.camera) {
+                Some(maps) => maps,
+                None => {
+                    own = maps(&views.cameras[view.camera]);
+                    &own
+                }
+            };
+            Decoder { views, payloads: &payloads, maps, config }.frame(view)
+        })
+        .collect();
     let mut frames = Vec::new();
     let mut lost = Vec::new();
     for ((state, _), frame) in chosen.iter().zip(decoded) {
@@ -130,7 +132,7 @@ impl Payloads {
     fn read(bag: &Bag, views: &Views, chosen: &[(usize, usize)], stop: &Stop) -> Result<Self, CaptureError> {
         let t = &views.topics;
         let topics = [Some(t.color.clone()), Some(t.depth.clone()), t.mask.clone()];
-        // The messages that are needed, by topic and ordinal: all others pass by without a copy.
+        // The needed messages, by topic and ordinal: all others pass by without a copy.
         let keys = chosen
             .iter()
             .map(|(_, v)| &views.views[*v])
@@ -180,7 +182,7 @@ impl Decoder<'_> {
             None => None,
         };
         // Lens (2.3). Depth and masks take the nearest pixel: a mean
-        // across an edge is a surface that nobody saw.
+        // across an edge is an unseen surface.
         if let Some(map) = &self.maps[0] {
             rgb = map.undistorted_color(&rgb);
             mask = mask.map(|m| map.undistorted_nearest(&m, false));
@@ -197,7 +199,7 @@ impl Decoder<'_> {
             id: String::new(),
             stamp_nanos: view.stamp_nanos,
             intrinsics,
-            // A camera that is to be tracked stands in its own frame.
+            // A camera to be tracked stands in its own frame.
             world_from_camera: view.world_from_camera.unwrap_or_default(),
             rgb,
             depth_m,
@@ -226,7 +228,7 @@ impl Decoder<'_> {
         let decoded = match is_compressed {
             true => {
                 let image = decode(data).map_err(|e| broken(e.to_string()))?;
-                // By the size that the file states: a small one can state an image that fills the memory.
+                // By the size stated in the file: a small one can state an image that fills the memory.
                 if let Some((w, h)) =
                     codec::compressed_size(&image).filter(|(w, h)| w.saturating_mul(*h) > most_pixels(camera))
                 {

@@ -1,6 +1,6 @@
-//! Where a command puts its result, and the rule of what it may replace there.
+//! The place of a command's result, and the rule for replacing its contents.
 //!
-//! A command replaces only a folder that it wrote itself, of the same kind, unchanged since. An empty folder
+//! A command replaces only a folder of its own, of the same kind, unchanged since. An empty folder
 //! may be used. Anything else is refused, or with `force` kept under another name. A result never takes the
 //! place of an input.
 
@@ -16,21 +16,21 @@ use super::{
 };
 use model::is_plain_name;
 
-/// Names and changes that a refusal lists, at most.
+/// Largest number of names and changes listed by a refusal.
 const LISTED: usize = 4;
-/// Most entries of an input folder that are searched for links.
+/// Largest number of entries of an input folder searched for links.
 const MAX_ENTRIES: usize = 100_000;
 
-/// Where a command puts its result, and what it must leave alone.
+/// Place of a command's result and its protected inputs.
 #[derive(Clone, Debug, Default)]
 pub struct Place {
-    /// Folder that gets the result's folder; without `name` the result's folder itself.
+    /// Parent of the result's folder; without `name` the result's folder itself.
     pub out: PathBuf,
     /// Name of the result's folder: a letter, then letters, digits and `_`.
     pub name: Option<String>,
-    /// Whether what may not be replaced is moved to `NAME.bak` instead of being refused.
+    /// Whether protected contents are moved to `NAME.bak` instead of being refused.
     pub force: bool,
-    /// Files and folders that the command reads.
+    /// Files and folders read by the command.
     pub inputs: Vec<PathBuf>,
 }
 
@@ -48,21 +48,21 @@ impl Place {
     /// Where the result will be.
     ///
     /// # Errors
-    /// A name that is none; an `out` without a last part, such as `.`.
+    /// An invalid name; an `out` without a last part, such as `.`.
     pub fn target(&self) -> Result<PathBuf, RunDirError> {
         match &self.name {
             Some(name) if is_plain_name(name) => Ok(self.out.join(name)),
             Some(name) => Err(RunDirError::Name(name.clone())),
-            // Without a slash at its end, which would follow a link.
+            // Without a slash at its end: it would follow a link.
             None if self.out.file_name().is_some() => Ok(self.out.components().collect()),
             None => Err(RunDirError::NoName(self.out.clone())),
         }
     }
 
-    /// Refuses before the work what could not be put in its place after it. Leaves nothing behind.
+    /// Refuses a bad place before the work instead of after it. Leaves nothing behind.
     ///
     /// # Errors
-    /// Those of [`super::RunDir::open`]; [`RunDirError::Unwritable`] where `out`, or the folder that it would
+    /// Those of [`super::RunDir::open`]; [`RunDirError::Unwritable`] where `out`, or the folder it would
     /// be made in, cannot be written; [`RunDirError::Full`] where its disk has less than `least_bytes`.
     pub fn check(&self, kind: ResultKind, least_bytes: u64) -> Result<(), RunDirError> {
         let target = self.target()?;
@@ -86,7 +86,7 @@ impl Place {
         }
     }
 
-    /// Refuses a folder beside the result that is a link, or would take the place of an input.
+    /// Refuses a folder beside the result if it is a link or would take the place of an input.
     ///
     /// # Errors
     /// [`RunDirError::HoldsInput`], [`RunDirError::Taken`].
@@ -98,7 +98,7 @@ impl Place {
         }
     }
 
-    /// Refuses a target that is or holds an input, and without `force` one that may not be replaced.
+    /// Refuses a target that is or holds an input, and without `force` a protected one.
     pub(super) fn refuse(&self, target: &Path, kind: ResultKind) -> Result<(), RunDirError> {
         self.spare_inputs(target)?;
         match Standing::at(target, kind) {
@@ -111,15 +111,15 @@ impl Place {
     pub(super) fn spare_inputs(&self, folder: &Path) -> Result<(), RunDirError> {
         let Some(place) = own_place(folder) else { return Ok(()) };
         // By whole components: `/a/bc` does not lie in `/a/b`.
-        let held = |input: &&PathBuf| places(input).iter().any(|p| p.starts_with(&place));
-        match self.inputs.iter().find(held) {
+        let held = self.inputs.iter().find(|input| places(input).iter().any(|p| p.starts_with(&place)));
+        match held {
             Some(input) => Err(RunDirError::HoldsInput { folder: folder.to_owned(), input: input.clone() }),
             None => Ok(()),
         }
     }
 }
 
-/// What stands where a result goes.
+/// Contents of a result's place.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Standing {
     Nothing,
@@ -140,7 +140,7 @@ impl Standing {
                 Some(manifest) if manifest.command != kind => {
                     Self::Other(format!("it is a result of {}, not of {kind}", manifest.command))
                 }
-                // Every file is compared: what somebody edited cannot be made again.
+                // Every file is compared: edits of a user cannot be made again.
                 Some(manifest) => match manifest.differences(target) {
                     Ok(changes) if changes.is_empty() => Self::Replaceable,
                     Ok(changes) => Self::Other(format!("since {kind} wrote it, {}", first(&changes))),
@@ -153,7 +153,7 @@ impl Standing {
 
     /// A folder without manifest.
     fn unknown(target: &Path) -> Self {
-        // Folders that were written before there were manifests come here, too, and are refused.
+        // Folders older than manifests come here, too, and are refused.
         let entries = match fs::read_dir(target) {
             Ok(entries) => entries,
             Err(error) => return Self::Other(format!("it cannot be read: {error}")),
@@ -171,7 +171,7 @@ impl Standing {
     }
 }
 
-/// The refusal to replace what stands there.
+/// The refusal to replace the present contents.
 pub(super) fn taken(target: &Path, why: String) -> RunDirError {
     RunDirError::Taken { path: target.to_owned(), why }
 }
@@ -195,8 +195,7 @@ fn own_place(path: &Path) -> Option<PathBuf> {
     }
 }
 
-/// All places that an input needs: its own, those of the links that lead to it, and what links inside it lead
-/// to.
+/// All places an input needs: its own, those of the links to it, and the targets of links in it.
 fn places(input: &Path) -> Vec<PathBuf> {
     let mut places: Vec<PathBuf> =
         input.ancestors().filter(|a| !a.as_os_str().is_empty()).filter_map(own_place).collect();

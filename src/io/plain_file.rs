@@ -1,4 +1,4 @@
-//! Files under names that anybody can foresee: what was planted there is never followed, emptied or waited
+//! Files under foreseeable names: planted links and pipes are never followed, emptied or waited
 //! for.
 
 use std::{
@@ -24,7 +24,7 @@ pub fn open_plain(path: &Path, options: &mut OpenOptions) -> io::Result<File> {
     Err(io::Error::other("it is no plain file"))
 }
 
-/// Creates a plain file in place of what has that name; of a link the link goes, not what it leads to.
+/// Creates a plain file in place of another; of a link the link is removed, not its target.
 ///
 /// # Errors
 /// If a folder has that name, or the system refuses.
@@ -33,11 +33,11 @@ pub fn create_plain(path: &Path) -> io::Result<File> {
         Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
         _ => {}
     }
-    // Not `create`: it would empty what was put there in the meantime, or follow a link.
+    // Not `create`: it would empty a file put there in the meantime, or follow a link.
     File::create_new(path)
 }
 
-/// Writes a file that is not there yet, whole or not at all.
+/// Writes a new file, whole or not at all.
 ///
 /// # Errors
 /// If something has that name, or the system refuses.

@@ -21,19 +21,19 @@ pub enum PlyError {
     /// The values of an ASCII file hold other bytes than text.
     #[error("the contents are not text: {0}")]
     NotText(std::str::Utf8Error),
-    /// A format that is not read.
+    /// An unsupported format.
     #[error("PLY of format '{0}' is not read; ascii and binary_little_endian are")]
     Format(String),
-    /// A property of a type that is not known.
+    /// A property of an unknown type.
     #[error("properties of type '{0}' are not known")]
     Type(String),
-    /// A property that belongs to nothing.
+    /// A property without an element.
     #[error("a property stands before any element")]
     Lost,
-    /// A line that should name a property.
+    /// A line without the name of a property.
     #[error("'{0}' is no property")]
     Property(String),
-    /// A number of elements that is none.
+    /// An invalid number of elements.
     #[error("element {name}: {source}")]
     Count {
         /// Name of the element.
@@ -63,25 +63,25 @@ pub enum PlyError {
         /// How many there should be.
         count: usize,
     },
-    /// An element that cannot be read.
+    /// An unreadable element.
     #[error("{name} {index}: {fault}")]
     Element {
         /// Its name.
         name: String,
         /// Its number, from 0.
         index: usize,
-        /// What is wrong.
+        /// The fault.
         fault: PlyFault,
     },
 }
 
-/// What is wrong with an element of a PLY file.
+/// A fault in an element of a PLY file.
 #[derive(Debug, thiserror::Error)]
 pub enum PlyFault {
     /// The file ends within it.
     #[error("the file ends early")]
     Cut,
-    /// A word that is no number.
+    /// A word without a number.
     #[error("'{word}': {source}")]
     Number {
         /// The word.
@@ -89,7 +89,7 @@ pub enum PlyFault {
         /// Why it is none.
         source: std::num::ParseFloatError,
     },
-    /// A number that is no index.
+    /// A number without an index.
     #[error("{0} is no index")]
     Index(f64),
     /// A list of more values than are taken.
@@ -160,16 +160,15 @@ enum Values<'a> {
 impl Element {
     /// Fewest bytes of a row: in text a digit and a space a value.
     fn least_bytes(&self, values: &Values) -> usize {
-        let bytes = |p: &Property| match values {
-            Values::Ascii(..) => 2,
-            Values::Binary(_) => p.length.unwrap_or(p.value).bytes(),
-        };
-        self.properties.iter().map(bytes).sum()
+        match values {
+            Values::Ascii(..) => 2 * self.properties.len(),
+            Values::Binary(_) => self.properties.iter().map(|p| p.length.unwrap_or(p.value).bytes()).sum(),
+        }
     }
 }
 
 impl Values<'_> {
-    /// Most bytes that may be left; one more in text, where the last value needs no space behind it.
+    /// Upper bound of the remaining bytes; one more in text, where the last value needs no space behind it.
     fn left(&self) -> usize {
         match self {
             Self::Ascii(_, length) => length + 1,
@@ -204,7 +203,7 @@ impl Values<'_> {
     }
 
     fn next_index(&mut self, kind: Scalar) -> Result<u32, PlyFault> {
-        // By way of f64, which holds every u32.
+        // By way of f64: it holds every u32.
         let x = self.next(kind)?;
         if x >= 0.0 && x <= f64::from(u32::MAX) && x.fract() == 0.0 {
             Ok(x as u32)
@@ -269,7 +268,7 @@ fn parse_header(header: &str) -> Result<(&str, Vec<Element>), PlyError> {
                 };
                 elements.push(Element { name, count, properties: Vec::new() });
             }
-            // A property belongs to the element that was named last.
+            // A property belongs to the last named element.
             ["property", kind @ .., name] => {
                 let element = elements.last_mut().ok_or(PlyError::Lost)?;
                 let (length, value) = match kind {

@@ -16,6 +16,12 @@ pub struct PoseSource {
     from_topic: bool,
 }
 
+/// The only topic with usable poses; `None` where there are several or none.
+fn only_pose_topic(index: &BagIndex) -> Option<String> {
+    let mut usable = index.poses.iter().filter(|(_, p)| !p.samples.is_empty() || p.invalid > 0);
+    usable.next().filter(|_| usable.next().is_none()).map(|(name, _)| name.clone())
+}
+
 impl PoseSource {
     /// Where the poses come from, or `None` where the camera is to be tracked.
     ///
@@ -38,7 +44,7 @@ impl PoseSource {
         }
     }
 
-    /// Finds where the poses of the color images come from: the topic that was asked for, else /tf if the
+    /// Finds where the poses of the color images come from: the requested topic, else /tf if the
     /// camera moves there, else the only pose topic.
     ///
     /// # Errors
@@ -49,15 +55,11 @@ impl PoseSource {
         config: &CaptureConfig,
     ) -> Result<Self, CaptureError> {
         let optical = index.images.get(&topics.color).map(|i| i.frame.clone()).unwrap_or_default();
-        // Only a chain in which something moves can say where a moving camera is.
+        // Only a chain with a moving frame can locate a moving camera.
         let moves = index.tf.chain_of_frame(&optical).moves;
-        let only = || {
-            let mut usable = index.poses.iter().filter(|(_, p)| !p.samples.is_empty() || p.invalid > 0);
-            usable.next().filter(|_| usable.next().is_none()).map(|(name, _)| name.clone())
-        };
         // A pose topic may be that of anything, such as a robot's base:
         // unasked it counts only where /tf is at rest.
-        let topic = topics.pose.clone().or_else(|| if moves { None } else { only() });
+        let topic = topics.pose.clone().or_else(|| if moves { None } else { only_pose_topic(index) });
         let mut source = Self {
             tf: index.tf.clone(),
             world: String::new(),
@@ -71,7 +73,7 @@ impl PoseSource {
                 .pose_frame
                 .clone()
                 // PoseStamped names no child, and Odometry may leave it
-                // empty: then it is the camera that is posed.
+                // empty: then the camera is posed.
                 .or(poses.child)
                 .filter(|c| !c.is_empty())
                 .unwrap_or_else(|| source.optical.clone());
@@ -80,7 +82,7 @@ impl PoseSource {
             source.from_topic = true;
         }
         let chain = source.tf.chain_of_frame(&source.optical);
-        // The root of the chain: the frame that nothing else is known to carry.
+        // The root of the chain: the frame without a known parent.
         source.world = config.world_frame.clone().unwrap_or_else(|| chain.root.clone());
         // First, as a missing parent or a camera at rest are only the symptoms of this.
         if source.invalid(index) > 0

@@ -15,11 +15,11 @@ use common::limits::BYTES_PER_PIXEL;
 use common::stop::Stop;
 use geometry::Pose;
 
-/// Memory of the views that are decoded at a time, bytes.
+/// Memory of the views decoded at a time, bytes.
 /// derived: 64 views of 640x480; the bag is read once for each such block
 const BLOCK_BYTES: u64 = 64 * 640 * 480 * BYTES_PER_PIXEL;
 
-/// The name that the object gets from the recordings' paths: `[A-Za-z][A-Za-z0-9_]*`.
+/// The object's name by the recordings' paths: `[A-Za-z][A-Za-z0-9_]*`.
 ///
 /// # Errors
 /// Where the paths hold no recording.
@@ -27,7 +27,7 @@ pub fn object_name(sources: &[PathBuf]) -> Result<String, CaptureError> {
     Ok(Source::of(sources)?.object_name())
 }
 
-/// Number of states that the recordings at the paths hold.
+/// Number of states in the recordings at the paths.
 ///
 /// # Errors
 /// Where the paths hold no recording.
@@ -35,7 +35,7 @@ pub fn state_count(sources: &[PathBuf]) -> Result<usize, CaptureError> {
     Ok(Source::of(sources)?.states())
 }
 
-/// A bag whose views are known and not yet decoded.
+/// A bag with known views, not yet decoded.
 pub struct Recording {
     /// Its files.
     pub bag: Bag,
@@ -59,7 +59,7 @@ impl Recording {
         Ok(Self { bag, views })
     }
 
-    /// Reads a bag that shows all states one after the other, with the views of each.
+    /// Reads a bag of all states one after the other, with the views of each.
     ///
     /// # Errors
     /// Those of [`Self::open`]; [`CaptureError::Split`] and [`CaptureError::OneState`] where it cannot be
@@ -105,7 +105,7 @@ impl Recording {
         Ok((Self { bag, views }, of_states))
     }
 
-    /// The same without the poses that were recorded: its camera is to be tracked.
+    /// The same without the recorded poses: its camera is to be tracked.
     ///
     /// # Errors
     /// Those of [`Self::open`].
@@ -150,7 +150,7 @@ impl Recording {
     }
 
     /// Frames of some views without their masks, with the views' numbers, so many at a time that memory is
-    /// bounded. What is broken is left out. Masks are of the object; what stands around it shows the camera's
+    /// bounded. Broken frames are left out. Masks are of the object; its surroundings show the camera's
     /// motion, too.
     ///
     /// # Errors
@@ -175,7 +175,7 @@ pub(super) fn unmasked(views: &Views) -> Views {
     Views { views: unmasked, ..views.clone() }
 }
 
-/// Views that are decoded at a time.
+/// Number of views decoded at a time.
 pub(super) fn views_at_a_time(views: &Views) -> usize {
     let (_, width, height) = views.sizes(1);
     let of_view = (width * height) as u64 * BYTES_PER_PIXEL;

@@ -1,4 +1,4 @@
-//! What a run saw and found, as a recording of rerun (<https://rerun.io>): camera, images, surfaces, parts,
+//! Input and result of a run as a recording of rerun (<https://rerun.io>): camera, images, surfaces, parts,
 //! joints.
 
 use std::path::Path;
@@ -29,9 +29,9 @@ use geometry::Pose;
 use model::ArticulatedModel;
 use surface::TriangleMesh;
 
-/// Timeline of the views, in the order in which they were recorded.
+/// Timeline of the views, in the order of recording.
 const VIEW: &str = "view";
-/// Timeline on which all joints go from their lower to their upper limits and back.
+/// Timeline of all joints going from their lower to their upper limits and back.
 const MOTION: &str = "motion";
 /// Steps of that motion there and back.
 const STEPS: usize = 60;
@@ -46,10 +46,10 @@ const ARROW_RADIUS: f64 = 0.01;
 /// Why no recording was written.
 #[derive(Debug, thiserror::Error)]
 pub enum RerunError {
-    /// The library refuses what it was given.
+    /// The library refuses its input.
     #[error("cannot make the rerun recording: {0}")]
     Log(#[from] RecordingStreamError),
-    /// What was logged cannot be written down.
+    /// The log cannot be written.
     #[error("cannot make the rerun recording: {0}")]
     Encode(Box<dyn std::error::Error + Send + Sync>),
     /// The file is there, or cannot be written.
@@ -57,12 +57,12 @@ pub enum RerunError {
     Write {
         /// Where it was to go.
         path: std::path::PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
 }
 
-/// What is shown.
+/// Contents of the recording.
 pub struct Seen<'a> {
     /// Posed images; the world is that of state 0.
     pub capture: &'a Capture,
@@ -70,11 +70,11 @@ pub struct Seen<'a> {
     pub surfaces: &'a [TriangleMesh],
     /// The twin.
     pub model: &'a ArticulatedModel,
-    /// What was lost or is uncertain.
+    /// Losses and uncertainties.
     pub warnings: &'a [Note],
 }
 
-/// Writes a recording that `rerun FILE` shows. Its bytes are not the same twice: the library numbers what is
+/// Writes a recording for `rerun FILE`. Its bytes are not the same twice: the library numbers what is
 /// logged by the clock.
 ///
 /// # Errors
@@ -93,23 +93,25 @@ pub fn write_rerun(path: &Path, seen: &Seen) -> Result<(), RerunError> {
     write_new(path, &bytes).map_err(|source| RerunError::Write { path: path.to_owned(), source })
 }
 
-/// The twin, and what it was made of.
+fn space_view(name: &str, contents: &[&str]) -> ContainerLike {
+    Spatial3DView::new(name).with_origin("world").with_contents(contents.iter().copied()).into()
+}
+
+fn image_view(name: &str, entity: &str) -> ContainerLike {
+    Spatial2DView::new(name).with_origin("world/camera").with_contents([entity]).into()
+}
+
+/// The twin and its recording.
 fn blueprint() -> Blueprint {
-    let space = |name: &str, contents: &[&str]| -> ContainerLike {
-        Spatial3DView::new(name).with_origin("world").with_contents(contents.iter().copied()).into()
-    };
-    let image = |name: &str, entity: &str| -> ContainerLike {
-        Spatial2DView::new(name).with_origin("world/camera").with_contents([entity]).into()
-    };
     Blueprint::new(Horizontal::new([
         Vertical::new([
-            space("twin", &["world/twin/**"]),
-            space("recording", &["world/fused/**", "world/camera/**", "world/path/**"]),
+            space_view("twin", &["world/twin/**"]),
+            space_view("recording", &["world/fused/**", "world/camera/**", "world/path/**"]),
         ])
         .into(),
         Vertical::new([
-            image("color", "world/camera/color"),
-            image("depth", "world/camera/depth"),
+            image_view("color", "world/camera/color"),
+            image_view("depth", "world/camera/depth"),
             TimeSeriesView::new("joints").with_origin("joints").into(),
             TextDocumentView::new("notes").with_origin("notes").into(),
         ])
@@ -147,11 +149,11 @@ fn view(stream: &RecordingStream, frame: &RgbdFrame) -> Result<(), RerunError> {
     // Column by column. Here integers stand at pixel centers, there at their corners.
     let image_from_camera = [[fx, 0.0, 0.0], [0.0, fy, 0.0], [cx + 0.5, cy + 0.5, 1.0]];
     stream.log("world/camera", &Pinhole::new(image_from_camera).with_resolution([width, height]))?;
-    let encoded = |file: image::ImageResult<Vec<u8>>| file.map_err(|e| RerunError::Encode(e.into()));
-    let color = encoded(jpeg(k, &frame.rgb, JPEG_QUALITY))?;
+    let color = jpeg(k, &frame.rgb, JPEG_QUALITY).map_err(|e| RerunError::Encode(e.into()))?;
     stream.log("world/camera/color", &EncodedImage::from_file_contents(color))?;
     let units: Vec<u16> = frame.depth_m.iter().map(|d| (d * DEPTH_UNITS).round() as u16).collect();
-    let depth = EncodedDepthImage::from_file_contents(encoded(depth_png(k, &units))?);
+    let depth = depth_png(k, &units).map_err(|e| RerunError::Encode(e.into()))?;
+    let depth = EncodedDepthImage::from_file_contents(depth);
     Ok(stream.log("world/camera/depth", &depth.with_meter(DEPTH_UNITS))?)
 }
 
@@ -206,14 +208,15 @@ fn transform(pose: &Pose) -> Transform3D {
     Transform3D::from_translation_rotation(t, Quaternion::from_xyzw(q))
 }
 
+fn joint_line(j: &model::Joint) -> String {
+    let (unit, scale) = if j.kind.turns() { ("deg", 1f64.to_degrees()) } else { ("mm", 1e3) };
+    let [lower, upper] = [j.limit.lower, j.limit.upper].map(|x| x * scale);
+    format!("- `{}`: {}, {lower:.1} to {upper:.1} {unit}\n", j.name, j.kind.name())
+}
+
 /// Joints, units of their curves, warnings.
 fn text(seen: &Seen) -> String {
-    let joint = |j: &model::Joint| {
-        let (unit, scale) = if j.kind.turns() { ("deg", 1f64.to_degrees()) } else { ("mm", 1e3) };
-        let [lower, upper] = [j.limit.lower, j.limit.upper].map(|x| x * scale);
-        format!("- `{}`: {}, {lower:.1} to {upper:.1} {unit}\n", j.name, j.kind.name())
-    };
-    let joints: String = seen.model.joints.iter().map(joint).collect();
+    let joints: String = seen.model.joints.iter().map(joint_line).collect();
     let warnings: String = seen.warnings.iter().map(|w| format!("- {}\n", w.text)).collect();
     let warned = if warnings.is_empty() { String::new() } else { format!("\n## Warnings\n\n{warnings}") };
     format!(

@@ -1,4 +1,4 @@
-//! The ROS 2 messages that recordings hold, as serde structs in CDR field order, and their decoding.
+//! The ROS 2 messages of recordings, as serde structs in CDR field order, and their decoding.
 //!
 //! A payload is a 4-byte encapsulation header followed by plain CDR (XCDR1), in either byte order. Whatever
 //! comes out of the decoder is still untrusted: see [`crate::image_codec`] and [`capture`] for the
@@ -18,7 +18,7 @@ pub mod text;
 use byteorder::{BigEndian, LittleEndian};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
-/// Longest name (frame, encoding) that is taken from a message, bytes.
+/// Longest accepted name (frame, encoding) in a message, bytes.
 pub const MAX_NAME: usize = 256;
 
 /// Why a payload could not be decoded.
@@ -81,7 +81,7 @@ pub struct Time {
 }
 
 impl Time {
-    /// Nanoseconds since the epoch; `None` for a stamp that is none.
+    /// Nanoseconds since the epoch; `None` for an invalid stamp.
     #[must_use]
     pub fn nanos(&self) -> Option<i64> {
         (self.sec >= 0 && self.nanosec < 1_000_000_000)
@@ -109,7 +109,7 @@ impl Header {
     #[must_use]
     pub fn checked(&self) -> Option<(i64, String)> {
         let frame = self.frame_id.trim_start_matches('/');
-        // The name comes from a file or the network and is copied into what is said about it.
+        // The name comes from a file or the network and is copied into messages about it.
         (frame.len() <= MAX_NAME).then_some(())?;
         Some((self.stamp.nanos()?, frame.to_owned()))
     }
@@ -208,7 +208,7 @@ pub struct CameraInfo {
     pub binning_x: u32,
     /// Rows combined into one; 0 and 1 = none.
     pub binning_y: u32,
-    /// The part of the image that was kept.
+    /// The kept part of the image.
     pub roi: RegionOfInterest,
 }
 
@@ -270,7 +270,7 @@ impl Transform {
             return None;
         }
         let q = nalgebra::Quaternion::new(q.w, q.x, q.y, q.z);
-        // Publishers round; all zeros, the value of a message that nobody filled, are refused.
+        // Publishers round; all zeros, the value of an unfilled message, are refused.
         let unit = (q.norm() - 1.0).abs();
         if unit.is_nan() || unit > 0.01 {
             return None;
@@ -336,7 +336,7 @@ pub struct WrenchStamped {
 pub struct Odometry {
     /// Stamp and the frame the pose is given in.
     pub header: Header,
-    /// The frame whose pose it is.
+    /// The posed frame.
     pub child_frame_id: String,
     /// The pose.
     pub pose: Transform,

@@ -1,4 +1,4 @@
-//! A result folder that appears under its name only when it is whole.
+//! A result folder, visible under its name only once it is complete.
 
 use std::{
     fs, io,
@@ -26,7 +26,7 @@ pub struct RunDir {
     kind: ResultKind,
     partial: PathBuf,
     target: PathBuf,
-    /// Folders that were made for it, the deepest first.
+    /// Folders made for it, the deepest first.
     made: Vec<PathBuf>,
     committed: bool,
 }
@@ -36,12 +36,12 @@ pub struct RunDir {
 pub struct Committed {
     /// The result's folder.
     pub folder: PathBuf,
-    /// Where what stood there before was moved, if it was forced away.
+    /// New place of the previous contents, if `force` moved them.
     pub moved_to: Option<PathBuf>,
 }
 
 impl Committed {
-    /// What is to be said of what stood there before.
+    /// Note about the previous contents.
     #[must_use]
     pub fn note(&self) -> Option<Note> {
         let to = self.moved_to.as_ref()?;
@@ -55,13 +55,13 @@ impl RunDir {
     /// under the final name yet.
     ///
     /// # Errors
-    /// A name that is none; an input where the result should go; anything there that may not be replaced
-    /// ([`Place`]); a disk that refuses.
+    /// An invalid name; an input at the result's place; protected contents there
+    /// ([`Place`]); an error of the disk.
     pub fn open(place: &Place, kind: ResultKind) -> Result<Self, RunDirError> {
         let target = place.target()?;
         place.refuse(&target, kind)?;
         let out = parent(&target);
-        // Those that are not there yet: a run that fails takes them away again.
+        // Missing ones: a failed run removes them again.
         let made: Vec<PathBuf> = out
             .ancestors()
             .take_while(|p| !p.as_os_str().is_empty() && !p.exists())
@@ -87,7 +87,7 @@ impl RunDir {
     /// Writes a file at a relative path with `/`, making folders on the way.
     ///
     /// # Errors
-    /// A path that is absolute, empty, too long or has `.` or `..` in it; a disk that refuses.
+    /// A path that is absolute, empty, too long or contains `.` or `..`; an error of the disk.
     pub fn put(&self, path: &str, bytes: &[u8]) -> Result<(), RunDirError> {
         let file = self.partial.join(safe_path(path)?);
         if let Some(folder) = file.parent() {
@@ -96,12 +96,12 @@ impl RunDir {
         fs::write(&file, bytes).map_err(disk("write", &file))
     }
 
-    /// Writes the manifest and puts the folder in its place. What stands there is looked at again: an
+    /// Writes the manifest and puts the folder in its place. Its contents are checked again: an
     /// unchanged result of the same command is moved away first, put back if the new one cannot take its
     /// place, and deleted at the end; anything else is refused, or with force moved to `NAME.bak`.
     ///
     /// # Errors
-    /// Something that may not be replaced; a disk that refuses. What stood there is then still there.
+    /// Protected contents; an error of the disk. The previous contents then remain.
     pub fn commit(mut self) -> Result<Committed, RunDirError> {
         Manifest::write(&self.partial, self.kind).map_err(disk("describe", &self.partial))?;
         // Again, as hours may have passed: an input may have been moved there since.
@@ -124,7 +124,7 @@ impl RunDir {
         Ok(Committed { folder: self.target.clone(), moved_to })
     }
 
-    /// Moves what stands in the result's place to another name beside it.
+    /// Moves the contents of the result's place to another name beside it.
     fn move_away(&self) -> Result<Option<Old>, RunDirError> {
         match Standing::at(&self.target, self.kind) {
             Standing::Nothing => return Ok(None),
@@ -150,13 +150,13 @@ impl Drop for RunDir {
     fn drop(&mut self) {
         if !self.committed {
             fs::remove_dir_all(&self.partial).ok();
-            // A folder that holds something else stays.
+            // A folder with other contents stays.
             self.made.iter().for_each(|folder| fs::remove_dir(folder).unwrap_or_default());
         }
     }
 }
 
-/// What stood in a result's place, under another name.
+/// Previous contents of a result's place, under another name.
 enum Old {
     /// An unchanged result of the same command.
     Ours(PathBuf),
@@ -186,7 +186,7 @@ fn keep(target: &Path) -> Result<PathBuf, RunDirError> {
     Ok(to)
 }
 
-/// The folder that holds a path.
+/// The parent of a path.
 fn parent(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }

@@ -18,16 +18,16 @@ pub enum RunDirError {
     /// A path leads out of the folder or cannot be a file name.
     #[error("'{0}' is no path inside the output folder")]
     Path(String),
-    /// Something stands there that the command did not write, or that was changed since.
+    /// The place holds files not written by the command, or changed since.
     #[error("{} is left as it is: {why}; give another --out or --name, or --force, which moves it to \
         {}", path.display(), backup(path, 0).display())]
     Taken {
         /// Where the result should go.
         path: PathBuf,
-        /// What stands there.
+        /// Its contents.
         why: String,
     },
-    /// The result would take the place of what the command reads.
+    /// The result would take the place of an input.
     #[error("the result cannot go to {}, which is or holds the input {}; give another --out or \
         --name", folder.display(), input.display())]
     HoldsInput {
@@ -39,30 +39,30 @@ pub enum RunDirError {
     /// Nothing can be written there.
     #[error("cannot write into {}; choose another --out or make it writable", folder.display())]
     Unwritable {
-        /// The folder, or the nearest one above it that is there.
+        /// The folder, or the nearest existing one above it.
         folder: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
     /// The disk is too full.
     #[error("the disk of {} has {free} bytes free, and {least_bytes} at least are needed; make room or \
         give another --out", folder.display())]
     Full {
-        /// The folder, or the nearest one above it that is there.
+        /// The folder, or the nearest existing one above it.
         folder: PathBuf,
-        /// What the command writes at least.
+        /// Least size of the result, bytes.
         least_bytes: u64,
-        /// What is free.
+        /// Free space, bytes.
         free: u64,
     },
     /// The disk refused.
     #[error("cannot {what} {path}: {source}")]
     Disk {
-        /// What was tried.
+        /// The failed operation.
         what: &'static str,
-        /// With which path.
+        /// Its path.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
 }

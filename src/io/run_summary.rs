@@ -1,4 +1,4 @@
-//! What a finished run folder says of its twin: URDF, joints, observed states, uncertainty.
+//! Summary of the twin in a finished run folder: URDF, joints, observed states, uncertainty.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -48,7 +48,7 @@ pub struct SummaryJoint {
     pub parent: String,
     /// Child link.
     pub child: String,
-    /// What it lets the child do.
+    /// Kind of the joint.
     pub kind: JointKind,
     /// Joint frame in the parent's frame at position 0.
     pub parent_from_joint: Pose,
@@ -140,7 +140,7 @@ fn single_joint_urdf(folder: &Path, name: &str) -> PathBuf {
     if single.is_file() { single } else { folder.join(file) }
 }
 
-/// The fingerprint of the run that made a result, empty where its report has none; `None` where there is no
+/// The fingerprint of a result's run, empty where its report has none; `None` where there is no
 /// result.
 #[must_use]
 pub fn read_result_fingerprint(folder: &Path) -> Option<String> {
@@ -201,7 +201,7 @@ fn joint(j: &JointText, report: &ReadReport) -> Option<SummaryJoint> {
         axis: Unit::try_new(j.axis.unwrap_or_else(Vector3::x), 1e-9)?,
         limits: j.limit.as_ref().map_or([0.0; 2], LimitText::range),
         states: states?,
-        // `null` in the report: not determined. NaN keeps that apart from a deviation of 0.
+        // `null` in the report: not determined. NaN distinguishes this from a deviation of 0.
         axis_std_rad: reported.axis_std_deg.unwrap_or(f64::NAN).to_radians(),
         origin_std_m: reported.origin_std_mm.unwrap_or(f64::NAN) * 1e-3,
         motion_std: reported.motion_std.as_ref().and_then(|q| q.value).unwrap_or(f64::NAN),
@@ -214,7 +214,7 @@ fn sorted(mut joints: Vec<SummaryJoint>, root: &str) -> Option<Vec<SummaryJoint>
     let mut reached = BTreeSet::from([root.to_owned()]);
     let mut list = Vec::with_capacity(joints.len());
     while !joints.is_empty() {
-        // None left that hangs on what was reached: a loop, or links apart from the root.
+        // No further joint below the reached links: a loop, or links apart from the root.
         let at = joints.iter().position(|j| reached.contains(&j.parent))?;
         let joint = joints.remove(at);
         reached.insert(joint.child.clone());

@@ -34,7 +34,7 @@ pub enum RvlError {
 /// [`RvlError`].
 pub fn decode(data: &[u8], count: usize) -> Result<Vec<u16>, RvlError> {
     let mut nibbles = Nibbles { data, next: 0 };
-    // By the bytes at hand: `count` is what the message claims.
+    // By the bytes at hand: `count` is a claim of the message.
     let mut pixels = Vec::with_capacity(count.min(data.len().saturating_mul(8)));
     let mut previous = 0i32;
     while pixels.len() < count {

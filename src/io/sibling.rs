@@ -1,4 +1,4 @@
-//! Folders beside a result, under names that nobody took.
+//! Folders beside a result, under free names.
 
 use std::{
     ffi::{OsStr, OsString},
@@ -8,21 +8,22 @@ use std::{
 
 use super::RunDirError;
 
-/// Names that are tried for a folder beside the result, at most.
+/// Largest number of names tried for a folder beside the result.
 const MAX_TRIES: usize = 1000;
 
-/// Makes a hidden folder `.<name>.<suffix>-<process>-<k>` that was not there before.
+/// Makes a new hidden folder `.<name>.<suffix>-<process>-<k>`.
 pub(super) fn free_sibling(out: &Path, name: &OsStr, suffix: &str) -> Result<PathBuf, RunDirError> {
-    let path = |k| {
-        let mut hidden = OsString::from(".");
-        hidden.push(name);
-        hidden.push(format!(".{suffix}-{}-{k}", std::process::id()));
-        out.join(hidden)
-    };
-    first_free(path, |path| fs::create_dir(path))
+    first_free(|k| out.join(hidden_name(name, suffix, k)), |path| fs::create_dir(path))
 }
 
-/// The first path that `make` makes; one that is there already is passed over.
+fn hidden_name(name: &OsStr, suffix: &str, k: usize) -> OsString {
+    let mut hidden = OsString::from(".");
+    hidden.push(name);
+    hidden.push(format!(".{suffix}-{}-{k}", std::process::id()));
+    hidden
+}
+
+/// The first path made by `make`; existing ones are passed over.
 pub(super) fn first_free(
     path: impl Fn(usize) -> PathBuf,
     make: impl Fn(&Path) -> io::Result<()>,

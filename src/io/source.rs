@@ -1,4 +1,4 @@
-//! What a path holds: bags, states, or a dataset.
+//! Kind of input at a path: bags, states, or a dataset.
 
 use std::{
     io::ErrorKind,
@@ -8,7 +8,7 @@ use std::{
 use super::{bag::Bag, dataset::STATES};
 use capture::{CaptureError, MAX_STATES};
 
-/// What is to be opened.
+/// Input to open.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Source {
     /// One recording per state, two at least.
@@ -22,7 +22,7 @@ pub enum Source {
 }
 
 impl Source {
-    /// What the paths hold.
+    /// The kind of input at the paths.
     ///
     /// # Errors
     /// [`CaptureError::Missing`], [`CaptureError::NotARecording`] and [`CaptureError::Read`].
@@ -50,23 +50,18 @@ impl Source {
 
     fn of_one(path: &Path) -> Result<Self, CaptureError> {
         exists(path)?;
-        // Datasets first, by files that no bag holds.
+        // Datasets first, by files absent from bags.
         if path.join("init_keyframes.yml").is_file() || path.join("cam_K.txt").is_file() {
             return Ok(Self::Keyframes(path.to_owned()));
         }
         if STATES.iter().all(|s| path.join(s).join("camera_train.json").is_file()) {
             return Ok(Self::StartEnd(path.to_owned()));
         }
-        let state = |s: usize| {
-            let folder = path.join(format!("state{s}"));
-            // A state is a rosbag2 folder or a bare file.
-            let files = [folder.clone(), folder.with_extension("mcap")];
-            files.into_iter().find(|p| Bag::is_at(p))
-        };
+        let state = |s: usize| state_bag(path, s);
         match (state(0), state(1)) {
             (Some(_), Some(_)) => {
                 let states: Vec<PathBuf> = (0..).map_while(&state).collect();
-                // One that is skipped was hardly meant to be left out.
+                // A gap in the numbers is hardly intended.
                 let count = states.len();
                 if let Some(further) = (count + 1..=count + MAX_STATES).find(|s| state(*s).is_some()) {
                     let reason = format!(
@@ -122,7 +117,7 @@ pub fn is_recording(path: &Path) -> bool {
     Bag::is_at(path)
 }
 
-/// The name of the object that recordings at these paths show, by the paths alone: `[A-Za-z][A-Za-z0-9_]*`.
+/// The name of the object of the recordings at these paths, by the paths alone: `[A-Za-z][A-Za-z0-9_]*`.
 #[must_use]
 pub fn name_of(paths: &[PathBuf]) -> String {
     match paths {
@@ -145,19 +140,27 @@ fn exists(path: &Path) -> Result<(), CaptureError> {
     }
 }
 
+/// Recording of a state in a folder: a rosbag2 folder or a bare file.
+fn state_bag(path: &Path, s: usize) -> Option<PathBuf> {
+    let folder = path.join(format!("state{s}"));
+    let files = [folder.clone(), folder.with_extension("mcap")];
+    files.into_iter().find(|p| Bag::is_at(p))
+}
+
 /// Last part of a path without extension, also where it is given as `.` or ``.
 fn own_name(path: &Path) -> String {
     let stem = |p: &Path| p.file_stem().map(|n| n.to_string_lossy().into_owned());
-    let absolute = || {
-        stem(&std::fs::canonicalize(if path.as_os_str().is_empty() { Path::new(".") } else { path }).ok()?)
-    };
-    stem(path).or_else(absolute).unwrap_or_default()
+    if let Some(name) = stem(path) {
+        return name;
+    }
+    let given = if path.as_os_str().is_empty() { Path::new(".") } else { path };
+    std::fs::canonicalize(given).ok().and_then(|absolute| stem(&absolute)).unwrap_or_default()
 }
 
 fn sanitize(name: &str) -> String {
     let clean: String =
         name.chars().take(64).map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
-    // USD and ROS take no name that begins with a digit.
+    // USD and ROS take no name with a digit in front.
     if clean.starts_with(|c: char| c.is_ascii_alphabetic()) { clean } else { format!("object_{clean}") }
 }
 

@@ -60,20 +60,21 @@ pub(super) fn synth_bag(folder: &Path, state: usize, recording: &SynthState) -> 
     let mut readings = recording.imu.iter().peekable();
     for (i, frame) in recording.frames.iter().enumerate() {
         let stamp = start + i as i64 * recording.period_nanos;
-        let report = |bag: &mut BagWriter, at: i64, pose: &Pose| {
-            put(bag, "/tf", at, &transform(at, WORLD, LINK, &(pose * link_from_optical.inverse())))
-        };
+        let [before, after] =
+            [&frame.reported[0], &frame.reported[1]].map(|p| p * link_from_optical.inverse());
         // In the order of time, as a recorder gets them.
         while let Some(reading) = readings.next_if(|r| start + r.after_nanos <= stamp) {
             put(&mut bag, ACCEL, start + reading.after_nanos, &accel(start, reading))?;
         }
         // A pose on either side of the frame's stamp: a reader interpolates and never extrapolates.
-        report(&mut bag, stamp - SynthFrame::POSE_OFFSET_NANOS, &frame.reported[0])?;
+        let at = stamp - SynthFrame::POSE_OFFSET_NANOS;
+        put(&mut bag, "/tf", at, &transform(at, WORLD, LINK, &before))?;
         let info = camera_info(stamp, &recording.intrinsics);
         put(&mut bag, COLOR_INFO, stamp, &info)?;
         put(&mut bag, DEPTH_INFO, stamp, &info)?;
         put_images(&mut bag, stamp, &recording.intrinsics, frame)?;
-        report(&mut bag, stamp + SynthFrame::POSE_OFFSET_NANOS, &frame.reported[1])?;
+        let at = stamp + SynthFrame::POSE_OFFSET_NANOS;
+        put(&mut bag, "/tf", at, &transform(at, WORLD, LINK, &after))?;
     }
     for reading in readings {
         put(&mut bag, ACCEL, start + reading.after_nanos, &accel(start, reading))?;

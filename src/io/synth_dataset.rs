@@ -16,7 +16,7 @@ use super::{
     synth_matrix::rows,
 };
 use geometry::{Intrinsics, Pose};
-use surface::{TriangleMesh, merged_mesh};
+use surface::merged_mesh;
 use synth::{Object, PartJointKind, SynthConfig, SynthFrame, SynthState, generate, record};
 
 /// A published layout.
@@ -30,7 +30,7 @@ pub enum DatasetLayout {
 }
 
 impl DatasetLayout {
-    /// Names by which a command line asks for the layouts.
+    /// Names of the layouts on a command line.
     pub const NAMES: [&'static str; 2] = ["dta", "paris"];
 
     /// The layout of a name.
@@ -108,14 +108,13 @@ fn transform(object: &Object, part: usize) -> Result<JointTransform, SynthError>
 fn put_meshes(folder: &RunDir, truth: &str, object: &Object, state: usize) -> Result<(), SynthError> {
     let meshes = object.meshes_in_world(state);
     let name = STATES[state];
-    let put = |what: &str, mesh: &TriangleMesh| {
-        folder.put(&format!("{truth}/{name}/{name}{what}_rotate.ply"), &ply(mesh))
-    };
-    put("", &merged_mesh(&meshes.iter().collect::<Vec<_>>()))?;
-    put("_static", &meshes[0])?;
+    let path = |what: &str| format!("{truth}/{name}/{name}{what}_rotate.ply");
+    folder.put(&path(""), &ply(&merged_mesh(&meshes.iter().collect::<Vec<_>>())))?;
+    folder.put(&path("_static"), &ply(&meshes[0]))?;
     for (k, mesh) in meshes[1..].iter().enumerate() {
         // One moving part has no number.
-        put(&if meshes.len() == 2 { "_dynamic".into() } else { format!("_dynamic_{k}") }, mesh)?;
+        let what = if meshes.len() == 2 { "_dynamic".into() } else { format!("_dynamic_{k}") };
+        folder.put(&path(&what), &ply(mesh))?;
     }
     Ok(())
 }
@@ -184,10 +183,9 @@ fn put_start_end(folder: &RunDir, state: usize, recording: &SynthState) -> Resul
     Ok(())
 }
 
-/// The mask of a view, which these layouts need.
+/// The mask of a view; these layouts need it.
 fn mask_of(frame: &SynthFrame) -> Result<&[bool], SynthError> {
-    let none = || SynthError::Layout("a camera carried by hand has no masks".into());
-    frame.mask.as_deref().ok_or_else(none)
+    frame.mask.as_deref().ok_or_else(|| SynthError::Layout("a camera carried by hand has no masks".into()))
 }
 
 fn color_png(k: &Intrinsics, rgb: &[[u8; 3]]) -> Result<Vec<u8>, SynthError> {

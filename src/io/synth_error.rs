@@ -15,7 +15,7 @@ pub enum SynthError {
     /// No further states of it were found.
     #[error(transparent)]
     Further(#[from] NoPositions),
-    /// The layout that was asked for cannot hold the object.
+    /// The requested layout cannot hold the object.
     #[error(
         "this layout cannot hold the object: {0}; it knows hinges and slides on the static part, and masks: \
         give another --seed or --family, or leave --layout out"

@@ -29,7 +29,7 @@ struct TruthFile<'a> {
     /// Where the true world stands in the world of each recording.
     recorded_from_world: [[[f64; 4]; 4]; 2],
     parts: Vec<PartEntry<'a>>,
-    /// Of the parts that were given one.
+    /// Of the parts with a handle.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     handles: Vec<HandleEntry>,
     /// Positions of the parts' joints in the states behind the first two, null for the static part.
@@ -57,7 +57,7 @@ struct PartEntry<'a> {
     parent: i64,
     #[serde(rename = "type")]
     kind: &'a str,
-    /// Rows of `seen.npy` that are its points, in each state.
+    /// Rows of its points in `seen.npy`, in each state.
     seen_points: [usize; 2],
     #[serde(flatten)]
     joint: Option<JointEntry>,
@@ -91,7 +91,7 @@ struct JointEntry {
 /// Writes the true twin of an object, `truth/twin.urdf` and its meshes.
 ///
 /// # Errors
-/// A place that holds what may not be replaced; a disk that refuses.
+/// A place with contents that may not be replaced; an error of the disk.
 pub fn write_true_twin(place: &Place, object: &Object) -> Result<Committed, SynthError> {
     let folder = RunDir::open(place, ResultKind::Synth)?;
     put_twin(&folder, object)?;
@@ -107,12 +107,12 @@ pub fn write_synth_bag(folder: &Path, state: usize, recording: &SynthState) -> R
 }
 
 /// Makes an object, films it in both states and in those asked for beyond, and writes `state0/`, `state1/`,
-/// ..., `truth.json` and `truth/` into a folder that appears when it is whole, with `workspace.txt` where
+/// ..., `truth.json` and `truth/` into a folder, visible once it is complete, with `workspace.txt` where
 /// there are no masks. Returns the folder and the object.
 ///
 /// # Errors
-/// Settings that cannot be used; a place that holds what may not be replaced, or a disk that is too full,
-/// which is found before the work; a disk that refuses.
+/// Unusable settings; a place with contents that may not be replaced, or a full disk,
+/// found before the work; an error of the disk.
 pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Object), SynthError> {
     config.check()?;
     // Before an object is filmed for minutes.
@@ -134,7 +134,7 @@ pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Ob
     put_twin(&folder, &object)?;
     let further = further_states(&object, config.further, config)?;
     for (k, state) in further.iter().enumerate() {
-        // Each further state is an object of its own: its state 1 is the one that is filmed.
+        // Each further state is an object of its own: its state 1 is filmed.
         let recording = film_take(state, 1, k + 2, config);
         sensor.iter_mut().for_each(|s| s.add(&recording));
         synth_bag(&folder.working().join(format!("state{}", k + 2)), k + 2, &recording)?;
@@ -169,35 +169,36 @@ pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Ob
 /// The handles as they stand in state 0.
 fn handles(object: &Object) -> Vec<HandleEntry> {
     let poses = object.world_from_parts(0);
-    let entry = |(part, pose): (usize, &Pose)| {
-        let handle = object.parts[part].handle?;
-        let size = match handle.kind {
-            HandleKind::Bar { length_m, thickness_m, clearance_m } => BTreeMap::from([
-                ("length_m", length_m),
-                ("thickness_m", thickness_m),
-                ("clearance_m", clearance_m),
-            ]),
-            HandleKind::Knob { diameter_m, height_m } => {
-                BTreeMap::from([("diameter_m", diameter_m), ("height_m", height_m)])
-            }
-            HandleKind::Recess { length_m, width_m, depth_m } => {
-                BTreeMap::from([("length_m", length_m), ("width_m", width_m), ("depth_m", depth_m)])
-            }
-        };
-        let frame = rows(&(pose * handle.part_from_handle));
-        Some(HandleEntry { part, kind: handle.kind.name(), frame, size })
-    };
-    poses.iter().enumerate().filter_map(entry).collect()
+    poses.iter().enumerate().filter_map(|(part, pose)| handle_entry(object, part, pose)).collect()
 }
 
-/// The box that a user would give in place of masks, as `reconstruct --workspace` reads it.
+fn handle_entry(object: &Object, part: usize, pose: &Pose) -> Option<HandleEntry> {
+    let handle = object.parts[part].handle?;
+    let size = match handle.kind {
+        HandleKind::Bar { length_m, thickness_m, clearance_m } => BTreeMap::from([
+            ("length_m", length_m),
+            ("thickness_m", thickness_m),
+            ("clearance_m", clearance_m),
+        ]),
+        HandleKind::Knob { diameter_m, height_m } => {
+            BTreeMap::from([("diameter_m", diameter_m), ("height_m", height_m)])
+        }
+        HandleKind::Recess { length_m, width_m, depth_m } => {
+            BTreeMap::from([("length_m", length_m), ("width_m", width_m), ("depth_m", depth_m)])
+        }
+    };
+    let frame = rows(&(pose * handle.part_from_handle));
+    Some(HandleEntry { part, kind: handle.kind.name(), frame, size })
+}
+
+/// The box a user would give in place of masks, as `reconstruct --workspace` reads it.
 fn put_workspace(folder: &RunDir, object: &Object, further: &[Object]) -> Result<(), RunDirError> {
     let [lower, upper] = workspace(&std::iter::once(object).chain(further).collect::<Vec<_>>());
     let numbers: Vec<String> = lower.iter().chain(upper.iter()).map(|x| format!("{x:.3}")).collect();
     folder.put("workspace.txt", numbers.join(",").as_bytes())
 }
 
-/// What a made object takes on the disk, at least.
+/// Least size of a made object on the disk, bytes.
 pub(super) fn least_bytes(config: &SynthConfig) -> u64 {
     let views = (2 + config.further) * config.views;
     [views, config.width, config.height]
@@ -205,7 +206,7 @@ pub(super) fn least_bytes(config: &SynthConfig) -> u64 {
         .fold(LEAST_BYTES_A_PIXEL, |product, n| product.saturating_mul(*n as u64))
 }
 
-/// What is true of part `k`; `further` hold it in their state 1.
+/// Ground truth of part `k`; `further` hold it in their state 1.
 fn entry<'a>(object: &'a Object, further: &[Object], k: usize, seen_points: [usize; 2]) -> PartEntry<'a> {
     let part = &object.parts[k];
     let joint = part.joint.as_ref().zip(object.axis_in_world(k)).map(|(joint, (axis, origin))| {
@@ -241,7 +242,7 @@ fn entry<'a>(object: &'a Object, further: &[Object], k: usize, seen_points: [usi
     }
 }
 
-/// Meshes of the parts and of the whole as they stand in a state, and the points that the cameras saw.
+/// Meshes of the parts and of the whole as they stand in a state, and the points seen by the cameras.
 fn put_truth(
     folder: &RunDir,
     object: &Object,
@@ -272,7 +273,7 @@ pub(super) fn ply(mesh: &TriangleMesh) -> Vec<u8> {
     bytes.extend(mesh.vertices.iter().flat_map(|p| [p.x, p.y, p.z]).flat_map(f32::to_le_bytes));
     for triangle in &mesh.triangles {
         bytes.push(3);
-        // As `int`, which every reader knows; indices stay below 2^31.
+        // As `int`, known to every reader; indices stay below 2^31.
         bytes.extend(triangle.iter().flat_map(|i| i.to_le_bytes()));
     }
     bytes
@@ -280,7 +281,7 @@ pub(super) fn ply(mesh: &TriangleMesh) -> Vec<u8> {
 
 /// NumPy array of rows x, y, z, part.
 fn npy(seen: &[SeenSample]) -> Vec<u8> {
-    // The text is a Python dictionary, which NumPy evaluates: its spelling is fixed.
+    // NumPy evaluates the text as a Python dictionary: its spelling is fixed.
     let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, 4), }}", seen.len());
     // Magic, version and length take 10 bytes; the header is filled up to a multiple of 64.
     let filled = (header.len() + 1 + 10).next_multiple_of(64) - 10;

@@ -1,4 +1,4 @@
-//! What `truth.json` holds of the sensor that spoilt a recording.
+//! The sensor entry of `truth.json`: errors added to a recording.
 
 use serde::Serialize;
 
@@ -9,7 +9,7 @@ use synth::{Effect, HandheldCamera, SynthConfig, SynthState, handheld_camera};
 /// Nodes of the warp along the image's width.
 const WARP_NODES: usize = 32;
 
-/// A sensor and what it drew.
+/// A sensor and its random draws.
 #[derive(Serialize)]
 pub(super) struct SensorEntry {
     name: &'static str,
@@ -28,7 +28,7 @@ pub(super) struct SensorEntry {
 
 #[derive(Serialize)]
 struct WarpEntry {
-    /// Columns and rows of pixels at which `relative` holds the field.
+    /// Columns and rows of the pixels sampled in `relative`.
     u_px: Vec<usize>,
     v_px: Vec<usize>,
     /// A list a row.
@@ -37,7 +37,7 @@ struct WarpEntry {
 
 #[derive(Serialize)]
 struct StateEntry {
-    /// Where the true world stands in that of the recording.
+    /// Pose of the true world in the recording's world.
     recorded_from_world: [[f64; 4]; 4],
     views: Vec<ViewEntry>,
 }
@@ -90,12 +90,13 @@ impl SensorEntry {
 
 fn warp(camera: &HandheldCamera, width: usize, height: usize) -> Option<WarpEntry> {
     let step = (width / WARP_NODES).max(1);
-    let at = |n: usize| (0..=n / step).map(|k| (k * step).min(n - 1)).collect::<Vec<_>>();
-    let u_px = at(width);
-    let v_px = at(height);
-    let row = |v: &usize| u_px.iter().map(|u| camera.depth_warp[v * width + u]).collect();
+    let [u_px, v_px] =
+        [width, height].map(|n| (0..=n / step).map(|k| (k * step).min(n - 1)).collect::<Vec<usize>>());
     (!camera.depth_warp.is_empty()).then(|| WarpEntry {
-        relative: v_px.iter().map(row).collect(),
+        relative: v_px
+            .iter()
+            .map(|v| u_px.iter().map(|u| camera.depth_warp[v * width + u]).collect())
+            .collect(),
         u_px: u_px.clone(),
         v_px: v_px.clone(),
     })

@@ -11,7 +11,7 @@ use synth::{Object, PartJointKind};
 /// has no screw joint, one is a revolute joint with its pitch in an element `artitwin:thread`.
 ///
 /// # Errors
-/// A disk that refuses.
+/// An error of the disk.
 pub(super) fn put_twin(folder: &RunDir, object: &Object) -> Result<(), RunDirError> {
     let mut text = format!(
         "<?xml version=\"1.0\"?>\n<robot name=\"{}\" xmlns:artitwin=\"urn:artitwin:urdf\">\n",

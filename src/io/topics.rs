@@ -6,20 +6,20 @@ use std::path::Path;
 use capture::{CaptureError, TopicConfig};
 use common::limits::NAMED;
 
-/// What is known about a topic.
+/// Type, count and encoding of a topic.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct TopicSummary {
     /// Name.
     pub name: String,
     /// Type, e.g. `sensor_msgs/msg/Image`.
     pub type_name: String,
-    /// Messages that could be decoded.
+    /// Number of decodable messages.
     pub count: usize,
     /// Encoding of an Image, format of a CompressedImage (of the first message).
     pub encoding: String,
 }
 
-/// The topics that are used.
+/// The used topics.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct TopicChoice {
     /// Color images.
@@ -38,7 +38,7 @@ pub struct TopicChoice {
     pub marker: Option<String>,
 }
 
-/// What an image topic can be.
+/// Role of an image topic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ImageRole {
     /// Color.
@@ -57,7 +57,7 @@ pub const IMAGE_TYPES: [&str; 2] = ["sensor_msgs/msg/Image", "sensor_msgs/msg/Co
 pub const INFO_TYPE: &str = "sensor_msgs/msg/CameraInfo";
 
 impl TopicSummary {
-    /// What the topic holds, by its encoding and name; `None` where it is no image topic.
+    /// Role of a topic by its encoding and name; `None` if it is no image topic.
     #[must_use]
     pub fn image_role(&self) -> Option<ImageRole> {
         if !IMAGE_TYPES.contains(&self.type_name.as_str()) {
@@ -91,7 +91,7 @@ impl TopicSummary {
             }
             ImageRole::Depth => {
                 // Drivers publish depth in the depth camera's frame beside the
-                // aligned one, which alone fits the color.
+                // aligned one: it alone fits the color.
                 8 * has(&["aligned", "registered", "depth_to_color", "depth_to_rgb"])
                     + 2 * has(&["image_raw", "image_rect"])
                     + raw
@@ -111,11 +111,11 @@ fn parent(topic: &str) -> &str {
     topic.rsplit_once('/').map_or("", |(front, _)| front)
 }
 
-/// Chooses the topics of a recording. A topic that was asked for is taken or refused, never replaced.
+/// Chooses the topics of a recording. A requested topic is taken or refused, never replaced.
 ///
 /// # Errors
 /// [`CaptureError::NotRgbd`] without any image topic, [`CaptureError::NoTopic`] without color, depth or
-/// camera_info, [`CaptureError::BadTopic`] for one that was asked for and cannot be used.
+/// camera_info, [`CaptureError::BadTopic`] for a requested one without usable messages.
 pub fn choose(
     topics: &[TopicSummary],
     wanted: &TopicConfig,
@@ -149,7 +149,7 @@ pub fn choose(
     };
     let color_info = match chooser.asked("camera_info", wanted.color_info.as_ref(), &[INFO_TYPE])? {
         Some(topic) => topic,
-        // First the one that belongs to the images by name, then the only one there is.
+        // First the one named like the images, then the only one there is.
         None => chooser
             .info_of(&color)
             .or_else(|| chooser.only_info(&color))
@@ -185,7 +185,7 @@ impl Chooser<'_> {
         if names.is_empty() { "none".into() } else { names.join(", ") }
     }
 
-    /// A topic that was asked for, if one was. Without types, any topic of std_msgs is taken.
+    /// The requested topic, if there is one. Without types, any topic of std_msgs is taken.
     fn asked(
         &self,
         role: &'static str,

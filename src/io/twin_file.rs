@@ -17,10 +17,10 @@ use export::{Description, INERTIA, InertialText, JointText, LimitText, LinkText}
 use gap::twin_tree::{Motion, TwinJoint, TwinLink, TwinTree};
 use model::{JointType, TreeJoint};
 
-/// The URDF that a path leads to: of a folder the only one beside those for ROS (`*.ros.urdf`).
+/// The URDF of a path: in a folder the only one beside those for ROS (`*.ros.urdf`).
 ///
 /// # Errors
-/// A folder that cannot be read, or has none or several.
+/// An unreadable folder, or one without a URDF or with several.
 pub fn twin_path(path: &Path) -> Result<PathBuf, UrdfError> {
     if !path.is_dir() {
         return Ok(path.to_owned());
@@ -50,27 +50,30 @@ pub fn read_twin(path: &Path, gravity: [f64; 3]) -> Result<(TwinTree, String), U
     Ok((twin_tree(description, gravity).map_err(|e| UrdfError::of(path, e))?, text))
 }
 
-/// Files that a twin consists of: the URDF, whose text is given, the SDF and USD that stand beside it, and
-/// what it names.
+/// Files of a twin: the URDF with the given text, the SDF and USD beside it, and
+/// the files it names.
 #[must_use]
 pub fn twin_files(path: &Path, text: &str) -> Vec<PathBuf> {
     let folder = path.parent().unwrap_or(Path::new(""));
-    let value = |rest: &str| {
-        let rest = rest.trim_start().strip_prefix('=')?.trim_start();
-        let quote = rest.chars().next().filter(|c| "'\"".contains(*c))?;
-        rest[1..].split_once(quote).map(|(value, _)| value.to_owned())
-    };
     // By its words, not as XML: what cannot be parsed is refused elsewhere, and a file named in a comment
     // does no harm.
-    let named = text.split("filename").skip(1).filter_map(value).map(|name| match name.split_once("://") {
-        Some(("package", rest)) => folder.join(rest.split_once('/').map_or(rest, |(_, path)| path)),
-        Some((_, rest)) => PathBuf::from(rest),
-        None => folder.join(name),
-    });
+    let named =
+        text.split("filename").skip(1).filter_map(quoted_value).map(|name| match name.split_once("://") {
+            Some(("package", rest)) => folder.join(rest.split_once('/').map_or(rest, |(_, path)| path)),
+            Some((_, rest)) => PathBuf::from(rest),
+            None => folder.join(name),
+        });
     [path.to_owned(), path.with_file_name("model.sdf"), path.with_extension("usda")]
         .into_iter()
         .chain(named)
         .collect()
+}
+
+/// Value of an attribute; `rest`: the text behind its name.
+fn quoted_value(rest: &str) -> Option<String> {
+    let rest = rest.trim_start().strip_prefix('=')?.trim_start();
+    let quote = rest.chars().next().filter(|c| "'\"".contains(*c))?;
+    rest[1..].split_once(quote).map(|(value, _)| value.to_owned())
 }
 
 /// The twin of a URDF's text.
@@ -133,7 +136,7 @@ fn link(link: &LinkText) -> Result<TwinLink, UrdfFault> {
         name: link.name.clone(),
         mass_kg: inertial.mass.unwrap_or(0.0),
         center_of_mass: Point3::from(inertial.link_from_inertial.translation.vector),
-        // URDF gives the inertia in the inertial frame; a twin holds it in that of the link.
+        // URDF gives the inertia in the inertial frame; a twin holds it in the link frame.
         inertia: r.matrix() * tensor(inertial)? * r.matrix().transpose(),
     })
 }
@@ -143,7 +146,7 @@ fn tensor(inertial: &InertialText) -> Result<Matrix3<f64>, UrdfFault> {
     if inertial.inertia.iter().all(Option::is_none) {
         return Ok(Matrix3::zeros());
     }
-    // A tensor of which a part is guessed is that of no body.
+    // A partly guessed tensor belongs to no body.
     let of = |k: usize| inertial.inertia[k].ok_or(UrdfFault::Inertia(INERTIA[k]));
     let [xx, xy, xz, yy, yz, zz] = [of(0)?, of(1)?, of(2)?, of(3)?, of(4)?, of(5)?];
     Ok(Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz))

@@ -1,4 +1,4 @@
-//! URDF files and their meshes, as the tree that an evaluation looks at.
+//! URDF files and their meshes, as the tree for an evaluation.
 
 use std::{
     borrow::Cow,
@@ -23,15 +23,15 @@ pub enum UrdfError {
     Disk {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
-    /// The text is no URDF that can be used.
+    /// The text is no usable URDF.
     #[error("{path}: {problem}")]
     Format {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// The fault.
         problem: UrdfFault,
     },
     /// The links are no tree.
@@ -39,7 +39,7 @@ pub enum UrdfError {
     Tree {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// The fault.
         source: TreeError,
     },
     /// A mesh could not be read.
@@ -48,18 +48,18 @@ pub enum UrdfError {
 }
 
 impl UrdfError {
-    /// What is wrong with the text of a file.
+    /// A fault in the text of a file.
     pub(super) fn of(path: &Path, problem: impl Into<UrdfFault>) -> Self {
         Self::Format { path: path.to_owned(), problem: problem.into() }
     }
 }
 
 /// Reads a URDF and its visual meshes (relative paths, or `package://` with the URDF's folder as the
-/// package); scales and origins of visuals are applied. Visuals that are not meshes are left out.
+/// package); scales and origins of visuals are applied. Visuals without a mesh are left out.
 ///
 /// # Errors
-/// A file that cannot be read or is larger than 16 MiB; a joint type other than fixed, revolute, continuous
-/// and prismatic; links that are no tree; a mesh that is absolute, remote, missing or damaged.
+/// An unreadable file or one above 16 MiB; a joint type other than fixed, revolute, continuous
+/// and prismatic; links without a tree; a mesh that is absolute, remote, missing or damaged.
 pub fn read_urdf(path: &Path) -> Result<Tree, UrdfError> {
     let (description, _) = read_description(path)?;
     let description = description.require_numbers().map_err(|e| UrdfError::of(path, e))?;
@@ -85,11 +85,11 @@ pub(super) fn tree_of(description: &Description, path: &Path) -> Result<Tree, Ur
     Tree::new(links, joints).map_err(|source| UrdfError::Tree { path: path.to_owned(), source })
 }
 
-/// A URDF file, and its text, with a declaration that readers of XML take
+/// A URDF file, and its text, with a declaration readers of XML take
 /// ([`with_declaration`]).
 ///
 /// # Errors
-/// What the disk says; more than 16 MiB; what is no UTF-8 or no URDF.
+/// Errors of the disk; more than 16 MiB; a text without UTF-8 or URDF.
 pub(super) fn read_description(path: &Path) -> Result<(Description, String), UrdfError> {
     let text = files::read_text(path, URDF);
     let text = text.map_err(|source| UrdfError::Disk { path: path.to_owned(), source })?;
@@ -101,7 +101,7 @@ pub(super) fn read_description(path: &Path) -> Result<(Description, String), Urd
     Ok((description, text))
 }
 
-/// What is wrong with a visual: its mesh, or the path to it.
+/// A fault of a visual: its mesh, or the path to it.
 enum VisualError {
     Mesh(MeshFileError),
     Path(UrdfFault),
@@ -116,7 +116,7 @@ impl VisualError {
     }
 }
 
-/// All visual meshes of a link in one, in the link frame. `left`: bytes that the files may still have.
+/// All visual meshes of a link in one, in the link frame. `left`: remaining budget, bytes.
 fn visuals(link: &LinkText, folder: &Path, left: &mut u64) -> Result<TriangleMesh, VisualError> {
     let mut all = Vec::new();
     for shape in &link.visuals {
@@ -153,7 +153,7 @@ fn relative(filename: &str) -> Result<&Path, UrdfFault> {
 /// The joints of a URDF, each between the indices of its links.
 ///
 /// # Errors
-/// A type that is not read, a link that is not there, an axis without length.
+/// An unsupported type, a missing link, an axis without length.
 pub(super) fn tree_joints(description: &Description) -> Result<Vec<TreeJoint>, UrdfFault> {
     let index: BTreeMap<&str, usize> =
         description.links.iter().enumerate().map(|(i, l)| (l.name.as_str(), i)).collect();
@@ -168,12 +168,7 @@ fn tree_joint(joint: &JointText, index: &BTreeMap<&str, usize>) -> Result<TreeJo
         "prismatic" => JointType::Prismatic,
         other => return Err(UrdfFault::JointType { joint: joint.name.clone(), kind: other.to_owned() }),
     };
-    let link = |name: &str| {
-        index
-            .get(name)
-            .copied()
-            .ok_or_else(|| UrdfFault::NoLink { joint: joint.name.clone(), link: name.to_owned() })
-    };
+    let no_link = |name: &str| UrdfFault::NoLink { joint: joint.name.clone(), link: name.to_owned() };
     let axis = match Unit::try_new(joint.axis.unwrap_or_else(Vector3::x), 1e-9) {
         Some(axis) => axis,
         // A fixed joint has no axis; writers leave it out or put zeros there.
@@ -183,8 +178,8 @@ fn tree_joint(joint: &JointText, index: &BTreeMap<&str, usize>) -> Result<TreeJo
     Ok(TreeJoint {
         name: joint.name.clone(),
         kind,
-        parent: link(&joint.parent)?,
-        child: link(&joint.child)?,
+        parent: *index.get(joint.parent.as_str()).ok_or_else(|| no_link(&joint.parent))?,
+        child: *index.get(joint.child.as_str()).ok_or_else(|| no_link(&joint.child))?,
         parent_from_joint: joint.parent_from_joint,
         axis,
         mimic: joint.mimic.clone(),

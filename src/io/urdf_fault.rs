@@ -1,18 +1,18 @@
-//! What is wrong with the text of a URDF.
+//! A fault in the text of a URDF.
 
 use common::limits::CHAIN_WORK;
 use export::UnsoundUrdf;
 
-/// What is wrong with the text of a URDF.
+/// A fault in the text of a URDF.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum UrdfFault {
     /// It describes no bodies.
     #[error(transparent)]
     Unsound(#[from] UnsoundUrdf),
-    /// A tensor of which a part would have to be guessed.
+    /// An incomplete tensor.
     #[error("an <inertia> has no {0}")]
     Inertia(&'static str),
-    /// A joint of a type that is not read.
+    /// A joint of an unsupported type.
     #[error("joint '{joint}' is of type '{kind}'; fixed, revolute, continuous and prismatic are read")]
     JointType {
         /// Name of the joint.
@@ -20,7 +20,7 @@ pub enum UrdfFault {
         /// Its type.
         kind: String,
     },
-    /// A joint between what is not there.
+    /// A joint between missing links.
     #[error("joint '{joint}' names the unknown link '{link}'")]
     NoLink {
         /// Name of the joint.
@@ -31,7 +31,7 @@ pub enum UrdfFault {
     /// A joint without direction.
     #[error("joint '{0}' has an axis of no length")]
     NoAxis(String),
-    /// A folder that leads to no twin.
+    /// A folder without a twin.
     #[error("the folder holds {0} .urdf files; name one")]
     NotOneUrdf(usize),
     /// A mesh on another machine.
@@ -40,24 +40,24 @@ pub enum UrdfFault {
     /// A mesh in another folder.
     #[error("mesh '{0}' is not below the URDF's folder")]
     MeshOutside(String),
-    /// A chain whose dynamics would take minutes.
+    /// A chain too long: its dynamics would take minutes.
     #[error(
         "{moving} joints move {links} links, whose product is beyond the limit of {CHAIN_WORK}: \
          give the part that was recorded"
     )]
     Chain {
-        /// Joints that move.
+        /// Movable joints.
         moving: usize,
         /// All links.
         links: usize,
     },
-    /// More than one body that hangs on nothing, or none.
+    /// More than one root body, or none.
     #[error("the links must hang on one root, there are {0}")]
     Roots(usize),
-    /// A link that carries itself.
+    /// A loop of links.
     #[error("some joints make a loop")]
     Loop,
-    /// What cameras would see of it.
+    /// Its visible surface.
     #[error("{0}")]
     Seen(String),
 }

@@ -20,7 +20,7 @@ const CENTER_TOLERANCE_PX: f64 = 1.0;
 /// Frames of aligned images may be this far apart, meters and radians. chosen: drivers round them
 const FRAME_TOLERANCE: f64 = 1e-3;
 
-/// The lens and the pinhole that stands for it.
+/// The lens and the pinhole model in its place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// The ideal camera.
@@ -63,11 +63,11 @@ pub struct Views {
     pub views: Vec<View>,
     /// Depth readings are multiplied by it.
     pub depth_factor: f64,
-    /// What says which way is up, where the camera is to be tracked.
+    /// Source of the up direction for a tracked camera.
     pub accelerometer: Option<Accelerometer>,
-    /// What was chosen.
+    /// The chosen topics.
     pub notes: Vec<Note>,
-    /// What was lost.
+    /// Losses.
     pub warnings: Vec<Note>,
 }
 
@@ -103,7 +103,7 @@ impl Views {
         found.warnings.extend(bag.warnings.iter().cloned());
         found.warnings.extend(index.damage());
         // Messages of one moment, then their cameras, then their poses:
-        // what is lost at each step is reported apart.
+        // losses of each step are reported apart.
         let matches = found.synchronize(index, config, state)?;
         let cameras = found.find_cameras(index)?;
         let poses = PoseSource::wanted(index, &found.topics, config)?;
@@ -144,7 +144,7 @@ impl Views {
         format!("color {}, depth {}, camera_info {}, {mask}, {poses}", t.color, t.depth, t.color_info)
     }
 
-    /// Color, depth and mask messages that belong together, with the losses reported.
+    /// Color, depth and mask messages of the same views, with the losses reported.
     fn synchronize(
         &mut self,
         index: &BagIndex,
@@ -161,7 +161,7 @@ impl Views {
             .topics
             .mask
             .as_ref()
-            // Masks that are not to be used must not cost frames that have none.
+            // Unused masks must not cost the frames without one.
             .filter(|_| config.isolate.use_masks)
             .map(|topic| pair(&color, &stamps(topic), slop));
         let mut matched = Vec::new();
@@ -222,7 +222,7 @@ impl Views {
             );
             return Err(CaptureError::NoFrames { state, reason });
         }
-        // Messages lie in the order of their recording, which need not be that of their stamps.
+        // Messages lie in the order of their recording. Their stamps may have another order.
         matched.sort_by_key(|m| (m.color.stamp_nanos, m.color.ordinal));
         Ok(matched)
     }
@@ -230,12 +230,8 @@ impl Views {
     /// The cameras of the color topic's distinct parameters, checked against those of depth.
     fn find_cameras(&mut self, index: &BagIndex) -> Result<InfoTopic, CaptureError> {
         let t = &self.topics;
-        let settled = |name: &String| {
-            let mut infos = index.infos.get(name).cloned().unwrap_or_default();
-            let lost = infos.settle();
-            (infos, lost)
-        };
-        let (infos, lost) = settled(&t.color_info);
+        let mut infos = index.infos.get(&t.color_info).cloned().unwrap_or_default();
+        let lost = infos.settle();
         if lost > 0 {
             self.warnings.push(Note::new(
                 NoteCode::CameraInfoContradicted,
@@ -243,7 +239,10 @@ impl Views {
             ));
         }
         // The first stands for all: aligned depth has the camera of the color images.
-        let aligned = t.depth_info.as_ref().and_then(|name| settled(name).0.distinct.into_iter().next());
+        let mut depth_infos =
+            t.depth_info.as_ref().and_then(|n| index.infos.get(n)).cloned().unwrap_or_default();
+        depth_infos.settle();
+        let aligned = depth_infos.distinct.into_iter().next();
         for info in &infos.distinct {
             let (intrinsics, color) = pinhole(info, &t.color_info, &t.color)?;
             // Focus may change from frame to frame, but not the size of the images.
@@ -259,7 +258,7 @@ impl Views {
                     expected_height: first.height,
                 });
             }
-            // Without a camera_info of its own, depth that was aligned to color has color's lens.
+            // Without a camera_info of its own, depth aligned to color has color's lens.
             let mut depth = color;
             if let (Some(depth_info), Some(name)) = (&aligned, &t.depth_info) {
                 let (other, distortion) = pinhole(depth_info, name, &t.depth)?;
@@ -363,7 +362,7 @@ impl Views {
         let invalid = poses.invalid(index);
         let first = first_failure.map(|e| e.to_string());
         if self.views.is_empty() {
-            // The cause: that no pose was found is its symptom.
+            // The cause: a missing pose is its symptom.
             if invalid > 0 {
                 return Err(CaptureError::InvalidPoses { topic: poses.origin.clone(), count: invalid });
             }
@@ -423,7 +422,7 @@ impl Views {
     }
 }
 
-/// Refuses an image whose size is not its camera's.
+/// Refuses an image with another size than its camera's.
 ///
 /// # Errors
 /// [`CaptureError::ImageSize`].

@@ -1,4 +1,4 @@
-//! The twin with its effects as MJCF, without meshes: what MuJoCo 3.5 and later has a place for.
+//! The twin with its effects as MJCF, without meshes: the effects known to MuJoCo 3.5 and later.
 
 use std::fmt::Write as _;
 
@@ -20,19 +20,19 @@ use geometry::Pose;
 use model::escape_xml;
 
 /// Step of the file, seconds.
-/// measured: eval/gap/timestep.md: the largest that moves no twin without a stop by a hundredth of the noise.
+/// measured: eval/gap/timestep.md: the largest to move no twin without a stop by a hundredth of the noise.
 const TIMESTEP_S: f64 = 5e-4;
-/// The finer one, for a stop, which is met between steps, and for a delay.
+/// The finer one, for a stop (met between steps) and for a delay.
 /// measured: eval/gap/timestep.md: the largest under which no residual grows by 3 %, which the replay allows.
 const FINE_TIMESTEP_S: f64 = 1e-4;
-/// Solver impedance of friction without a settle time. chosen: next to the largest that MuJoCo takes, 0.9999.
+/// Solver impedance of friction without a settle time. chosen: next to the largest value of MuJoCo, 0.9999.
 const HARD_IMPEDANCE: f64 = 0.9995;
 
 /// Solver impedance of friction that settles; its damping then is `2 / (impedance * time constant)`.
 /// derived: that of the rollout.
 const SOFT_IMPEDANCE: f64 = 1.0 - CREEP;
 
-/// What is written about one joint.
+/// Text of one joint.
 struct Attributes {
     numbers: JointNumbers,
     /// Further attributes of the joint.
@@ -50,7 +50,7 @@ struct Writer<'a> {
     notes: Vec<ExportNote>,
 }
 
-/// The twin with the effects as MJCF, and what became of each effect.
+/// The twin with the effects as MJCF, and the status of each effect.
 #[must_use]
 pub fn mjcf(
     tree: &TwinTree,
@@ -77,7 +77,7 @@ pub fn mjcf(
 }
 
 impl Writer<'_> {
-    /// A link's content and the bodies that hang on it.
+    /// A link's content and its child bodies.
     fn link(&mut self, index: usize) -> String {
         let mut text = String::new();
         let tree = self.tree;
@@ -217,7 +217,7 @@ fn joint_attributes(n: &JointNumbers, inertia: f64) -> String {
     text
 }
 
-/// What drives a joint: the recorded effort, or a servo that is given positions.
+/// Drive of a joint: the recorded effort, or a servo with given positions.
 fn actuator(name: &str, n: &JointNumbers, actuator: &Actuator) -> String {
     let late = delay(n.delay_s + actuator.delay_s);
     let Some(servo) = actuator.servo else {
@@ -229,7 +229,7 @@ fn actuator(name: &str, n: &JointNumbers, actuator: &Actuator) -> String {
             n.bias / gear
         );
     };
-    // A gear would scale the position that the servo reads as well.
+    // A gear would scale the servo's measured position as well.
     let stiffness = n.gear * actuator.gain * servo.stiffness;
     let damping = n.gear * actuator.damping;
     let limit = n.gear * servo.limit;
@@ -245,7 +245,7 @@ fn actuator(name: &str, n: &JointNumbers, actuator: &Actuator) -> String {
     )
 }
 
-/// Attributes of an actuator whose effort acts late.
+/// Attributes of an actuator with a delayed effort.
 fn delay(delay_s: f64) -> String {
     if delay_s == 0.0 {
         return String::new();

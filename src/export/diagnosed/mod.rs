@@ -1,4 +1,4 @@
-//! Files of a diagnosed twin: what was given, with the effects that were found.
+//! Files of a diagnosed twin: the given ones with the found effects.
 
 mod edits;
 pub mod mjcf;

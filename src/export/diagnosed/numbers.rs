@@ -1,4 +1,4 @@
-//! What a format holds of a joint's effects, as numbers of the joint, and the notes on what became of each.
+//! A joint's effects as the numbers of a format, and the notes on the status of each effect.
 
 use gap::{
     judge::{
@@ -36,7 +36,7 @@ pub fn joint_numbers(
     Some(numbers)
 }
 
-/// What became of every effect of a joint in a file.
+/// Status of every effect of a joint in a file.
 #[must_use]
 pub fn notes(format: Format, file: &str, joint: &JointReport, catalogue: &Catalogue) -> Vec<ExportNote> {
     let effects = held(format, joint).into_iter().flat_map(|m| m.effects.iter().map(move |e| (m, e)));
@@ -50,7 +50,17 @@ pub fn missing(format: Format, joint: &JointReport, catalogue: &Catalogue, why: 
     notes(format, "", joint, catalogue).into_iter().map(not_written).collect()
 }
 
-/// What became of an effect in a file; the residuals are those of the joint with all that the file holds.
+/// Parameters of a term by the names and units of a report.
+fn held_term(term: &Term, turns: bool, catalogue: &Catalogue) -> Held {
+    let effect = &catalogue[term.effect];
+    let reported = effect.reported(&term.p).into_iter();
+    let parameters = reported
+        .map(|r| HeldParameter { name: r.name.into(), value: r.value, unit: r.dimension.unit(turns).into() })
+        .collect();
+    Held { effect: effect.name().into(), parameters }
+}
+
+/// Status of an effect in a file; the residuals are those of the joint with all effects of the file.
 fn note(
     held: &FormatModel,
     effect: &HeldEffect,
@@ -58,23 +68,13 @@ fn note(
     joint: &JointReport,
     catalogue: &Catalogue,
 ) -> ExportNote {
-    let by = |term: &Term| {
-        let effect = &catalogue[term.effect];
-        let parameter = |r: gap::model::effect::Reported| HeldParameter {
-            name: r.name.into(),
-            value: r.value,
-            unit: r.dimension.unit_name(joint.turns).into(),
-        };
-        let parameters = effect.reported_parameters(&term.p).into_iter().map(parameter).collect();
-        Held { effect: effect.name().into(), parameters }
-    };
     ExportNote {
         format: held.format.name().into(),
         file: file.into(),
         joint: joint.joint.clone(),
         effect: effect.effect.map_or(Verdict::Unknown.name(), |e| catalogue[e].name()).into(),
         status: effect.fate.name().into(),
-        by: effect.by.iter().map(by).collect(),
+        by: effect.by.iter().map(|term| held_term(term, joint.turns, catalogue)).collect(),
         rmse: Some(held.rmse),
         before: Some(held.twin_rmse),
     }

@@ -1,5 +1,5 @@
-//! The named effects in the SDF that stands beside the twin: damping, friction, spring and stops of its
-//! joints, and the links of a joint whose axis was found tilted.
+//! The named effects in the SDF beside the twin: damping, friction, spring and stops of its
+//! joints, and the links of a joint with a tilted axis.
 
 use std::fmt::Write as _;
 
@@ -19,7 +19,7 @@ use gap::{
 };
 use geometry::Pose;
 
-/// The SDF with the effects, and what became of each. A joint that the SDF does not have is listed in the
+/// The SDF with the effects, and the status of each. A joint missing in the SDF is listed in the
 /// notes.
 ///
 /// # Errors
@@ -68,13 +68,12 @@ pub fn sdf(
 /// frame than the model's.
 fn with_tilt(text: &str, tilt: &Tilt) -> Result<Option<String>, XmlError> {
     let document = parse_xml(text)?;
-    let link = |name: &String| {
-        document.descendants().find(|n| n.has_tag_name("link") && n.attribute("name") == Some(name.as_str()))
-    };
-    let Some(parent) = link(&tilt.parent).and_then(pose_of) else { return Ok(None) };
+    let Some(parent) = link_node(&document, &tilt.parent).and_then(pose_of) else { return Ok(None) };
     let mut edits = Vec::new();
     for name in &tilt.links {
-        let Some((node, pose)) = link(name).and_then(|n| Some((n, pose_of(n)?))) else { return Ok(None) };
+        let Some((node, pose)) = link_node(&document, name).and_then(|n| Some((n, pose_of(n)?))) else {
+            return Ok(None);
+        };
         let turned = tilt.moved(&parent, &pose);
         let at = turned.translation.vector;
         let (roll, pitch, yaw) = turned.rotation.euler_angles();
@@ -110,18 +109,24 @@ fn with_joint(text: &str, name: &str, held: &JointNumbers) -> Result<Option<Stri
     Ok(Some(edited(text, edits)))
 }
 
+fn link_node<'a, 'input>(
+    document: &'a roxmltree::Document<'input>,
+    name: &str,
+) -> Option<roxmltree::Node<'a, 'input>> {
+    document.descendants().find(|n| n.has_tag_name("link") && n.attribute("name") == Some(name))
+}
+
 /// The `dynamics` of an axis anew.
 fn dynamics(text: &str, axis: roxmltree::Node, held: &JointNumbers) -> Edit {
     let mut new =
         format!("<dynamics><damping>{}</damping><friction>{}</friction>", held.damping, held.friction);
     let old = axis.children().find(|n| n.has_tag_name("dynamics"));
-    let kept = |tag: &str| {
-        old.and_then(|d| d.children().find(|n| n.has_tag_name(tag))).and_then(|n| n.text().map(str::to_owned))
-    };
-    let spring = held.spring.map(|s| (s.rest.to_string(), s.stiffness.to_string()));
-    let (reference, stiffness) = spring.unwrap_or_else(|| {
-        let or_zero = |tag: &str| kept(tag).unwrap_or_else(|| "0".to_owned());
-        (or_zero("spring_reference"), or_zero("spring_stiffness"))
+    let spring = held.spring.map(|s| [s.rest.to_string(), s.stiffness.to_string()]);
+    let [reference, stiffness] = spring.unwrap_or_else(|| {
+        ["spring_reference", "spring_stiffness"].map(|tag| {
+            let kept = old.and_then(|d| d.children().find(|n| n.has_tag_name(tag))).and_then(|n| n.text());
+            kept.unwrap_or("0").to_owned()
+        })
     });
     // Writing to a string cannot fail.
     write!(new, "<spring_reference>{reference}</spring_reference>").ok();
@@ -136,7 +141,7 @@ fn limit(text: &str, axis: roxmltree::Node, held: &JointNumbers) -> Option<Edit>
     }
     let old = axis.children().find(|n| n.has_tag_name("limit"));
     let changed = |tag: &str| held.stops.iter().any(|s| tag == if s.is_upper { "upper" } else { "lower" });
-    // What the stops do not replace stays: the other end, effort, velocity.
+    // The rest stays: the other end, effort, velocity.
     let kept = old.iter().flat_map(|l| l.children()).filter(|n| n.is_element());
     let kept = kept.filter(|n| {
         !changed(n.tag_name().name()) && !matches!(n.tag_name().name(), "stiffness" | "dissipation")

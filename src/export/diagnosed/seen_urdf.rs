@@ -1,5 +1,5 @@
 //! The effects found, in the twin's URDF: type, origin and axis of joints in place, the camera's as elements
-//! that other readers skip.
+//! skipped by other readers.
 
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use roxmltree::Node;
@@ -22,10 +22,10 @@ use model::escape_xml;
 
 /// Pitches below this are none, meters a radian.
 ///
-/// chosen: below the digits that a URDF is written with
+/// chosen: below the written digits of a URDF
 const LEAST_PITCH: f64 = 1e-9;
 
-/// The URDF with the effects, and what became of each.
+/// The URDF with the effects, and the status of each.
 ///
 /// # Errors
 /// [`XmlError`].
@@ -43,7 +43,7 @@ pub fn urdf(
         if law == before {
             continue;
         }
-        // Edits of one joint may touch what hangs on another: the text is read anew for each.
+        // Edits of one joint may touch the subtree of another: the text is read anew for each.
         let mut edits: Vec<Edit> = Vec::new();
         let document = parse_xml(&updated)?;
         joint_edits(&document.root_element(), &updated, joint, &law, &mut edits);
@@ -78,7 +78,7 @@ pub fn urdf(
     Ok((edited(&updated, edits), notes))
 }
 
-/// A joint's new type, origin and axis. Its frame moves onto the axis, and what hangs on the child moves
+/// A joint's new type, origin and axis. Its frame moves onto the axis, and the child's subtree moves
 /// back.
 fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &MotionLaw, edits: &mut Vec<Edit>) {
     let Some(node) =
@@ -125,7 +125,7 @@ fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &MotionLaw, edit
             old.map_or_else(|| (before_end(text, node), thread.clone()), |n| (n.range(), thread.clone())),
         );
     }
-    // The frame moved: what hangs on the child moves back and stays where it was.
+    // The frame moved: the child's subtree moves back and stays in place.
     if shift.norm() == 0.0 {
         return;
     }
@@ -147,17 +147,16 @@ fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &MotionLaw, edit
     }
 }
 
+fn three_numbers(text: &str) -> Option<[f64; 3]> {
+    let values: Vec<f64> = text.split_whitespace().filter_map(|x| x.parse().ok()).collect();
+    values.try_into().ok()
+}
+
 /// Replaces the origin of an element, or adds one.
 fn replace_origin(node: &Node, text: &str, new: &dyn Fn(Pose) -> Pose, edits: &mut Vec<Edit>) {
     let old = node.children().find(|n| n.has_tag_name("origin"));
-    let numbers = |name: &str| -> [f64; 3] {
-        let values = old
-            .and_then(|o| o.attribute(name))
-            .map(|t| t.split_whitespace().filter_map(|x| x.parse().ok()).collect::<Vec<f64>>());
-        values.and_then(|v| <[f64; 3]>::try_from(v).ok()).unwrap_or_default()
-    };
-    let [x, y, z] = numbers("xyz");
-    let [r, p, w] = numbers("rpy");
+    let [[x, y, z], [r, p, w]] = ["xyz", "rpy"]
+        .map(|name| old.and_then(|o| o.attribute(name)).and_then(three_numbers).unwrap_or_default());
     let pose = new(Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_euler_angles(r, p, w)));
     let (roll, pitch, yaw) = pose.rotation.euler_angles();
     let t = pose.translation.vector;

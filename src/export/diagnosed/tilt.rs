@@ -1,4 +1,4 @@
-//! A turned joint in files that place every link in the frame of the model (SDF, USD): all links that it
+//! A turned joint in files with every link in the frame of the model (SDF, USD): all links it
 //! carries turn with it.
 
 use gap::{
@@ -7,18 +7,18 @@ use gap::{
 };
 use geometry::Pose;
 
-/// A joint that is turned about its origin.
+/// A joint turned about its origin.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Tilt {
-    /// Link that stays.
+    /// Link at rest.
     pub parent: String,
-    /// Links that turn.
+    /// Turned links.
     pub links: Vec<String>,
-    /// Where what the joint carries stands, from where it stood; frame of the parent.
+    /// New pose of a carried link from its old one; frame of the parent.
     pub turned_from_given: Pose,
 }
 
-/// The turn of a joint that takes a load off it; `None` where there is none to take or no turn does it.
+/// The turn of a joint to take a load off it; `None` without a load or a solution.
 #[must_use]
 pub(super) fn tilt(tree: &TwinTree, joint: &str, numbers: &JointNumbers) -> Option<Tilt> {
     let [sine, cosine] = numbers.tilt?;
@@ -44,8 +44,20 @@ impl Tilt {
     }
 }
 
+/// `given`, turned about its own origin by a rotation vector.
+fn turned(given: &Pose, turn: &nalgebra::Vector3<f64>) -> Pose {
+    Pose::from_parts(given.translation, nalgebra::UnitQuaternion::from_scaled_axis(*turn) * given.rotation)
+}
+
+/// Wanted sine and cosine load minus those of the joint at a pose. The pose stays in `tree`.
+fn load_miss(tree: &mut TwinTree, joint: usize, pose: Pose, wanted: (f64, f64)) -> nalgebra::Vector2<f64> {
+    tree.joints[joint].parent_from_joint = pose;
+    let load = Plant::of(tree, joint).map(|p| p.load).unwrap_or_default();
+    nalgebra::Vector2::new(wanted.0 - load.sine, wanted.1 - load.cosine)
+}
+
 /// Pose of a joint, turned as little as possible, at which gravity loads it by `sine sin(q) + cosine cos(q)`
-/// less than the twin; `None` where no turn does that.
+/// less than the twin; `None` without such a turn.
 #[must_use]
 pub(super) fn tilted(tree: &TwinTree, joint: usize, sine: f64, cosine: f64) -> Option<Pose> {
     let plant = Plant::of_joint(tree, joint).ok()?;
@@ -55,35 +67,19 @@ pub(super) fn tilted(tree: &TwinTree, joint: usize, sine: f64, cosine: f64) -> O
     let mut tree = tree.clone();
     let given = tree.joints[joint].parent_from_joint;
     let mut turn = nalgebra::Vector3::zeros();
-    let mut miss = |turn: &nalgebra::Vector3<f64>| {
-        tree.joints[joint].parent_from_joint = nalgebra::Isometry3::from_parts(
-            given.translation,
-            nalgebra::UnitQuaternion::from_scaled_axis(*turn) * given.rotation,
-        );
-        let load = Plant::of_joint(&tree, joint).map(|p| p.load).unwrap_or_default();
-        nalgebra::Vector2::new(wanted.0 - load.sine, wanted.1 - load.cosine)
-    };
     for _ in 0..30 {
-        let now = miss(&turn);
+        let now = load_miss(&mut tree, joint, turned(&given, &turn), wanted);
         if now.norm() < 1e-7 * scale {
-            return Some(Pose::from_parts(
-                given.translation,
-                nalgebra::UnitQuaternion::from_scaled_axis(turn) * given.rotation,
-            ));
+            return Some(turned(&given, &turn));
         }
         let step = 1e-6;
         // Derivatives by differences: the load goes through the whole tree below the joint.
-        let column =
-            |axis: usize, miss: &mut dyn FnMut(&nalgebra::Vector3<f64>) -> nalgebra::Vector2<f64>| {
-                let mut other = turn;
-                other[axis] += step;
-                (now - miss(&other)) / step
-            };
-        let j = nalgebra::Matrix2x3::from_columns(&[
-            column(0, &mut miss),
-            column(1, &mut miss),
-            column(2, &mut miss),
-        ]);
+        let columns = [0, 1, 2].map(|axis| {
+            let mut other = turn;
+            other[axis] += step;
+            (now - load_miss(&mut tree, joint, turned(&given, &other), wanted)) / step
+        });
+        let j = nalgebra::Matrix2x3::from_columns(&columns);
         // Two loads, three components of the turn: the pseudoinverse takes the least turn. The step is
         // bounded, as the load is a sine of the turn and a long step overshoots.
         let least = j.transpose() * (j * j.transpose()).try_inverse()? * now;

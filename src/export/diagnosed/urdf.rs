@@ -17,10 +17,10 @@ use gap::{
     twin_tree::TwinTree,
 };
 
-/// Namespace of the elements that other readers skip.
+/// Namespace of the elements, skipped by other readers.
 const NAMESPACE: &str = "xmlns:gap=\"https://artitwin.invalid/gap\"";
 
-/// The URDF with the effects, and what became of each. Damping and friction are changed in place; all other
+/// The URDF with the effects, and the status of each. Damping and friction are changed in place; all other
 /// effects are elements of the joint.
 ///
 /// # Errors
@@ -35,7 +35,7 @@ pub fn urdf(
     let document = parse_xml(text)?;
     let mut edits = Vec::new();
     let mut remarks = Vec::new();
-    // A twin that was diagnosed before holds such elements.
+    // A twin diagnosed before holds such elements.
     let mut foreign = text.contains("<gap:");
     for joint in joints {
         let Some(spec) = tree.joints.iter().find(|j| j.name == joint.joint) else { continue };
@@ -46,7 +46,7 @@ pub fn urdf(
         for effect in held(Format::Urdf, joint).into_iter().flat_map(|h| &h.effects) {
             let found = joint.diagnosis.findings.iter().find(|f| Some(f.index) == effect.effect);
             if let Some(finding) = found.filter(|_| effect.fate != Fate::Native) {
-                // A reader of these elements must know what the numbers of the joint hold already.
+                // A reader of these elements must know the effects already held by the joint's numbers.
                 elements.push_str(&element(finding, &format!(" status=\"{}\"", effect.fate.name())));
             }
         }
@@ -64,13 +64,14 @@ pub fn urdf(
     Ok((edited(text, edits), remarks))
 }
 
-/// An effect as an element that other readers skip, with further `attributes`.
+/// An effect as an element skipped by other readers, with further `attributes`.
 pub fn element(finding: &Finding, attributes: &str) -> String {
-    let parameter = |p: &ParameterEstimate| {
-        format!("<gap:parameter name=\"{}\" value=\"{}\" unit=\"{}\"/>", p.name, p.value, p.unit)
-    };
-    let parameters: String = finding.parameters.iter().map(parameter).collect();
+    let parameters: String = finding.parameters.iter().map(parameter_element).collect();
     format!("<gap:effect name=\"{}\"{attributes}>{parameters}</gap:effect>", finding.effect)
+}
+
+fn parameter_element(p: &ParameterEstimate) -> String {
+    format!("<gap:parameter name=\"{}\" value=\"{}\" unit=\"{}\"/>", p.name, p.value, p.unit)
 }
 
 /// Declares the namespace of such elements at the root, where it is not.

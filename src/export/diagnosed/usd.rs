@@ -1,4 +1,4 @@
-//! The named effects in the USD text that stands beside the twin: attributes of its joints.
+//! The named effects in the USD text beside the twin: attributes of its joints.
 //!
 //! UsdPhysics itself has limits and a drive, whose stiffness and target are a spring. Friction and damping of
 //! a joint are attributes of PhysX (`physxJointAxis`, effort) and of Newton (`newton`); angles are degrees.
@@ -19,7 +19,7 @@ use gap::{
 use geometry::Pose;
 use model::is_plain_name;
 
-/// The USD text with the effects, and what became of each. Notes name a joint that the text does not have.
+/// The USD text with the effects, and the status of each. Notes name a joint missing in the text.
 #[must_use]
 pub fn usd(
     text: &str,
@@ -57,7 +57,7 @@ pub fn usd(
     (text, all)
 }
 
-/// Where a prim begins. A name that USD cannot have is nowhere: it would be found in the middle of something
+/// Start of a prim. A name invalid in USD is nowhere: it would be found in the middle of something
 /// else.
 fn definition(text: &str, kind: &str, name: &str) -> Option<usize> {
     if is_plain_name(name) { text.find(&format!("def {kind} \"{name}\"")) } else { None }
@@ -139,7 +139,7 @@ fn link_pose(text: &str, name: &str) -> Option<LinkPose> {
     })
 }
 
-/// Range of the tuple that follows an attribute, from `start` on, before the next prim begins.
+/// Range of the tuple behind an attribute, from `start` on, before the next prim begins.
 fn value_of(text: &str, start: usize, attribute: &str) -> Option<std::ops::Range<usize>> {
     // The next prim may have an attribute of the same name.
     let end = text[start + 4..].find("def ").map_or(text.len(), |i| start + 4 + i);
@@ -161,13 +161,15 @@ fn quaternion_text(q: &nalgebra::UnitQuaternion<f64>) -> String {
     format!("({}, {}, {}, {})", q.w, q.i, q.j, q.k)
 }
 
+/// Name of the `float` attribute on a line.
+fn float_name(line: &str) -> Option<&str> {
+    line.trim_start().strip_prefix("float ")?.split(" =").next()
+}
+
 /// Lines of attributes with one of them set, or added at the end.
 fn with_attribute(body: &str, attribute: &str, value: f64) -> String {
     let line = format!("            float {attribute} = {value}\n");
-    let is_it = |l: &&str| {
-        l.trim_start().strip_prefix("float ").is_some_and(|l| l.split(" =").next() == Some(attribute))
-    };
-    match body.split_inclusive('\n').find(is_it) {
+    match body.split_inclusive('\n').find(|l| float_name(l) == Some(attribute)) {
         Some(old) => body.replacen(old, &line, 1),
         None => format!("{body}{line}"),
     }

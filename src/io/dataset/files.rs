@@ -1,4 +1,4 @@
-//! What the dataset layouts share: reading bounded files, camera matrices and poses, building frames.
+//! Parts shared by the dataset layouts: reading bounded files, camera matrices and poses, building frames.
 
 use std::{
     io::ErrorKind,
@@ -18,7 +18,7 @@ use common::limits::DATASET;
 use common::note::Note;
 use geometry::{Intrinsics, Pose};
 
-/// Names of the states in the layouts that have a folder a state.
+/// Names of the states in the layouts with a folder a state.
 pub const STATES: [&str; 2] = ["start", "end"];
 /// Depth and masks may have so many times the pixels of their color image.
 const MOST_LARGER: usize = 16;
@@ -42,12 +42,12 @@ pub fn read(path: &Path) -> Result<Vec<u8>, CaptureError> {
     })
 }
 
-/// Size that an image file states, without its pixels.
+/// Size stated in an image file, without its pixels.
 pub fn image_size(path: &Path) -> Result<(usize, usize), CaptureError> {
     stated_size(&read(path)?).map_or_else(|| refuse(path, "neither JPEG nor PNG by its first bytes"), Ok)
 }
 
-/// An image file whose pixels may be decoded: those of a dataset have one size, and what goes with them may
+/// An image file of allowed size: those of a dataset have one size, and masks and depth may
 /// be larger or smaller, but not without measure.
 pub fn read_image(
     path: &Path,

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// The file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct JointTransforms {
-    /// What the object was made of.
+    /// The object's source.
     #[serde(default)]
     pub input: serde_json::Value,
     trans_info: OneOrMany,

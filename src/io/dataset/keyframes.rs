@@ -53,11 +53,13 @@ pub fn open_keyframes(folder: &Path, config: &CaptureConfig, stop: &Stop) -> Res
     let size = image_size(&color_path(folder, first))?;
     config.check_memory(&[(kept.iter().map(Vec::len).sum(), size.0, size.1)])?;
     for (state, kept) in kept.iter().enumerate() {
-        let read = |entry: &Entry| -> Result<RgbdFrame, CaptureError> {
-            stop.check()?;
-            read_frame(folder, &camera_file, &k, entry, size, config)
-        };
-        capture.states[state] = kept.par_iter().map(read).collect::<Result<_, CaptureError>>()?;
+        capture.states[state] = kept
+            .par_iter()
+            .map(|entry| {
+                stop.check()?;
+                read_frame(folder, &camera_file, &k, entry, size, config)
+            })
+            .collect::<Result<_, CaptureError>>()?;
     }
     import_matches(folder, &mut capture, stop)?;
     Ok(capture)
@@ -141,7 +143,7 @@ fn read_frame(
     let depth_file = image_path(folder, "depth_filtered", entry);
     let depth = codec::depth_file(&read_image(&depth_file, size, false)?, 0.001)
         .map_err(|e| image_error(&depth_file, e))?;
-    // Depth may be coarser than color. Nearest: a mean across an edge is a surface that nobody saw.
+    // Depth may be coarser than color. Nearest: a mean across an edge is an unseen surface.
     let mut depth_m = depth.resized_nearest(width, height).pixels;
     limit_depth(&mut depth_m, config);
     let mask = match optional(image_path(folder, "mask", entry)) {

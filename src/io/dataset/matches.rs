@@ -1,4 +1,4 @@
-//! Pixel matches that come with a dataset: `correspondence_loftr/no_filter/src_<id>_tgt_all_top30.npz`, each
+//! Pixel matches of a dataset: `correspondence_loftr/no_filter/src_<id>_tgt_all_top30.npz`, each
 //! a NumPy array of dictionaries `{source id: N x 2 pixels, target id: N x 2 pixels}` (u, v).
 
 use std::{collections::BTreeMap, path::Path};
@@ -13,7 +13,7 @@ use capture::{Capture, CaptureError, PixelMatch};
 use common::note::{Note, NoteCode};
 use common::stop::Stop;
 
-/// Most pixels of matches that are looked at.
+/// Largest number of pixels read from matches.
 const MAX_MATCHES: usize = 40_000_000;
 
 /// Why the matches of a file are not used.
@@ -54,7 +54,7 @@ enum MatchesError {
     Lengths(usize, usize),
 }
 
-/// Adds the matches between frames that were kept; a broken file gives a warning.
+/// Adds the matches between kept frames; a broken file gives a warning.
 ///
 /// # Errors
 /// [`CaptureError::Read`].
@@ -67,7 +67,7 @@ pub fn import_matches(folder: &Path, capture: &mut Capture, stop: &Stop) -> Resu
         std::fs::read_dir(&folder).map_err(|source| CaptureError::Read { path: folder.clone(), source })?;
     let mut files: Vec<_> =
         entries.flatten().map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "npz")).collect();
-    // `read_dir` has no order, and the order of matches is part of what a run computes.
+    // `read_dir` has no order, and results of a run depend on the order of matches.
     files.sort();
     let mut places = BTreeMap::new();
     for (state, frames) in capture.states.iter().enumerate() {
@@ -110,7 +110,7 @@ pub fn import_matches(folder: &Path, capture: &mut Capture, stop: &Stop) -> Resu
 /// By frame id: state, index, width, height.
 type Places = BTreeMap<String, (usize, usize, usize, usize)>;
 
-/// Adds the matches of one file; the number of those outside their images. `left`: matches that may still be
+/// Adds the matches of one file; the number of those outside their images. `left`: matches still to be
 /// looked at.
 fn read_matches(
     archive: &[u8],
@@ -143,16 +143,9 @@ fn add_pair(
 ) -> Result<usize, MatchesError> {
     let Node::Dict(items) = &pickle.nodes[entry] else { return Err(MatchesError::NoDictionary) };
     let [a, b] = items[..] else { return Err(MatchesError::Entries(items.len())) };
-    let mut side = |(key, value): (usize, usize)| -> Result<_, MatchesError> {
-        let Node::Str(id) = &pickle.nodes[key] else { return Err(MatchesError::NoId) };
-        let pixels = pickle.pairs(value).ok_or(MatchesError::NoPixels)?;
-        // One array may be mentioned often.
-        *left = left.checked_sub(pixels.len()).ok_or(MatchesError::Large)?;
-        // Keys come with and without the prefix, as those of the keyframes.
-        Ok((places.get(id.strip_prefix("frame_").unwrap_or(id)).copied(), pixels))
-    };
-    let (place_a, pixels_a) = side(a)?;
-    let (place_b, pixels_b) = side(b)?;
+    let (id_a, pixels_a) = frame_pixels(pickle, a.0, a.1, left)?;
+    let (id_b, pixels_b) = frame_pixels(pickle, b.0, b.1, left)?;
+    let [place_a, place_b] = [id_a, id_b].map(|id| places.get(id).copied());
     if pixels_a.len() != pixels_b.len() {
         return Err(MatchesError::Lengths(pixels_a.len(), pixels_b.len()));
     }
@@ -163,12 +156,9 @@ fn add_pair(
         // Matches within a state show no motion.
         _ => return Ok(0),
     };
-    let inside = |p: &[f64; 2], (_, _, w, h): (usize, usize, usize, usize)| {
-        p[0] >= 0.0 && p[1] >= 0.0 && p[0] <= (w - 1) as f64 && p[1] <= (h - 1) as f64
-    };
     let mut outside = 0;
     for (p, q) in pixels_0.iter().zip(&pixels_1) {
-        if !inside(p, zero) || !inside(q, one) {
+        if !is_inside(p, zero.2, zero.3) || !is_inside(q, one.2, one.3) {
             outside += 1;
             continue;
         }
@@ -176,6 +166,25 @@ fn add_pair(
         matches.push(PixelMatch { frame0: zero.1, pixel0: pixel(p), frame1: one.1, pixel1: pixel(q) });
     }
     Ok(outside)
+}
+
+/// Frame id and matched pixels of one side of a pair.
+fn frame_pixels<'a>(
+    pickle: &'a Pickle,
+    key: usize,
+    value: usize,
+    left: &mut usize,
+) -> Result<(&'a str, Vec<[f64; 2]>), MatchesError> {
+    let Node::Str(id) = &pickle.nodes[key] else { return Err(MatchesError::NoId) };
+    let pixels = pickle.pairs(value).ok_or(MatchesError::NoPixels)?;
+    // One array may be mentioned often.
+    *left = left.checked_sub(pixels.len()).ok_or(MatchesError::Large)?;
+    // Keys come with and without the prefix, as those of the keyframes.
+    Ok((id.strip_prefix("frame_").unwrap_or(id), pixels))
+}
+
+fn is_inside(p: &[f64; 2], width: usize, height: usize) -> bool {
+    p[0] >= 0.0 && p[1] >= 0.0 && p[0] <= (width - 1) as f64 && p[1] <= (height - 1) as f64
 }
 
 #[cfg(test)]

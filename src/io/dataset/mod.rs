@@ -1,4 +1,4 @@
-//! Dataset folders: posed images on disk, in the layouts that published articulated-object datasets use.
+//! Dataset folders: posed images on disk, in the layouts of published articulated-object datasets.
 
 mod files;
 mod joint_transforms;

@@ -25,7 +25,7 @@ pub enum NpzError {
     /// Its directory leads nowhere.
     #[error("the zip archive is broken")]
     Broken,
-    /// A member that is not read.
+    /// An unsupported member.
     #[error("member `{0}` is encrypted or too large")]
     Member(String),
     /// Two members in one place.
@@ -56,54 +56,53 @@ pub struct Member<'a> {
 /// Members of a zip archive, in the order of its directory.
 ///
 /// # Errors
-/// What is broken or not supported: encryption, members over 4 GiB, members that share bytes (a
+/// Broken or unsupported parts: encryption, members over 4 GiB, members with shared bytes (a
 /// directory that names one of them twice), more than [`ARCHIVE`] bytes in all.
 pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, NpzError> {
-    let broken = || NpzError::Broken;
     // The end record has 22 bytes and up to 65,535 of a comment behind it.
     let search = archive.len().saturating_sub(22 + 65_535);
     let end =
         archive[search..].windows(4).rposition(|w| w == END).map(|i| i + search).ok_or(NpzError::NoZip)?;
-    let count = u16_at(archive, end + 10).ok_or_else(broken)?;
-    let mut at = u32_at(archive, end + 16).ok_or_else(broken)?;
+    let count = u16_at(archive, end + 10).ok_or(NpzError::Broken)?;
+    let mut at = u32_at(archive, end + 16).ok_or(NpzError::Broken)?;
     let mut found = Vec::new();
     let mut places = Vec::new();
     for _ in 0..count {
         if archive.get(at..at + 4) != Some(&CENTRAL) {
-            return Err(broken());
+            return Err(NpzError::Broken);
         }
-        let field16 = |offset| u16_at(archive, at + offset).ok_or_else(broken);
-        let field32 = |offset| u32_at(archive, at + offset).ok_or_else(broken);
+        let field16 = |offset| u16_at(archive, at + offset).ok_or(NpzError::Broken);
+        let field32 = |offset| u32_at(archive, at + offset).ok_or(NpzError::Broken);
         let flags = field16(8)?;
         let method = field16(10)?;
-        // From the directory: a member that was written as a stream has zeros in its own header.
+        // From the directory: a streamed member has zeros in its own header.
         let packed = field32(20)?;
         let size = field32(24)?;
         let local = field32(42)?;
         let name_len = field16(28)?;
         let extra_len = field16(30)?;
         let comment_len = field16(32)?;
-        let name = archive.get(at + 46..at + 46 + name_len).ok_or_else(broken)?;
+        let name = archive.get(at + 46..at + 46 + name_len).ok_or(NpzError::Broken)?;
         let name = String::from_utf8_lossy(name).escape_debug().take(64).collect::<String>();
         // Bit 0: encrypted. All ones: ZIP64, where the size stands elsewhere.
         if flags & 1 != 0 || [packed, size, local].contains(&(u32::MAX as usize)) {
             return Err(NpzError::Member(name));
         }
         if archive.get(local..local + 4) != Some(&LOCAL) {
-            return Err(broken());
+            return Err(NpzError::Broken);
         }
-        // Lengths of the local header, which may differ from those of the directory.
+        // Lengths of the local header. Those of the directory may differ.
         let skip = u16_at(archive, local + 26)
             .zip(u16_at(archive, local + 28))
             .map(|(n, e)| 30 + n + e)
-            .ok_or_else(broken)?;
-        let data = archive.get(local + skip..local + skip + packed).ok_or_else(broken)?;
+            .ok_or(NpzError::Broken)?;
+        let data = archive.get(local + skip..local + skip + packed).ok_or(NpzError::Broken)?;
         places.push((local, local + skip + packed, name));
         found.push(Member { data, method, size: size as u64 });
         at += 46 + name_len + extra_len + comment_len;
     }
     places.sort();
-    // Members that share bytes would unpack a small archive many times over.
+    // Members with shared bytes would unpack a small archive many times over.
     if let Some(pair) = places.windows(2).find(|pair| pair[1].0 < pair[0].1) {
         return Err(NpzError::Shared(pair[0].2.clone(), pair[1].2.clone()));
     }
@@ -122,7 +121,7 @@ impl Member<'_> {
             0 => content.extend_from_slice(self.data),
             8 => {
                 let decoder = flate2::read::DeflateDecoder::new(self.data);
-                // One byte beyond the stated size shows that there is more.
+                // One byte beyond the stated size reveals more data.
                 _ = decoder.take(self.size + 1).read_to_end(&mut content)?;
             }
             other => return Err(NpzError::Compression(other)),

@@ -20,13 +20,13 @@ pub enum PickleError {
     /// More than is taken.
     #[error("the pickle mentions more than {PICKLE_VALUES} values")]
     Large,
-    /// An instruction that is not known, or not safe.
+    /// An unknown or unsafe instruction.
     #[error("pickle instruction 0x{0:02x} is not taken")]
     Instruction(u8),
-    /// A function that is not one of NumPy's constructors.
+    /// A function outside NumPy's constructors.
     #[error("the pickle calls `{0}`, which is not taken")]
     Call(String),
-    /// Instructions that do not fit together.
+    /// Instructions in an invalid order.
     #[error("{0}")]
     Broken(&'static str),
     /// A count beyond this machine's memory.
@@ -42,7 +42,7 @@ pub type Id = usize;
 /// A value.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Node {
-    /// None, and objects that do not matter.
+    /// None, and irrelevant objects.
     None,
     /// A truth value or whole number.
     Int(i64),
@@ -89,7 +89,7 @@ impl Pickle {
     /// Reads a pickle (protocols 2 to 5).
     ///
     /// # Errors
-    /// What is not understood.
+    /// The unsupported part.
     pub fn read(data: &[u8]) -> Result<Self, PickleError> {
         let mut machine =
             Machine { data, at: 0, nodes: Vec::new(), stack: Vec::new(), memo: BTreeMap::new(), mentions: 0 };
@@ -122,10 +122,8 @@ impl Pickle {
         let kind = dtype.as_bytes()[1];
         let numbers: Option<Vec<f64>> = bytes.chunks_exact(size).map(|b| number(kind, b)).collect();
         let numbers = numbers?;
-        let at = |row: usize, column: usize| {
-            numbers[if *fortran { column * count + row } else { 2 * row + column }]
-        };
-        Some((0..*count).map(|row| [at(row, 0), at(row, 1)]).collect())
+        let [row_step, column_step] = if *fortran { [1, *count] } else { [2, 1] };
+        Some((0..*count).map(|row| [0, 1].map(|c| numbers[row * row_step + c * column_step])).collect())
     }
 }
 
@@ -143,7 +141,7 @@ fn number(kind: u8, bytes: &[u8]) -> Option<f64> {
     }
 }
 
-/// A name or type, which is copied wherever it is used.
+/// A name or type, copied wherever it is used.
 fn short(text: &str) -> Result<&str, PickleError> {
     if text.len() > PICKLE_NAME { Err(PickleError::Name(text.len())) } else { Ok(text) }
 }
@@ -155,7 +153,7 @@ struct Machine<'a> {
     stack: Vec<Id>,
     // A map: a key may be any number, and a vector as long as that would be for the file to size.
     memo: BTreeMap<usize, Id>,
-    /// Values that were put on the stack.
+    /// Values put on the stack.
     mentions: usize,
 }
 
@@ -231,7 +229,7 @@ impl Machine<'_> {
         })
     }
 
-    /// Instructions that take values off the stack.
+    /// Instructions taking values off the stack.
     fn combine(&mut self, op: u8) -> Result<(), PickleError> {
         // `a` APPEND, `e` APPENDS, `s` SETITEM, `u` SETITEMS, `t` TUPLE, 0x85 to 0x87 TUPLE1 to 3,
         // 0x93 STACK_GLOBAL, `R` REDUCE, `b` BUILD.

@@ -55,13 +55,25 @@ pub fn open_start_end(folder: &Path, config: &CaptureConfig, stop: &Stop) -> Res
     let size = image_size(&part.color(first))?;
     config.check_memory(&[(found.iter().map(|part| part.kept.len()).sum(), size.0, size.1)])?;
     for (state, part) in found.iter().enumerate() {
-        let read = |entry: &Entry| -> Result<RgbdFrame, CaptureError> {
-            stop.check()?;
-            part.read_frame((state, entry), size, config)
-        };
-        capture.states[state] = part.kept.par_iter().map(read).collect::<Result<_, CaptureError>>()?;
+        capture.states[state] = part
+            .kept
+            .par_iter()
+            .map(|entry| {
+                stop.check()?;
+                part.read_frame(state, entry, size, config)
+            })
+            .collect::<Result<_, CaptureError>>()?;
     }
     Ok(capture)
+}
+
+/// Numbers of a matrix row by row; NaN where an entry is no number.
+fn matrix_numbers(v: &Value) -> Vec<f64> {
+    let rows = v.as_array().into_iter().flatten();
+    rows.flat_map(|row| row.as_array().into_iter().flatten())
+        // `pose_from_opengl` and `camera` refuse NaN and report its place.
+        .map(|n| n.as_f64().unwrap_or(f64::NAN))
+        .collect()
 }
 
 /// Camera matrix and frames, by name.
@@ -71,19 +83,17 @@ fn cameras(path: &Path) -> Result<(Vec<f64>, Vec<Entry>), CaptureError> {
         Ok(map) => map,
         Err(e) => return refuse(path, e.to_string()),
     };
-    let numbers = |v: &Value| -> Vec<f64> {
-        let rows = v.as_array().into_iter().flatten();
-        rows.flat_map(|row| row.as_array().into_iter().flatten())
-            // `pose_from_opengl` and `camera` refuse NaN and say where it stands.
-            .map(|n| n.as_f64().unwrap_or(f64::NAN))
-            .collect()
+    let Some(k) = map.get("K").map(matrix_numbers) else {
+        return refuse(path, "it has no camera matrix `K`");
     };
-    let Some(k) = map.get("K").map(numbers) else { return refuse(path, "it has no camera matrix `K`") };
     let frames = map.iter().filter(|(name, _)| !name.is_empty() && name.bytes().all(|b| b.is_ascii_digit()));
     let entries: Result<Vec<_>, CaptureError> = frames
         .take(MAX_FRAMES)
         .map(|(name, v)| {
-            Ok(Entry { id: name.clone(), world_from_camera: pose_from_opengl(path, name, &numbers(v))? })
+            Ok(Entry {
+                id: name.clone(),
+                world_from_camera: pose_from_opengl(path, name, &matrix_numbers(v))?,
+            })
         })
         .collect();
     let entries = entries?;
@@ -106,7 +116,8 @@ impl Part {
 
     fn read_frame(
         &self,
-        (state, entry): (usize, &Entry),
+        state: usize,
+        entry: &Entry,
         size: (usize, usize),
         config: &CaptureConfig,
     ) -> Result<RgbdFrame, CaptureError> {
@@ -119,7 +130,7 @@ impl Part {
         }
         let depth = codec::depth_file(&read_image(&depth_file, size, false)?, 0.001)
             .map_err(|e| image_error(&depth_file, e))?;
-        // Depth may be coarser than color. Nearest: a mean across an edge is a surface that nobody saw.
+        // Depth may be coarser than color. Nearest: a mean across an edge is an unseen surface.
         let mut depth_m = depth.resized_nearest(color.width, color.height).pixels;
         limit_depth(&mut depth_m, config);
         Ok(RgbdFrame {

@@ -12,20 +12,20 @@ use super::{
     text::{Clock, Text},
 };
 
-/// A message that is sent under its ROS type.
+/// A message sent under its ROS type.
 pub trait RosMessage: serde::Serialize + serde::de::DeserializeOwned + Send + Sync + 'static {
     /// Its type, e.g. `sensor_msgs/msg/Image`.
     const TYPE: &'static str;
 }
 
-/// What a bag holds about a type.
+/// Description of a type in a bag.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Definition {
     /// `sensor_msgs/msg/Image`.
     pub type_name: &'static str,
     /// `RIHS01_` and 64 hexadecimal digits.
     pub hash: &'static str,
-    /// The definition, followed by those of all types that it needs (`ros2msg`).
+    /// The definition, followed by those of all needed types (`ros2msg`).
     pub text: &'static str,
 }
 
@@ -59,7 +59,7 @@ definitions! {
     GapReport, "artitwin_msgs", "GapReport";
 }
 
-/// All types that are known.
+/// All known types.
 pub fn definitions() -> impl Iterator<Item = Definition> {
     FILES.iter().filter_map(|(type_name, file)| {
         let (hash, text) = file.split_once('\n')?;

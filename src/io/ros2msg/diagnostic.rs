@@ -7,7 +7,7 @@ use super::Header;
 /// `diagnostic_msgs/msg/KeyValue`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct KeyValue {
-    /// What.
+    /// Key.
     pub key: String,
     /// How much, as text.
     pub value: String,
@@ -18,11 +18,11 @@ pub struct KeyValue {
 pub struct DiagnosticStatus {
     /// 0 OK, 1 warning, 2 error, 3 stale.
     pub level: u8,
-    /// What it is about: `node: part`.
+    /// Its subject: `node: part`.
     pub name: String,
     /// A sentence.
     pub message: String,
-    /// Which device.
+    /// The device.
     pub hardware_id: String,
     /// Figures.
     pub values: Vec<KeyValue>,

@@ -19,7 +19,7 @@ pub struct GapParameter {
     pub unit: String,
 }
 
-/// `artitwin_msgs/msg/GapFinding`: an effect that a twin lacks.
+/// `artitwin_msgs/msg/GapFinding`: a missing effect of a twin.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct GapFinding {
     /// Where.
@@ -32,12 +32,12 @@ pub struct GapFinding {
     pub parameters: Vec<GapParameter>,
 }
 
-/// `artitwin_msgs/msg/GapReport`: what a diagnosis found.
+/// `artitwin_msgs/msg/GapReport`: the findings of a diagnosis.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct GapReport {
     /// When.
     pub header: Header,
-    /// The URDF that was diagnosed.
+    /// The diagnosed URDF.
     pub twin: String,
     /// Folder of the result.
     pub folder: String,
@@ -49,7 +49,7 @@ pub struct GapReport {
     pub gap_before: f64,
     /// The same of the updated twin.
     pub gap_after: f64,
-    /// What the recording's noise explains.
+    /// The residual explained by the recording's noise.
     pub noise_floor: f64,
     /// Of the three, `rad` or `m`.
     pub unit: String,

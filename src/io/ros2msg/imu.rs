@@ -4,14 +4,14 @@ use serde::{Deserialize, Serialize};
 
 use super::{Header, Quaternion, Vector3};
 
-/// Accelerations beyond this are none of a camera that somebody carries, m/s².
+/// Accelerations beyond this do not occur at a hand-held camera, m/s².
 /// derived: 16 g, the largest range of the sensors in depth cameras
 const MOST: f64 = 160.0;
 
-/// `sensor_msgs/msg/Imu`. A covariance that begins with -1 says that there is no such reading.
+/// `sensor_msgs/msg/Imu`. A covariance beginning with -1 stands for a missing reading.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Imu {
-    /// Stamp and the frame whose axes are those of the readings.
+    /// Stamp and the frame of the readings.
     pub header: Header,
     /// Orientation.
     pub orientation: Quaternion,
@@ -28,7 +28,7 @@ pub struct Imu {
 }
 
 impl Imu {
-    /// The acceleration that was read, m/s²; `None` where there is none: drivers fill the messages of their
+    /// The measured acceleration, m/s²; `None` without one: drivers fill the messages of their
     /// gyroscopes with zeros.
     #[must_use]
     pub fn acceleration(&self) -> Option<nalgebra::Vector3<f64>> {

@@ -1,4 +1,4 @@
-//! Messages about joints that controllers publish and are sent: ros2_control, `trajectory_msgs`, `std_msgs`.
+//! Messages about joints to and from controllers: ros2_control, `trajectory_msgs`, `std_msgs`.
 
 use serde::{Deserialize, Serialize};
 
@@ -30,7 +30,7 @@ pub struct JointTrajectory {
     pub points: Vec<TrajectoryPoint>,
 }
 
-/// The front of `control_msgs/msg/JointTrajectoryControllerState`: what follows differs between releases.
+/// The front of `control_msgs/msg/JointTrajectoryControllerState`: the rest differs between releases.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ControllerStateFront {
     /// When the controller ran.
@@ -59,7 +59,7 @@ pub struct DynamicJointState {
     pub header: Header,
     /// Names of the joints.
     pub joint_names: Vec<String>,
-    /// What is known of each.
+    /// Interface names and values of each joint.
     pub interface_values: Vec<InterfaceValue>,
 }
 

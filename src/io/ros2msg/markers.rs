@@ -44,7 +44,7 @@ pub mod kind {
     pub const LINE_STRIP: i32 = 4;
     /// Lines between pairs of points.
     pub const LINE_LIST: i32 = 5;
-    /// Text that faces the viewer.
+    /// Text facing the viewer.
     pub const TEXT: i32 = 9;
     /// Triangles of three points each.
     pub const TRIANGLE_LIST: i32 = 11;
@@ -67,9 +67,9 @@ pub struct Marker {
     pub ns: String,
     /// Number within the group.
     pub id: i32,
-    /// What is drawn, see [`kind`].
+    /// Shape, see [`kind`].
     pub kind: i32,
-    /// What happens to it, see [`action`].
+    /// Action, see [`action`].
     pub action: i32,
     /// Where it stands in the frame.
     pub pose: Transform,
@@ -86,7 +86,7 @@ pub struct Marker {
     /// Color of each point; empty: that of the marker.
     pub colors: Vec<Color>,
     /// Unused here.
-    // CDR has no field names: a field that is left out would shift all behind it.
+    // CDR has no field names: a missing field would shift all behind it.
     pub texture_resource: String,
     /// Unused here.
     pub texture: CompressedImage,

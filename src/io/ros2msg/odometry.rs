@@ -13,7 +13,7 @@ pub type Covariance = [[f64; 6]; 6];
 pub struct FullOdometry {
     /// Stamp and the frame the pose is given in.
     pub header: Header,
-    /// The frame whose pose it is.
+    /// The posed frame.
     pub child_frame_id: String,
     /// The pose.
     pub pose: Transform,

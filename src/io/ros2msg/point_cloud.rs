@@ -26,7 +26,7 @@ pub struct PointCloud2 {
     pub height: u32,
     /// Points a row.
     pub width: u32,
-    /// What a point holds.
+    /// Fields of a point.
     pub fields: Vec<PointField>,
     /// Byte order of the data.
     pub is_bigendian: bool,

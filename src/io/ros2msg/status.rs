@@ -15,13 +15,13 @@ pub struct CollectionStatus {
     pub state: u8,
     /// Kept in each state.
     pub keyframes: [u32; 2],
-    /// Sets of images that belong together, since the last reset.
+    /// Matched sets of images since the last reset.
     pub matched: u64,
     /// Images without partner, since the last reset.
     pub unmatched: u64,
     /// Folder of the recordings.
     pub session: String,
-    /// Whether the camera is tracked by what it sees.
+    /// Whether the camera is tracked by its images.
     pub tracked: bool,
     /// Placed by tracking.
     pub views_per_second: f32,
@@ -29,6 +29,6 @@ pub struct CollectionStatus {
     pub inliers: f32,
     /// Standard deviation of the last view's place, meters; infinite: lost.
     pub position_error: f32,
-    /// What to do; empty: go on.
+    /// Advice to the user; empty: go on.
     pub hint: String,
 }
