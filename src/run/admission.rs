@@ -1,4 +1,4 @@
-//! What is refused before any work, and what a run belongs to.
+//! Checks before any work, and the fingerprint of a run.
 
 use std::path::PathBuf;
 
@@ -9,7 +9,7 @@ use super::{
 use config::{Config, Init, Method};
 use io::{self, ResultKind};
 
-/// Refuses what no recording could make right; the name of the twin.
+/// Refuses requests beyond repair by any recording; returns the name of the twin.
 pub(super) fn checked_name(request: &ReconstructRequest) -> Result<String, RunError> {
     request.config.check().map_err(|e| e.with_origin(&request.origins))?;
     // By names and folders alone; nothing is decoded yet.
@@ -38,7 +38,7 @@ pub(super) fn checked_name(request: &ReconstructRequest) -> Result<String, RunEr
     Ok(name)
 }
 
-/// Refuses what could not be written at the end: the result, under either of its names, and the checkpoint.
+/// Refuses places without write access for the end: for the result, under either of its names, and the checkpoint.
 fn check_places(request: &ReconstructRequest, name: &str, states: usize) -> Result<(), io::RunDirError> {
     let least_bytes = least_reconstruction(states, &request.config);
     for place in [request.place(name), request.rejected_place(name)] {
@@ -53,7 +53,7 @@ pub(super) fn matcher(config: &Config) -> Result<Option<io::OnnxMatcher>, RunErr
     config.matching.onnx.as_ref().map(open).transpose().map_err(|e| RunError::stage("match", e))
 }
 
-/// What a checkpoint belongs to.
+/// Fingerprint of a run, for its checkpoint.
 pub(super) fn fingerprint(request: &ReconstructRequest) -> Result<Fingerprint, RunError> {
     let failed = |e| RunError::stage("checkpoint", e);
     let mut all = Fingerprint::default()

@@ -82,18 +82,21 @@ const DIAGNOSIS_MARGIN: f64 = 1.5;
 const DIAGNOSIS_SECONDS: f64 = 1.0;
 const SECONDS_PER_SAMPLE: f64 = 1e-3;
 
+/// Pixels of the kept frames of a recording, of `most_frames` at most.
+fn kept_pixels(bag: &Glimpse, most_frames: f64) -> f64 {
+    let (width, height) = bag.size.unwrap_or(SIZE);
+    let frames = bag.frames.map_or(most_frames, |n| (n as f64).min(most_frames));
+    frames * f64::from(width) * f64::from(height)
+}
+
 /// What a reconstruction needs whose grid has `nodes` along its longest side.
 fn reconstruction(bags: &[Glimpse], capture: &CaptureConfig, nodes: usize) -> Estimate {
     // One recording holds two states.
     let states = bags.len().max(2) as f64;
     let most = capture.frames_per_state as f64 * states / bags.len().max(1) as f64;
-    let pixels = |g: &Glimpse| {
-        let (width, height) = g.size.unwrap_or(SIZE);
-        let frames = g.frames.map_or(most, |n| (n as f64).min(most));
-        frames * f64::from(width) * f64::from(height)
-    };
     let unknown = most * f64::from(SIZE.0) * f64::from(SIZE.1);
-    let kept: f64 = if bags.is_empty() { unknown } else { bags.iter().map(pixels).sum() };
+    let kept: f64 =
+        if bags.is_empty() { unknown } else { bags.iter().map(|bag| kept_pixels(bag, most)).sum() };
     let nodes = (nodes as f64).powi(3);
     let per_node = BYTES_PER_NODE + BYTES_PER_NODE_AND_STATE * states;
     // State 0 is compared with each other state.

@@ -14,7 +14,18 @@ use export::{
 };
 use field::InstructionSet;
 
-/// What the report says about the run.
+/// A rendered view with its similarity to the photo; `None` where that was not measured.
+fn rendering(p: &PhotoAndTwin) -> Option<Rendering> {
+    Some(Rendering {
+        state: p.state,
+        view: p.view.clone(),
+        psnr_db: p.psnr_db?,
+        photo: photo_path(p),
+        camera: p.cutout.as_ref().map(|(_, camera)| camera.clone()),
+    })
+}
+
+/// Facts about the run for the report.
 pub(super) fn facts(
     request: &ReconstructRequest,
     fingerprint: &Fingerprint,
@@ -31,16 +42,6 @@ pub(super) fn facts(
             let identity = compare_starts(&twin.model, "identity", true, &twin.starts);
             [identity, compare_starts(&twin.model, "registration", false, &alone)].concat()
         }
-    };
-    let rendering = |p: &PhotoAndTwin| {
-        let camera = p.cutout.as_ref().map(|(_, camera)| camera.clone());
-        Some(Rendering {
-            state: p.state,
-            view: p.view.clone(),
-            psnr_db: p.psnr_db?,
-            photo: photo_path(p),
-            camera,
-        })
     };
     RunFacts {
         input: InputFacts {

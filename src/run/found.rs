@@ -54,7 +54,7 @@ pub(super) fn find_parts(states: &[State], scene: &Scene, stages: &mut Stages) -
         let stage = stage_of("register", state, states.len());
         // All with state 0, whose samples carry the labels of every pair.
         let checkpoint = stages.checkpoint;
-        let register = |m: &Monitor| register_state(states, state, (&stage, parts), scene, checkpoint, m);
+        let register = |m: &Monitor| register_state(states, state, &stage, parts, scene, checkpoint, m);
         registrations.push(stages.kept(&stage, None, register)?);
     }
     match (states, registrations.as_slice()) {
@@ -110,23 +110,32 @@ fn of_pairs(registrations: &[Registration], notes: fn(&Registration) -> &Vec<Not
 
 /// States in which every joint stands as in an earlier one.
 pub(super) fn more_views(model: &ArticulatedModel) -> Vec<Note> {
-    let earlier = |b: usize| (0..b).find(|&a| alike(model, a, b)).map(|a| (a, b));
-    let note = |(a, b)| {
-        let text = format!("state {b} shows all joints where state {a} does: it adds views, and no motion");
-        Note::new(NoteCode::StateAddsNoMotion, text)
-    };
-    (1..model.states.len()).filter_map(earlier).map(note).collect()
+    let mut notes = Vec::new();
+    for b in 1..model.states.len() {
+        if let Some(a) = (0..b).find(|&a| alike(model, a, b)) {
+            let text =
+                format!("state {b} shows all joints where state {a} does: it adds views, and no motion");
+            notes.push(Note::new(NoteCode::StateAddsNoMotion, text));
+        }
+    }
+    notes
 }
 
 /// Whether every joint stands at one position in two states, as far as its deviation lets that be known.
 fn alike(model: &ArticulatedModel, a: usize, b: usize) -> bool {
-    let same = |joint: usize| {
-        let std = &model.joints[joint].evidence.position_std;
-        // State 0 is where positions count from: it has no deviation.
-        let of = |state: usize| state.checked_sub(1).and_then(|k| std.get(k)).copied().unwrap_or_default();
-        let apart = (model.states[a][joint] - model.states[b][joint]).abs();
-        // A state that the joint leaves out is like no other.
-        apart <= ALIKE_SIGMAS * of(a).hypot(of(b)) && of(a).max(of(b)).is_finite()
-    };
-    (0..model.joints.len()).all(same)
+    (0..model.joints.len()).all(|joint| is_joint_alike(model, joint, a, b))
+}
+
+/// The same of one joint.
+fn is_joint_alike(model: &ArticulatedModel, joint: usize, a: usize, b: usize) -> bool {
+    let apart = (model.states[a][joint] - model.states[b][joint]).abs();
+    let [std_a, std_b] = [a, b].map(|state| position_std(model, joint, state));
+    // A state without a position of the joint is like no other.
+    apart <= ALIKE_SIGMAS * std_a.hypot(std_b) && std_a.max(std_b).is_finite()
+}
+
+/// Standard deviation of a joint's position in a state, meters or radians: 0 in state 0, the origin of positions.
+fn position_std(model: &ArticulatedModel, joint: usize, state: usize) -> f64 {
+    let std = &model.joints[joint].evidence.position_std;
+    state.checked_sub(1).and_then(|k| std.get(k)).copied().unwrap_or_default()
 }

@@ -14,13 +14,14 @@ use gap::{
     twin_tree::TwinTree,
 };
 
-/// Gives efforts that are magnitudes their sign, where all runs have commands of the joint, and takes them
+/// Gives efforts recorded as magnitudes their sign, where all runs have commands of the joint, and takes them
 /// away where not: why, by joint. Of the runs the flag says whether only the proof reads them.
 pub(super) fn settle_signs(
     recordings: &mut [(Recording, bool)],
     tree: &TwinTree,
     moving: &[usize],
-    (hold, told): (Hold, &Told),
+    hold: Hold,
+    told: &Told,
     warnings: &mut Vec<Note>,
 ) -> BTreeMap<usize, String> {
     let mut refused = BTreeMap::new();

@@ -1,4 +1,4 @@
-//! The world of a tracked recording whose views show a printed board of tags.
+//! The world of a tracked recording with views of a printed board of tags.
 
 use super::place::{Worlds, unaligned};
 use ::capture::{
@@ -9,22 +9,22 @@ use common::note::{Note, NoteCode};
 use common::stop::{Stop, Stopped};
 use geometry::Pose;
 
-/// A size that depth finds further off than this, as a share, is doubted, and depth counts.
-/// chosen: what data sheets of stereo cameras allow at 2 m; a page fitted to the printer's margins is 3 to
+/// Largest trusted error of the printed size by depth, as a share; beyond it lengths are those of depth.
+/// chosen: the tolerance in data sheets of stereo cameras at 2 m; a page fitted to the printer's margins is 3 to
 /// 6 % smaller
 const LARGEST_OFF: f64 = 0.02;
-/// A board that what stands still moves further than this between states was moved: meters, and radians.
-/// tuned: what states are brought together to by what stands still was within 3 mm in shared/bags, and what
+/// Largest motion of a resting board against still surfaces between states: meters, and radians.
+/// tuned: still surfaces brought states together within 3 mm in shared/bags, and the error
 /// remains after it is corrected up to as much (docs/method.md 2.8)
 const MOVED: [f64; 2] = [0.010, 0.02];
-/// A board tilted further than this against the plane that the object stands on is said, radians.
+/// Tilt of a board against the plane under the object from which there is a warning, radians.
 /// chosen: normals of a plane by depth with a warp of 0.4 % of the range, over a third of it
 const TILTED_RAD: f64 = 0.035;
-/// ... and one that is tilted further stands on its own, against a wall or on a slope, radians.
+/// ... and from which the board stands against a wall or on a slope, radians.
 /// chosen: nobody calls 20 deg level
 const STANDS_RAD: f64 = 0.35;
-/// The same against what is up in the images, which are held level to tens of degrees, radians.
-/// chosen: about two deviations of that
+/// The same against the upward direction by images, held level to tens of degrees; radians.
+/// chosen: about two deviations of this direction
 const STANDS_BY_IMAGES_RAD: f64 = 1.0;
 
 /// Where the maps of states lie on boards; `None` where no state shows one often enough.
@@ -40,7 +40,7 @@ pub(super) fn places(tracked: &[TrackedState], stop: &Stop) -> Result<Option<Pla
     Ok(of_state.iter().any(Option::is_some).then_some(Places { of_state, scale }))
 }
 
-/// The views of a state that show the paper that most of them show.
+/// The views of a state with its most frequent paper.
 fn in_view(state: &TrackedState) -> Vec<BoardInView<'_>> {
     let posed = state.track.poses.iter().zip(&state.boards);
     let views: Vec<BoardInView<'_>> = posed
@@ -57,15 +57,34 @@ fn in_view(state: &TrackedState) -> Vec<BoardInView<'_>> {
 pub(super) struct Places {
     /// Of every state; `None` where it shows no board often enough.
     of_state: Vec<Option<BoardPlace>>,
-    /// Lengths on the board over those of the maps, and the standard deviation of that.
+    /// Lengths on the board over those of the maps, and the standard deviation of this ratio.
     scale: [f64; 2],
 }
 
-/// The world of the board, or one upright with its length, and what is said of it. `aligned` says of every
-/// state but the first how it lies in that one's map.
+impl Places {
+    /// Takes the map of a state, stretched by `scale`, onto the board; `None` where the state shows no board.
+    fn board_from_map(&self, state: usize, scale: f64) -> Option<Pose> {
+        Some(stretched(&self.of_state[state].as_ref()?.board_from_map, scale / self.scale[0]))
+    }
+}
+
+/// Takes the map of a later state, stretched by `scale`, into the first one's map.
+fn first_from_map(
+    aligned: &[Result<(Pose, f64), Unaligned>],
+    state: usize,
+    scale: f64,
+) -> Result<Pose, CaptureError> {
+    match &aligned[state - 1] {
+        Ok((first_from_map, _)) => Ok(stretched(first_from_map, scale)),
+        Err(why) => Err(unaligned(state, why)),
+    }
+}
+
+/// The world of the board, or one upright with its length; adds notes and warnings. `aligned` holds of every
+/// state but the first its pose in the first one's map.
 ///
 /// # Errors
-/// [`CaptureError::StatesUnaligned`] where a state shows no board and nothing that stands still.
+/// [`CaptureError::StatesUnaligned`] where a state shows neither a board nor still surfaces.
 pub(super) fn board_worlds(
     tracked: &[TrackedState],
     places: &Places,
@@ -80,18 +99,13 @@ pub(super) fn board_worlds(
     }
     notes.extend(trusted.then(|| length(&places.scale)));
     warnings.extend((!trusted).then(|| doubtful(places.scale[0])));
-    let on_board = |state: usize| {
-        Some(stretched(&places.of_state[state].as_ref()?.board_from_map, scale / places.scale[0]))
-    };
+    let on_board = |state: usize| places.board_from_map(state, scale);
     let mut on_its_place: Vec<bool> = places.of_state.iter().map(Option::is_some).collect();
     let Some((reference, board_from_map)) = (0..tracked.len()).find_map(|s| Some((s, on_board(s)?))) else {
         return Ok(Worlds::of_maps(vec![Pose::identity(); tracked.len()]));
     };
     let world_from_board = upright(&tracked[reference], &board_from_map, scale, warnings);
-    let in_first = |state: usize| match &aligned[state - 1] {
-        Ok((first_from_map, _)) => Ok(stretched(first_from_map, scale)),
-        Err(why) => Err(unaligned(state, why)),
-    };
+    let in_first = |state: usize| first_from_map(aligned, state, scale);
     let first = match on_board(0) {
         Some(board_from_map) => world_from_board * board_from_map,
         None => world_from_board * board_from_map * in_first(reference)?.inverse(),
@@ -122,7 +136,7 @@ pub(super) fn board_worlds(
     Ok(Worlds { from_maps, scale, board: Some(board) })
 }
 
-/// The world in which a board lies level, or the upright one where it does not.
+/// The world with a level board, or the upright one of a tilted board.
 fn upright(tracked: &TrackedState, board_from_map: &Pose, scale: f64, warnings: &mut Vec<Note>) -> Pose {
     let Upright { world_from_map: upright_from_map, by, .. } = tracked.track.upright();
     let normal = board_from_map.inverse() * nalgebra::Vector3::z();

@@ -1,9 +1,9 @@
-//! What is said of the direction upwards of a tracked recording.
+//! Notes on the direction upwards of a tracked recording.
 
 use ::capture::{Track, UpBy, Upright};
 use common::note::{Note, NoteCode};
 
-/// The world of a tracked state, with what is to be said of its direction upwards: notes, then warnings.
+/// The world of a tracked state, with notes, then warnings, about its direction upwards.
 pub(super) fn upright_of(track: &Track, notes: &mut Vec<Note>, warnings: &mut Vec<Note>) -> Upright {
     let upright = track.upright();
     let deg = |rad: f64| rad.to_degrees();
