@@ -38,7 +38,7 @@ pub(super) fn checked_name(request: &ReconstructRequest) -> Result<String, RunEr
     Ok(name)
 }
 
-/// Refuses places without write access for the end: for the result, under either of its names, and the checkpoint.
+/// Refuses unwritable places: the result's, under either of its names, and the checkpoint's.
 fn check_places(request: &ReconstructRequest, name: &str, states: usize) -> Result<(), io::RunDirError> {
     let least_bytes = least_reconstruction(states, &request.config);
     for place in [request.place(name), request.rejected_place(name)] {

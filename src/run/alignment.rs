@@ -28,7 +28,7 @@ pub(super) struct Drift {
     /// Covariance of a left perturbation (translation 3, rotation 3) of still surfaces in the state so
     /// moved, square meters and radians, where surfaces show it.
     pub covariance: Option<Matrix6<f64>>,
-    /// The correction in words.
+    /// A note that describes the correction.
     pub note: Note,
 }
 

@@ -51,7 +51,7 @@ fn empty_in(surface: &StateSurface) -> impl Fn(&nalgebra::Point3<f64>) -> bool +
     move |p| grid.nearest(p).is_some_and(|i| grid.values[i])
 }
 
-/// Registration of matches and surfaces of state 0 and number `state`, of so many `parts`, where that is
+/// Registration of matches and surfaces of state 0 and number `state`, of so many `parts`, if that is
 /// given.
 ///
 /// # Errors
@@ -114,8 +114,8 @@ pub(super) fn unite_states(
         .map_err(|e| RunError::stage("register", e))
 }
 
-/// Parts and motions of the registration of two states, or their refinement by consistency between the fields of
-/// them.
+/// Parts and motions of the registration of two states, refined by consistency between their fields where
+/// requested.
 ///
 /// # Errors
 /// Those of [`optimise`].

@@ -12,7 +12,7 @@ use super::{
 };
 use config::ConfigError;
 
-/// Most runs at once.
+/// Most runs that may go on at once.
 pub(crate) const MAX_JOBS: usize = 64;
 
 /// Reconstructs every object, `jobs` at a time; a failed one does not stop the rest. Results are in the

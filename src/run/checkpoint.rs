@@ -102,7 +102,7 @@ impl Checkpoint {
             return Err(CheckpointError::OtherRun { folder: folder.to_owned(), differences });
         }
         let continued = resume && earlier.is_some();
-        // Half-written files of a killed run are of no use.
+        // A file that a killed run was writing is of no use.
         let useless = |name: &String| !continued || name.ends_with(".tmp");
         remove_files(folder, useless).map_err(fails)?;
         if !continued {

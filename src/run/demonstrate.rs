@@ -49,7 +49,7 @@ pub struct DemonstrateRequest {
     pub python: PathBuf,
     /// `gripper` or `panda`.
     pub robot: String,
-    /// Most tried holds for one motion.
+    /// Most holds that are tried for one motion.
     pub tries: u16,
     /// Whether it is filmed.
     pub film: bool,
@@ -174,7 +174,7 @@ fn started(request: &DemonstrateRequest, twin: &Path, dir: &RunDir) -> Result<Ch
     let modules: std::collections::BTreeMap<_, _> = MODULES.into_iter().collect();
     let text = serde_json::to_string(&modules).unwrap_or_default();
     if let Some(mut input) = child.stdin.take() {
-        // In a thread: a hanging interpreter reads nothing, and one that ended prints its reason.
+        // In a thread, because an interpreter that hangs reads nothing; one that ended prints its reason.
         std::thread::spawn(move || input.write_all(text.as_bytes()));
     }
     Ok(child)

@@ -58,7 +58,7 @@ pub struct DiagnoseRequest {
     pub out: PathBuf,
     /// Name of the result's folder; without it the result is in `out` itself.
     pub name: Option<String>,
-    /// Whether an irreplaceable result is moved to `NAME.bak`.
+    /// Whether a folder that may not be replaced is moved to `NAME.bak`.
     pub force: bool,
     /// Gravity in the root's frame, m/s^2.
     pub gravity: [f64; 3],

@@ -16,7 +16,7 @@ use gap::{
 };
 
 /// Why joints are not diagnosed for their efforts have no sign, and doubts about the others, by joint.
-/// Efforts get the sign of commands. Warnings are added for both.
+/// Efforts without a sign get that of their commands. Warnings are added for both.
 pub(super) fn input_doubts(
     recordings: &mut [(Recording, bool)],
     tree: &TwinTree,
@@ -43,7 +43,7 @@ fn doubts_of(
     if told.unit == EffortUnit::Unknown {
         return BTreeMap::new();
     }
-    // Joints with a leader have no efforts of their own.
+    // Joints that follow others have no efforts of their own.
     let joints: Vec<usize> =
         moving.iter().copied().filter(|j| tree.chain(*j).iter().all(|k| !tree.joints[*k].is_mimic)).collect();
     let fitted = recordings.iter().filter(|(_, held)| !held).map(|(recording, _)| recording);

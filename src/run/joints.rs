@@ -43,7 +43,7 @@ pub(super) fn joints(
     let evidence = Evidence::new(states, &draws, articulation, scene);
     let parts = (1..articulation.parts()).into_par_iter().filter_map(|part| evidence.part(part));
     let parts: Vec<PartEvidence> = parts.collect();
-    // The apparent motion of the static part is the error of the world frames; joints against the static part are
+    // The apparent motion of the static part is the error of the world frames; joints against it are
     // free of it.
     let root: Vec<ParentMotion> =
         (1..states.len()).into_par_iter().map(|state| evidence.root(state, &states[state], poses)).collect();

@@ -1,4 +1,4 @@
-//! Temporary failures of a run: a later try may succeed.
+//! Failures of a run that may pass when it is tried again.
 
 use std::{error::Error, io};
 

@@ -23,7 +23,7 @@ pub struct Planned {
 }
 
 /// One event. Serialized by `--json` as a line of JSON with the variant's name as `event` in
-/// snake case; the fields are those below. A number beyond all bounds is `null`.
+/// snake case; the fields are those below. A non-finite number is `null`.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
@@ -87,12 +87,12 @@ pub enum Event {
     },
     /// One object of several has no result; the others go on.
     Failed {
-        /// Message with place and remedy.
+        /// A message that names the place and the remedy.
         message: String,
     },
     /// The run ended without a result. The last event.
     Error {
-        /// Message with place and remedy.
+        /// A message that names the place and the remedy.
         message: String,
         /// Exit code of the program.
         exit_code: u8,

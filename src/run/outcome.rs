@@ -9,9 +9,9 @@ use config::{Config, ConfigError, Origins};
 use io::Place;
 use model::{ArticulatedModel, JointKind};
 
-/// Stage name in errors of writing the run folder.
+/// Stage name in errors that come from writing the run folder.
 pub(super) const OUTPUT_STAGE: &str = "output";
-/// Stage of the check whether a simulator loads the twin as it is meant.
+/// The stage that checks whether simulators load the twin as it is meant.
 pub(super) const CHECK_STAGE: &str = "check";
 
 /// Request for a reconstruction.
@@ -35,11 +35,11 @@ pub struct ReconstructRequest {
     pub stages: Option<PathBuf>,
     /// Results of work on the growing recordings.
     pub ahead: Arc<Ahead>,
-    /// Whether an irreplaceable result is moved to `NAME.bak`.
+    /// Whether a folder that may not be replaced is moved to `NAME.bak`.
     pub force: bool,
     /// File for views and findings as a recording of rerun; needs the feature `rerun`.
     pub rerun: Option<PathBuf>,
-    /// Files and folders beside the sources, safe from being replaced by the result.
+    /// Files and folders beside the sources that the result must not replace.
     pub beside: Vec<PathBuf>,
 }
 
@@ -71,7 +71,7 @@ impl ReconstructRequest {
         Place { force: self.force, inputs, ..Place::named(&self.out, name) }
     }
 
-    /// Place of a result rejected by the check.
+    /// Where a result goes that the check rejects.
     pub(super) fn rejected_place(&self, name: &str) -> Place {
         Place { out: self.out.join(format!("{name}_rejected")), name: None, ..self.place(name) }
     }
@@ -84,7 +84,7 @@ pub struct Outcome {
     pub folder: PathBuf,
     /// The joints found.
     pub joints: Vec<JointSummary>,
-    /// Losses and uncertainties.
+    /// Warnings about losses and uncertainties.
     pub warnings: Vec<Note>,
     /// Whether something was lost: data, or confidence in a joint.
     pub degraded: bool,
@@ -98,13 +98,13 @@ pub struct Outcome {
 pub struct JointSummary {
     /// Name.
     pub name: String,
-    /// Its kind.
+    /// The kind of motion that it allows.
     pub kind: JointKind,
     /// Unit direction of the axis.
     pub axis_in_world: [f64; 3],
     /// Origin of the joint frame, a point of the axis, meters.
     pub point_in_world_m: [f64; 3],
-    /// Position in state 1 minus position in state 0, radians or meters; of more states the position of the one
+    /// Position in state 1 minus position in state 0, radians or meters; of more states, of the one
     /// farthest from state 0.
     pub motion: f64,
     /// Position in every state.

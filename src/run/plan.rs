@@ -80,13 +80,13 @@ fn states(request: &ReconstructRequest) -> usize {
     io::state_count(&request.sources).unwrap_or_default().max(divided).max(2)
 }
 
-/// The report of a run before it begins.
+/// The event that a run reports before it begins.
 #[must_use]
 pub(super) fn foreseen(request: &ReconstructRequest) -> Event {
     Event::Planned { stages: plan(&request.config, states(request)) }
 }
 
-/// The report of a finished run: no stage is to come.
+/// The event that a finished run reports: no stage is to come.
 #[must_use]
 pub(super) fn settled(request: &ReconstructRequest) -> Event {
     let none = |p: Planned| Planned { weight: 0.0, ..p };

@@ -24,7 +24,7 @@ pub struct RunProgress {
     begun: Option<Duration>,
     /// Of coming and running stages.
     weights: BTreeMap<String, f64>,
-    /// In the order of their beginnings.
+    /// In the order in which they began.
     running: Vec<Running>,
     /// Weight of all ended stages.
     done: f64,

@@ -21,7 +21,7 @@ use export::{Report, StateDifference, check_folder, looks, package};
 /// If the request cannot be fulfilled (reported before any work), a stage fails or the monitor asks
 /// to stop; nothing stands under the final name then.
 pub fn reconstruct(request: &ReconstructRequest, monitor: &Monitor) -> Result<Outcome, RunError> {
-    // Impossible requests are refused before any decoding.
+    // Requests that cannot succeed are refused before anything is decoded.
     let name = checked_name(request)?;
     let matcher = matcher(&request.config)?;
     let fingerprint = fingerprint(request)?;
@@ -70,7 +70,7 @@ fn reconstruct_files(
         capture::open(&request.sources, &config.capture, seed, &request.ahead, monitor)
             .map_err(|e| RunError::reading("capture", e))
     })?;
-    // Not inside the stage: a continued run does not compute that again.
+    // Not inside the stage, which a continued run does not compute again.
     capture.notes.iter().for_each(|n| monitor.note(n));
     capture.warnings.iter().for_each(|w| monitor.warn(w));
     // Frames to a model.

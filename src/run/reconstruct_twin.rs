@@ -37,9 +37,9 @@ pub struct Twin {
     /// For every later state the motion of still surfaces from state 0's world frame to its own,
     /// where they differed: the model stands in state 0's.
     pub drifts: Vec<Option<Pose>>,
-    /// Choices.
+    /// Notes about choices, such as the number of parts.
     pub notes: Vec<Note>,
-    /// Weak evidence.
+    /// Warnings about weak evidence.
     pub warnings: Vec<Note>,
     /// Why the CPU engine took over from the requested one, by state.
     pub replaced_engines: Vec<String>,

@@ -1,4 +1,4 @@
-//! Shared facts of all stages of a reconstruction: settings, measured noise, the box around the object, scales.
+//! Shared facts of all stages: settings, measured noise, the box around the object, scales.
 
 use super::{RunError, band::Band};
 use capture::{Capture, NoiseConfig, scene_box};
@@ -16,7 +16,7 @@ pub(super) struct Scene<'a> {
 }
 
 impl<'a> Scene<'a> {
-    /// Of states in one world frame, where `bounds` is around the object.
+    /// Of states that stand in one world frame, where `bounds` is around the object.
     pub(crate) fn of(capture: &Capture, bounds: SceneBox, config: &'a Config) -> Self {
         let band = Band::of(&capture.frames(), &bounds, &capture.noise, &config.surface);
         Self { config, noise: capture.noise, bounds, band }

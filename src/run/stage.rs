@@ -63,7 +63,7 @@ impl<'a> Stages<'a> {
     /// Runs a stage with a lasting result: takes it from the folder or the checkpoint, or computes
     /// and keeps it.
     ///
-    /// An unwritable disk costs no more than the comfort: the run goes on.
+    /// The run goes on where a result cannot be written; only its continuation is lost.
     ///
     /// # Errors
     /// Those of [`Self::run`].

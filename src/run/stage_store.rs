@@ -2,7 +2,7 @@
 //!
 //! A file holds a header (magic with the version of the format, checksum) and the postcard bytes of the
 //! value, and appears under its name only when whole. A damaged file counts as absent: the stage is computed
-//! again. So nothing waits until the disk has it: after a power cut, lost results are computed again, too. Values go to
+//! again. So no write waits for the disk: after a power cut, lost results are computed again. Values go to
 //! the file and come from it piece by piece, so they are never twice in memory, and a file is summed before
 //! any of it is decoded.
 //!

@@ -30,7 +30,7 @@ impl State<'_> {
         self.field.as_ref().map(|f| &f.field)
     }
 
-    /// Its view for the estimation of joints.
+    /// The state as the estimation of joints sees it.
     pub(crate) fn observed<'a>(&'a self, labels: &'a [u8], draws: &'a SurfaceDraws) -> ObservedState<'a> {
         ObservedState {
             frames: self.frames,

@@ -58,7 +58,7 @@ pub enum TrialsError {
     /// Two objects would take each other's place.
     #[error("two objects are named {0}: rename a folder, or give them to two commands")]
     SameName(String),
-    /// A foreign file has the name of a result.
+    /// A file that trials did not write has the name of a result.
     #[error("{} was not written by trials: move it, or give another --out", .0.display())]
     Taken(PathBuf),
     /// A file could not be written.
@@ -71,7 +71,7 @@ pub enum TrialsError {
     },
 }
 
-/// Kept facts about a trial beside its twin.
+/// The record of a trial that is kept beside its twin.
 #[derive(Serialize, Deserialize)]
 struct TrialRecord {
     fingerprint: String,
@@ -83,7 +83,7 @@ struct TrialRecord {
 }
 
 /// Runs all unfinished trials, and measures all. Methods with the published inference
-/// one get the number of parts of the truth, as the published methods do; others find it.
+/// get the number of parts of the truth, as the published methods do; others find it.
 ///
 /// # Errors
 /// An object without truth; a stop request; an unwritable place. A run that fails for its
@@ -203,7 +203,7 @@ fn trial(request: &ReconstructRequest, monitor: &Monitor) -> Result<TrialRecord,
         Ok(_) => (None, None),
         // Its files are there.
         Err(error) if is_of(&error, CHECK_STAGE) => (None, Some(chain(&error))),
-        // The inputs cannot be reconstructed so: the table shows this.
+        // The method cannot reconstruct these inputs, and the table shows that.
         Err(error @ RunError::Stage { .. }) if !is_of(&error, OUTPUT_STAGE) => (Some(chain(&error)), None),
         Err(error) => return Err(error.into()),
     };
@@ -227,7 +227,7 @@ fn result_folder(request: &ReconstructRequest, record: &TrialRecord) -> PathBuf 
     place.target().unwrap_or_default()
 }
 
-/// Writes a file as a whole, and its folder before it.
+/// Writes a file that appears when it is whole, and creates its folder.
 fn put(path: &Path, bytes: &[u8]) -> Result<(), TrialsError> {
     let failed = |source| TrialsError::Write { path: path.to_owned(), source };
     path.parent().map_or(Ok(()), fs::create_dir_all).map_err(failed)?;

@@ -13,7 +13,7 @@ use io::{GrowingState, Grown};
 /// now.
 ///
 /// # Errors
-/// [`CaptureError`]: harmless of a recording at its beginning.
+/// [`CaptureError`]: not serious for a recording that has only begun.
 pub fn work_ahead(
     growing: &mut GrowingState,
     config: &CaptureConfig,

@@ -10,17 +10,17 @@ use common::stop::{Stop, Stopped};
 use geometry::Pose;
 
 /// Largest trusted error of the printed size by depth, as a share; beyond it lengths are those of depth.
-/// chosen: the tolerance in data sheets of stereo cameras at 2 m; a page fitted to the printer's margins is 3 to
+/// chosen: the tolerance of stereo cameras in data sheets at 2 m; a page fitted to the margins is 3 to
 /// 6 % smaller
 const LARGEST_OFF: f64 = 0.02;
 /// Largest motion of a resting board against still surfaces between states: meters, and radians.
-/// tuned: still surfaces brought states together within 3 mm in shared/bags, and the error
-/// remains after it is corrected up to as much (docs/method.md 2.8)
+/// tuned: still surfaces brought states together within 3 mm in shared/bags, and errors up to
+/// as much are corrected afterwards (docs/method.md 2.8)
 const MOVED: [f64; 2] = [0.010, 0.02];
 /// Tilt of a board against the plane under the object from which there is a warning, radians.
 /// chosen: normals of a plane by depth with a warp of 0.4 % of the range, over a third of it
 const TILTED_RAD: f64 = 0.035;
-/// ... and from which the board stands against a wall or on a slope, radians.
+/// ... and tilt from which the board stands on its own, against a wall or on a slope, radians.
 /// chosen: nobody calls 20 deg level
 const STANDS_RAD: f64 = 0.35;
 /// The same against the upward direction by images, held level to tens of degrees; radians.

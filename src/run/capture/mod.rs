@@ -64,7 +64,7 @@ pub fn open(
         Source::StartEnd(path) => open_start_end(path, config, &steps.stop)?,
     };
     capture.name = source.object_name();
-    // Cheap refusals come before the costly steps.
+    // Recordings that can be refused at once are refused before the costly steps.
     read::check_depth(&capture, config)?;
     read::check_states_differ(&capture)?;
     let frames = capture.states.iter().map(Vec::len).sum();

@@ -108,7 +108,7 @@ impl Worlds {
     }
 }
 
-/// The error of a state without still surfaces to bring it into the world.
+/// The error of a state that no still surfaces bring into the world.
 pub(super) fn unaligned(state: usize, why: &Unaligned) -> CaptureError {
     let reason = match why {
         Unaligned::NothingAlike => "nothing looks alike in both".to_owned(),
