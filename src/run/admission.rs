@@ -1,7 +1,5 @@
 //! Checks before any work, and the fingerprint of a run.
 
-use std::path::PathBuf;
-
 use super::{
     Checkpoint, Fingerprint, ReconstructRequest, RunError, least_bytes::least_reconstruction,
     outcome::OUTPUT_STAGE,
@@ -49,8 +47,9 @@ fn check_places(request: &ReconstructRequest, name: &str, states: usize) -> Resu
 
 /// The user's matching model, if there is one.
 pub(super) fn matcher(config: &Config) -> Result<Option<io::OnnxMatcher>, RunError> {
-    let open = |path: &PathBuf| io::OnnxMatcher::open(path, config.matching.onnx_max_side_px);
-    config.matching.onnx.as_ref().map(open).transpose().map_err(|e| RunError::stage("match", e))
+    let Some(path) = &config.matching.onnx else { return Ok(None) };
+    let matcher = io::OnnxMatcher::open(path, config.matching.onnx_max_side_px);
+    matcher.map(Some).map_err(|e| RunError::stage("match", e))
 }
 
 /// Fingerprint of a run, for its checkpoint.

@@ -4,7 +4,7 @@ use nalgebra::Matrix6;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Monitor, RunError, Stages,
+    RunError, Stages,
     matching::{pairs, pixel_matches},
     scene::bounds,
     stage::stage_of,
@@ -94,8 +94,9 @@ fn align_state(
     let count = capture.states.len();
     let frames = [&capture.states[0][..], &capture.states[state][..]];
     let steps = matcher.map(|_| pairs(frames, &config.matching));
-    let found = |m: &Monitor| pixel_matches(frames, &capture.matches, matcher, &config.matching, m);
-    let matches = stages.kept(&stage_of("match", state, count), steps, found)?;
+    let matches = stages.kept(&stage_of("match", state, count), steps, |m| {
+        pixel_matches(frames, &capture.matches, matcher, &config.matching, m)
+    })?;
     // Pixels are kept, not points: points follow from pixels and frames.
     let mut matches = lift(frames, &matches, &capture.noise);
     let drift = stages.kept(&stage_of("align", state, count), None, |monitor| {
@@ -127,8 +128,7 @@ fn drift(
     let standing = |motion: &Pose| standing_share(frames, motion, noise);
     let found = align_states(matches, around, standing, scene.extent_m(), &config.register.ransac, &mut rng)
         .map_err(|e| RunError::stage("align", e))?;
-    let refine = |alignment| refined(alignment, state, frames, scene, noise, stop);
-    Ok(found.map(refine).transpose()?)
+    Ok(found.map(|alignment| refined(alignment, state, frames, scene, noise, stop)).transpose()?)
 }
 
 /// The drift of an alignment: matches bring the states near to each other, surfaces bring them together.

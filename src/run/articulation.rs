@@ -155,15 +155,14 @@ fn optimise(
     let rays = states.map(|s| surface_rays(s.frames, &scene.noise, config.surface.points));
     let cameras: [Vec<(Intrinsics, Pose)>; 2] =
         states.map(|s| s.frames.iter().map(|f| (f.intrinsics, f.world_from_camera)).collect());
-    let state = |s: usize| StateModel {
-        sdf: &states[s].surface.sdf,
-        visible: &states[s].surface.visible,
-        color: colors[s],
-        rays: &rays[s],
-        cameras: &cameras[s],
-    };
     let problem = ArticulationProblem {
-        states: [state(0), state(1)],
+        states: [0, 1].map(|s| StateModel {
+            sdf: &states[s].surface.sdf,
+            visible: &states[s].surface.visible,
+            color: colors[s],
+            rays: &rays[s],
+            cameras: &cameras[s],
+        }),
         matches: &states[1].matches,
         scene: scene.bounds,
         truncation_m: scene.band.truncation_m,

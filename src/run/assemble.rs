@@ -39,10 +39,12 @@ pub(super) fn assemble(
     // The static part in the world of state 0, then the moving ones by their joints' motions; these may
     // differ a little from those of registration.
     let still = vec![Pose::identity(); states.len() - 1];
-    let moving = |(i, tree): (usize, &TreeJointEstimate)| evidence.part_surface(i + 1, &tree.joint.motions);
     let (base, surfaces) = rayon::join(
         || evidence.part_surface(0, &still),
-        || joints.par_iter().enumerate().map(moving).collect::<Vec<_>>(),
+        || {
+            let moving = joints.par_iter().enumerate();
+            moving.map(|(i, tree)| evidence.part_surface(i + 1, &tree.joint.motions)).collect::<Vec<_>>()
+        },
     );
     let base = base?;
     let mut assumed = vec![base.assumed_m2];

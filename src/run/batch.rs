@@ -49,8 +49,12 @@ pub fn reconstruct_all(
         }
     });
     let results = results.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let missing = || Err(RunError::stage("capture", "the run ended without a result"));
-    Ok(results.into_iter().map(|r| r.unwrap_or_else(missing)).collect())
+    Ok(results
+        .into_iter()
+        .map(|result| {
+            result.unwrap_or_else(|| Err(RunError::stage("capture", "the run ended without a result")))
+        })
+        .collect())
 }
 
 /// Reconstructs one object of several and reports how it ended.

@@ -103,8 +103,7 @@ impl Checkpoint {
         }
         let continued = resume && earlier.is_some();
         // A file that a killed run was writing is of no use.
-        let useless = |name: &String| !continued || name.ends_with(".tmp");
-        remove_files(folder, useless).map_err(fails)?;
+        remove_files(folder, |name| !continued || name.ends_with(".tmp")).map_err(fails)?;
         if !continued {
             of_any_run.save(FACTS, fingerprint)?;
         }
@@ -123,8 +122,8 @@ impl Checkpoint {
     /// # Errors
     /// If the disk refuses.
     pub fn bytes(&self) -> io::Result<u64> {
-        let is_result = |name: &String| name.ends_with(ENDING) && !name.starts_with(FACTS);
-        let results = own_files(self.store.path())?.into_iter().filter(is_result);
+        let files = own_files(self.store.path())?.into_iter();
+        let results = files.filter(|name| name.ends_with(ENDING) && !name.starts_with(FACTS));
         results.map(|name| Ok(fs::symlink_metadata(self.store.path().join(name))?.len())).sum()
     }
 
@@ -181,15 +180,15 @@ fn remove_files(folder: &Path, which: impl Fn(&String) -> bool) -> io::Result<()
 /// things and no lock.
 fn foreign(folder: &Path) -> io::Result<Option<PathBuf>> {
     let entries: Vec<fs::DirEntry> = fs::read_dir(folder)?.collect::<io::Result<_>>()?;
-    let is_lock = |entry: &fs::DirEntry| entry.file_name() == LOCK_FILE;
     for entry in &entries {
-        let known = is_lock(entry) || is_ours(&entry.file_name().to_string_lossy());
-        if !known || !entry.file_type()?.is_file() {
+        let name = entry.file_name();
+        let is_known = name == LOCK_FILE || is_ours(&name.to_string_lossy());
+        if !is_known || !entry.file_type()?.is_file() {
             return Ok(Some(entry.path()));
         }
     }
     // A folder with the right names but without a lock was not made here.
-    let locked = entries.is_empty() || entries.iter().any(is_lock);
+    let locked = entries.is_empty() || entries.iter().any(|entry| entry.file_name() == LOCK_FILE);
     Ok((!locked).then(|| folder.to_owned()))
 }
 

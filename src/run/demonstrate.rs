@@ -162,7 +162,6 @@ struct JointReport {
 
 /// The interpreter, with all modules given to it.
 fn started(request: &DemonstrateRequest, twin: &Path, dir: &RunDir) -> Result<Child, DemonstrateError> {
-    let failed = |source| DemonstrateError::Python { path: request.python.clone(), source };
     let mut command = Command::new(&request.python);
     command.args(["-c", BOOTSTRAP]).arg(twin).arg(dir.working());
     command.args(["--robot", &request.robot, "--tries", &request.tries.to_string()]);
@@ -170,7 +169,9 @@ fn started(request: &DemonstrateRequest, twin: &Path, dir: &RunDir) -> Result<Ch
         command.arg("--no-film");
     }
     command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
-    let mut child = command.spawn().map_err(failed)?;
+    let mut child = command
+        .spawn()
+        .map_err(|source| DemonstrateError::Python { path: request.python.clone(), source })?;
     let modules: std::collections::BTreeMap<_, _> = MODULES.into_iter().collect();
     let text = serde_json::to_string(&modules).unwrap_or_default();
     if let Some(mut input) = child.stdin.take() {

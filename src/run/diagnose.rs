@@ -226,8 +226,8 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
 
 /// Independently moving joints of a twin.
 fn moving(tree: &TwinTree) -> Vec<usize> {
-    let moves = |j: &usize| tree.joints[*j].motion != Motion::Fixed && !tree.joints[*j].is_mimic;
-    (0..tree.joints.len()).filter(moves).collect()
+    let joints = tree.joints.iter().enumerate();
+    joints.filter(|(_, joint)| joint.motion != Motion::Fixed && !joint.is_mimic).map(|(j, _)| j).collect()
 }
 
 /// All joints, assessed.
@@ -381,15 +381,19 @@ fn less(joints: &[JointReport], exports: &[ExportNote]) -> Vec<Note> {
     let mut notes = Vec::new();
     for joint in joints {
         // Without a file, or with a joint beyond the file's format, the notes of the effects say why.
-        let file = |held: &FormatModel| {
-            let is_it = |e: &&ExportNote| e.joint == joint.joint && e.format == held.format.name();
-            exports.iter().filter(is_it).find(|e| !e.file.is_empty()).map(|e| e.file.as_str())
-        };
-        let written: Vec<_> = joint.in_format.iter().filter_map(|h| Some((h, file(h)?))).collect();
+        let formats = joint.in_format.iter();
+        let written: Vec<_> =
+            formats.filter_map(|held| Some((held, exported_file(joint, held, exports)?))).collect();
         let is_sole = written.iter().all(|(held, _)| held.keeps_twin());
         notes.extend(written.iter().filter_map(|(held, file)| format_note(held, file, joint, is_sole)));
     }
     notes
+}
+
+/// Name of the file that holds a joint in a format; `None` without one.
+fn exported_file<'a>(joint: &JointReport, held: &FormatModel, exports: &'a [ExportNote]) -> Option<&'a str> {
+    let mut notes = exports.iter().filter(|e| e.joint == joint.joint && e.format == held.format.name());
+    notes.find(|e| !e.file.is_empty()).map(|e| e.file.as_str())
 }
 
 /// The SDF and the USD beside the twin, as a run folder has them, with the effects; and what

@@ -119,14 +119,23 @@ pub fn diagnose_frames(
 /// unknown to the folder count as zero.
 fn own_errors(path: &Path, twin: &SeenTwin) -> Option<OwnErrors> {
     let known = io::read_run_summary(path.parent()?).ok()?.joints;
-    let or_zero = |x: f64| if x.is_finite() { x } else { 0.0 };
-    let of = |name: &String| known.iter().find(|k| k.name == *name);
-    let error =
-        |k: &SummaryJoint| JointError { axis_rad: or_zero(k.axis_std_rad), place_m: or_zero(k.origin_std_m) };
-    let joints = twin.joints.iter().map(|j| of(&j.name).map(error).unwrap_or_default()).collect();
+    let joints = twin.joints.iter().map(|j| joint_error(&known, &j.name)).collect();
     // The worst part's: a part cannot be named better than its own surface is known.
     let surface_m = known.iter().map(|k| or_zero(k.residual_rms_m)).fold(0.0, f64::max);
     Some(OwnErrors { surface_m, joints })
+}
+
+/// Errors of a joint by a run's report; zero of a joint that it does not hold.
+fn joint_error(known: &[SummaryJoint], name: &str) -> JointError {
+    let known = known.iter().find(|k| k.name == name);
+    known.map_or_else(JointError::default, |k| JointError {
+        axis_rad: or_zero(k.axis_std_rad),
+        place_m: or_zero(k.origin_std_m),
+    })
+}
+
+fn or_zero(x: f64) -> f64 {
+    if x.is_finite() { x } else { 0.0 }
 }
 
 /// The note on the own errors of a reconstructed twin.

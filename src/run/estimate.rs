@@ -34,8 +34,10 @@ impl Estimate {
     /// Of a diagnosis; `frames` are RGB-D recordings.
     #[must_use]
     pub fn of_diagnosis(request: &DiagnoseRequest, frames: &[PathBuf]) -> Self {
-        let count = |path: &PathBuf| count_joint_messages(path, &request.streams).unwrap_or_default() as f64;
-        let samples: f64 = request.runs.iter().chain(&request.held_out).chain(frames).map(count).sum();
+        let recordings = request.runs.iter().chain(&request.held_out).chain(frames);
+        let samples: f64 = recordings
+            .map(|path| count_joint_messages(path, &request.streams).unwrap_or_default() as f64)
+            .sum();
         Self {
             cores: CORES,
             memory_bytes: (DIAGNOSIS_MARGIN * (DIAGNOSIS_BYTES + BYTES_PER_SAMPLE * samples)) as u64,

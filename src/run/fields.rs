@@ -185,13 +185,16 @@ impl Training<'_> {
 fn sound(trainer: &FieldTrainer) -> Result<TrainerCheckpoint, EngineFault> {
     let now = trainer.checkpoint();
     // A loss can still be finite when a parameter is not: each is looked at before it is kept.
-    let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
     let params = &now.engine.params;
     let layers = params.geometry.iter().chain(&params.color);
     let sound = trainer.failure().is_none()
-        && finite(&params.table)
-        && layers.clone().all(|l| finite(&l.weights) && finite(&l.biases));
+        && are_finite(&params.table)
+        && layers.clone().all(|l| are_finite(&l.weights) && are_finite(&l.biases));
     if sound { Ok(now) } else { Err(failure(trainer)) }
+}
+
+fn are_finite(values: &[f32]) -> bool {
+    values.iter().all(|v| v.is_finite())
 }
 
 fn failure(trainer: &FieldTrainer) -> EngineFault {

@@ -1,7 +1,7 @@
 //! Parts and motions of two states, or of more.
 
 use super::{
-    Monitor, RunError, Stages,
+    RunError, Stages,
     articulation::{Articulation, articulate, register_state, unite_states},
     scene::Scene,
     stage::stage_of,
@@ -54,8 +54,9 @@ pub(super) fn find_parts(states: &[State], scene: &Scene, stages: &mut Stages) -
         let stage = stage_of("register", state, states.len());
         // All with state 0: its samples carry the labels of every pair.
         let checkpoint = stages.checkpoint;
-        let register = |m: &Monitor| register_state(states, state, &stage, parts, scene, checkpoint, m);
-        registrations.push(stages.kept(&stage, None, register)?);
+        registrations.push(stages.kept(&stage, None, |monitor| {
+            register_state(states, state, &stage, parts, scene, checkpoint, monitor)
+        })?);
     }
     match (states, registrations.as_slice()) {
         ([state0, state1], [one]) => found_in_pair([state0, state1], one, scene, stages),

@@ -97,9 +97,8 @@ fn photo_and_twin(
     let recorded = photo(frame, false, caption("photo")).cropped(&window);
     let cutout = frame.mask.is_some().then(|| {
         let k = frame.intrinsics;
-        let is_object = |i| frame.is_object(i);
         (
-            cutout_png(&frame.rgb, k.width, k.height, is_object),
+            cutout_png(&frame.rgb, k.width, k.height, |i| frame.is_object(i)),
             RecordedCamera::new(k, &frame.world_from_camera),
         )
     });
@@ -116,8 +115,11 @@ fn photo_and_twin(
 
 /// Where the run folder holds the object as a view saw it.
 pub(super) fn photo_path(pair: &PhotoAndTwin) -> String {
-    let plain = |c: char| if c.is_ascii_alphanumeric() || c == '_' || c == '-' { c } else { '_' };
-    format!("preview/photo_state{}_{}.png", pair.state, pair.view.chars().map(plain).collect::<String>())
+    let mut view = String::new();
+    for c in pair.view.chars() {
+        view.push(if c.is_ascii_alphanumeric() || c == '_' || c == '-' { c } else { '_' });
+    }
+    format!("preview/photo_state{}_{view}.png", pair.state)
 }
 
 /// Peak signal-to-noise ratio of a rendered picture against the photo over the object's pixels, background of

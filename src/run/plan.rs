@@ -89,6 +89,6 @@ pub(super) fn foreseen(request: &ReconstructRequest) -> Event {
 /// The event that a finished run reports: no stage is to come.
 #[must_use]
 pub(super) fn settled(request: &ReconstructRequest) -> Event {
-    let none = |p: Planned| Planned { weight: 0.0, ..p };
-    Event::Planned { stages: plan(&request.config, states(request)).into_iter().map(none).collect() }
+    let planned = plan(&request.config, states(request)).into_iter();
+    Event::Planned { stages: planned.map(|p| Planned { weight: 0.0, ..p }).collect() }
 }

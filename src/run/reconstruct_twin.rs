@@ -145,15 +145,15 @@ fn twin(
     let config = scene.config;
     let part_count =
         PartCountReport::new(config.run.parts, model.links.len(), &curve, config.register.least_score);
-    let drifts = || drifts.iter().skip(1).copied();
+    let later: Vec<Option<&Drift>> = drifts.iter().skip(1).copied().collect();
     Twin {
         // The first part is the static one.
         starts: articulation.starts[1..].to_vec(),
         registered,
         part_count,
-        drifts: drifts().map(|d| d.map(|d| d.world_from_world0)).collect(),
+        drifts: later.iter().map(|d| d.map(|d| d.world_from_world0)).collect(),
         notes,
-        warnings: drifts().flatten().map(|d| d.note.clone()).chain(warnings).chain(off).collect(),
+        warnings: later.iter().flatten().map(|d| d.note.clone()).chain(warnings).chain(off).collect(),
         replaced_engines: Vec::new(),
         surfaces: Vec::new(),
         model,

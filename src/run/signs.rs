@@ -25,8 +25,11 @@ pub(super) fn settle_signs(
     warnings: &mut Vec<Note>,
 ) -> BTreeMap<usize, String> {
     let mut refused = BTreeMap::new();
-    let of_all = |j: &usize| is_never_negative(recordings.iter().map(|(r, _)| r), &tree.joints[*j].name);
-    let suspects: Vec<usize> = moving.iter().copied().filter(of_all).collect();
+    let suspects: Vec<usize> = moving
+        .iter()
+        .copied()
+        .filter(|&j| is_never_negative(recordings.iter().map(|(r, _)| r), &tree.joints[j].name))
+        .collect();
     if suspects.is_empty() {
         return refused;
     }

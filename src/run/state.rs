@@ -104,8 +104,11 @@ fn field(
     let input = TrainInput { frames, scene: scene.bounds, occupancy, fused: Some(&fused) };
     let stage = format!("field/state{state}");
     let checkpoint = stages.checkpoint;
-    let train = |m: &super::Monitor| train_field(&stage, &input, scene, checkpoint, m);
-    stages.run(&stage, Some(scene.config.train.steps), train).map(Some)
+    stages
+        .run(&stage, Some(scene.config.train.steps), |monitor| {
+            train_field(&stage, &input, scene, checkpoint, monitor)
+        })
+        .map(Some)
 }
 
 /// Cells near the object in any state.

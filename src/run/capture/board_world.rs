@@ -1,9 +1,11 @@
 //! The world of a tracked recording with views of a printed board of tags.
 
+use std::cmp::Reverse;
+
 use super::place::{Worlds, unaligned};
 use ::capture::{
-    BoardInView, BoardInWorld, BoardPlace, CaptureError, ColorTurn, Paper, TrackedState, UNREAD_BOARD,
-    Unaligned, UpBy, Upright, board_scale, stretched,
+    BoardInView, BoardInWorld, BoardPlace, CaptureError, ColorTurn, TrackedState, UNREAD_BOARD, Unaligned,
+    UpBy, Upright, board_scale, stretched,
 };
 use common::note::{Note, NoteCode};
 use common::stop::{Stop, Stopped};
@@ -48,8 +50,8 @@ fn in_view(state: &TrackedState) -> Vec<BoardInView<'_>> {
             Some(BoardInView { map_from_camera: (*pose)?, sighting: board.as_ref()? })
         })
         .collect();
-    let count = |paper: Paper| views.iter().filter(|v| v.sighting.paper == paper).count();
-    let most = views.iter().map(|v| v.sighting.paper).max_by_key(|p| (count(*p), std::cmp::Reverse(*p)));
+    let papers = views.iter().map(|v| v.sighting.paper);
+    let most = papers.clone().max_by_key(|p| (papers.clone().filter(|q| q == p).count(), Reverse(*p)));
     views.into_iter().filter(|v| Some(v.sighting.paper) == most).collect()
 }
 
@@ -99,21 +101,21 @@ pub(super) fn board_worlds(
     }
     notes.extend(trusted.then(|| length(&places.scale)));
     warnings.extend((!trusted).then(|| doubtful(places.scale[0])));
-    let on_board = |state: usize| places.board_from_map(state, scale);
     let mut on_its_place: Vec<bool> = places.of_state.iter().map(Option::is_some).collect();
-    let Some((reference, board_from_map)) = (0..tracked.len()).find_map(|s| Some((s, on_board(s)?))) else {
+    let Some((reference, board_from_map)) =
+        (0..tracked.len()).find_map(|s| Some((s, places.board_from_map(s, scale)?)))
+    else {
         return Ok(Worlds::of_maps(vec![Pose::identity(); tracked.len()]));
     };
     let world_from_board = upright(&tracked[reference], &board_from_map, scale, warnings);
-    let in_first = |state: usize| first_from_map(aligned, state, scale);
-    let first = match on_board(0) {
+    let first = match places.board_from_map(0, scale) {
         Some(board_from_map) => world_from_board * board_from_map,
-        None => world_from_board * board_from_map * in_first(reference)?.inverse(),
+        None => world_from_board * board_from_map * first_from_map(aligned, reference, scale)?.inverse(),
     };
     let mut from_maps = vec![first];
     for state in 1..tracked.len() {
-        let by_surroundings = in_first(state).map(|p| first * p);
-        let world = match (on_board(state), by_surroundings) {
+        let by_surroundings = first_from_map(aligned, state, scale).map(|p| first * p);
+        let world = match (places.board_from_map(state, scale), by_surroundings) {
             (Some(on_board), Ok(expected)) => {
                 let moved = expected * (world_from_board * on_board).inverse();
                 // At the board's middle.
