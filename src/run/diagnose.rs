@@ -317,7 +317,15 @@ pub(super) fn find(
     let (mut more, notes) = beside(&request.twin, tree, &joints, &effects);
     exports.extend(notes);
     warnings.extend(less(&joints, &exports));
-    let page = page(tree, text, &joints, &effects, &exports, &warnings);
+    let facts = DiagnosisFacts {
+        joints: &joints,
+        effects: &effects,
+        tree,
+        urdf: text,
+        exports: &exports,
+        warnings: &warnings,
+    };
+    let page = diagnosis_page(&facts);
     let file = ReportFile { report: report::report(&joints, exports), warnings: &warnings };
     let json = serde_json::to_string_pretty(&file).map_err(|e| failed("report", &e))? + "\n";
     let windows: Vec<_> = joints.iter().flat_map(|j| &j.replay).collect();
@@ -343,18 +351,6 @@ pub(super) fn find(
 fn beside_axis(report: JointReport, off_axis: &[BTreeMap<usize, OffAxis>], joint: usize) -> JointReport {
     let measured = off_axis.iter().filter_map(|e| e.get(&joint).copied());
     JointReport { off_axis: measured.max_by(|a, b| a.excess().total_cmp(&b.excess())), ..report }
-}
-
-/// The page; the twin comes with its URDF.
-fn page(
-    tree: &TwinTree,
-    urdf: &str,
-    joints: &[JointReport],
-    effects: &Catalogue,
-    exports: &[ExportNote],
-    warnings: &[Note],
-) -> String {
-    diagnosis_page(&DiagnosisFacts { joints, effects, tree, urdf, exports, warnings })
 }
 
 /// A joint's plant with its actuator, and its runs.
