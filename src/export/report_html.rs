@@ -296,7 +296,7 @@ fn link_cells(i: usize, link: &LinkReport) -> [String; 6] {
         format!(
             "{}<br><span class=\"soft\">in {}</span>",
             triangles_text(collision),
-            count(link.solids, "convex solid")
+            counted_noun(link.solids, "convex solid")
         ),
         number_with_unit(&decimal(link.area_m2, 3), "m\u{b2}") + &assumed(link),
         mass_text(link.mass_kg, link.mass_range_kg),

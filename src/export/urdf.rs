@@ -201,7 +201,15 @@ fn push_mesh(text: &mut String, path: &str) {
 
 fn push_joint(text: &mut String, joint: &Joint, links: &[Link], names: &str) {
     let ends = [joint.parent, joint.child].map(|l| links[l].name.as_str());
-    open_joint(text, &joint.name, joint.kind.nearest_simple().name(), &joint.parent_from_joint, ends, joint, names);
+    open_joint(
+        text,
+        &joint.name,
+        joint.kind.nearest_simple().name(),
+        &joint.parent_from_joint,
+        ends,
+        joint,
+        names,
+    );
     if let Some(pitch) = joint.kind.pitch_m_per_rad() {
         let kind = joint.kind.name();
         writeln!(

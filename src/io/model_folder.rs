@@ -104,8 +104,8 @@ pub fn read_model_folder(folder: &Path) -> Result<Folder, ModelFolderError> {
                 if bytes > MODEL_FOLDER.bytes || found.len() >= MAX_FILES {
                     return Err(ModelFolderError::TooLarge(folder.to_owned()));
                 }
-                let content =
-                    files::read_limited(&entry.path(), MODEL_FOLDER).map_err(|e| disk_error(&entry.path(), e))?;
+                let content = files::read_limited(&entry.path(), MODEL_FOLDER)
+                    .map_err(|e| disk_error(&entry.path(), e))?;
                 found.insert(format!("{prefix}{name}"), content);
             }
         }

@@ -255,11 +255,12 @@ struct PathStep {
 
 impl<'a> Path<'a> {
     fn new(joint: &'a Joint, solid: &ConvexSolid, poses: &[Pose]) -> Self {
-        let step = |pose: &Pose| {
+        let mut steps = Vec::with_capacity(poses.len());
+        for pose in poses {
             let moved = solid.transformed(pose);
-            PathStep { fixed_from_moving: *pose, bounds: moved.bounds(), solid: moved }
-        };
-        Self { joint, steps: poses.iter().map(step).collect() }
+            steps.push(PathStep { fixed_from_moving: *pose, bounds: moved.bounds(), solid: moved });
+        }
+        Self { joint, steps }
     }
 
     /// The steps of the path near a solid.

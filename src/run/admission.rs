@@ -1,6 +1,4 @@
-//! What is refused before any work, and what a run belongs to.
-
-use std::path::PathBuf;
+//! Checks before any work, and the fingerprint of a run.
 
 use super::{
     Checkpoint, Fingerprint, ReconstructRequest, RunError, least_bytes::least_reconstruction,
@@ -9,7 +7,7 @@ use super::{
 use config::{Config, Init, Method};
 use io::{self, ResultKind};
 
-/// Refuses what no recording could make right; the name of the twin.
+/// Refuses requests beyond repair by any recording; returns the name of the twin.
 pub(super) fn checked_name(request: &ReconstructRequest) -> Result<String, RunError> {
     request.config.check().map_err(|e| e.with_origin(&request.origins))?;
     // By names and folders alone; nothing is decoded yet.
@@ -38,7 +36,7 @@ pub(super) fn checked_name(request: &ReconstructRequest) -> Result<String, RunEr
     Ok(name)
 }
 
-/// Refuses what could not be written at the end: the result, under either of its names, and the checkpoint.
+/// Refuses unwritable places: the result's, under either of its names, and the checkpoint's.
 fn check_places(request: &ReconstructRequest, name: &str, states: usize) -> Result<(), io::RunDirError> {
     let least_bytes = least_reconstruction(states, &request.config);
     for place in [request.place(name), request.rejected_place(name)] {
@@ -49,11 +47,12 @@ fn check_places(request: &ReconstructRequest, name: &str, states: usize) -> Resu
 
 /// The user's matching model, if there is one.
 pub(super) fn matcher(config: &Config) -> Result<Option<io::OnnxMatcher>, RunError> {
-    let open = |path: &PathBuf| io::OnnxMatcher::open(path, config.matching.onnx_max_side_px);
-    config.matching.onnx.as_ref().map(open).transpose().map_err(|e| RunError::stage("match", e))
+    let Some(path) = &config.matching.onnx else { return Ok(None) };
+    let matcher = io::OnnxMatcher::open(path, config.matching.onnx_max_side_px);
+    matcher.map(Some).map_err(|e| RunError::stage("match", e))
 }
 
-/// What a checkpoint belongs to.
+/// Fingerprint of a run, for its checkpoint.
 pub(super) fn fingerprint(request: &ReconstructRequest) -> Result<Fingerprint, RunError> {
     let failed = |e| RunError::stage("checkpoint", e);
     let mut all = Fingerprint::default()

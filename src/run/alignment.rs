@@ -1,10 +1,10 @@
-//! The stage that matches every state with state 0 and brings it into the world frame of state 0.
+//! The stage `align`: it matches every state with state 0 and brings it into the world frame of state 0.
 
 use nalgebra::Matrix6;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Monitor, RunError, Stages,
+    RunError, Stages,
     matching::{pairs, pixel_matches},
     scene::bounds,
     stage::stage_of,
@@ -23,12 +23,12 @@ use numeric::random::stage_rng;
 /// How a state was brought into the world frame of state 0.
 #[derive(Clone, Serialize, Deserialize)]
 pub(super) struct Drift {
-    /// Takes what stands still from state 0's world frame to the state's, as recorded.
+    /// Takes still surfaces from state 0's world frame to the state's, as recorded.
     pub world_from_world0: Pose,
-    /// Covariance of a left perturbation (translation 3, rotation 3) of what stands still in the state so
+    /// Covariance of a left perturbation (translation 3, rotation 3) of still surfaces in the state so
     /// moved, square meters and radians, where surfaces show it.
     pub covariance: Option<Matrix6<f64>>,
-    /// What was corrected.
+    /// A note that describes the correction.
     pub note: Note,
 }
 
@@ -46,7 +46,7 @@ impl Drift {
     }
 }
 
-/// What a state shares with state 0; nothing in state 0 itself.
+/// Matches and drift of a state against state 0; nothing in state 0 itself.
 #[derive(Clone, Default)]
 pub(super) struct Aligned {
     /// Matches with state 0, in its world frame.
@@ -59,7 +59,7 @@ pub(super) struct Aligned {
 /// object in all states there.
 ///
 /// # Errors
-/// A matching model that fails, a drift that cannot be resolved, a stop request.
+/// A failure of the matching model, an unresolved drift, a stop request.
 pub(super) fn align(
     capture: &mut Capture,
     matcher: Option<&OnnxMatcher>,
@@ -82,7 +82,7 @@ pub(super) fn align(
     Ok((all, if moved { bounds(capture)? } else { scene }))
 }
 
-/// Matches of state 0 with another state, in the world frame of state 0, and how that state is brought there.
+/// Matches of state 0 with another state, in the world frame of state 0, and the motion of that state there.
 fn align_state(
     state: usize,
     capture: &Capture,
@@ -94,8 +94,9 @@ fn align_state(
     let count = capture.states.len();
     let frames = [&capture.states[0][..], &capture.states[state][..]];
     let steps = matcher.map(|_| pairs(frames, &config.matching));
-    let found = |m: &Monitor| pixel_matches(frames, &capture.matches, matcher, &config.matching, m);
-    let matches = stages.kept(&stage_of("match", state, count), steps, found)?;
+    let matches = stages.kept(&stage_of("match", state, count), steps, |m| {
+        pixel_matches(frames, &capture.matches, matcher, &config.matching, m)
+    })?;
     // Pixels are kept, not points: points follow from pixels and frames.
     let mut matches = lifted_matches(frames, &matches, &capture.noise);
     let drift = stages.kept(&stage_of("align", state, count), None, |monitor| {
@@ -111,7 +112,7 @@ fn align_state(
 /// where they are one.
 ///
 /// # Errors
-/// A drift that cannot be resolved, a stop request.
+/// An unresolved drift, a stop request.
 fn drift(
     state: usize,
     frames: [&[RgbdFrame]; 2],
@@ -121,18 +122,13 @@ fn drift(
     config: &Config,
     stop: &Stop,
 ) -> Result<Option<Drift>, RunError> {
-    // Asked for only where the object's matches do not stand still: it matches all frames once more.
-    let around = || {
-        let turned = frames.map(|f| f.iter().map(surroundings).collect::<Vec<_>>());
-        let states = [&turned[0][..], &turned[1][..]];
-        lifted_matches(states, &match_states(states, &config.matching), noise)
-    };
+    // Called only where the object's matches do not stand still: it matches all frames once more.
+    let around = || surroundings_matches(frames, noise, config);
     let mut rng = stage_rng(config.run.seed, "align", state as u64 - 1);
     let standing = |motion: &Pose| standing_share(frames, motion, noise);
     let found = align_states(matches, around, standing, scene.extent_m(), &config.register.ransac, &mut rng)
         .map_err(|e| RunError::stage("align", e))?;
-    let refine = |alignment| refined(alignment, state, frames, scene, noise, stop);
-    Ok(found.map(refine).transpose()?)
+    Ok(found.map(|alignment| refined(alignment, state, frames, scene, noise, stop)).transpose()?)
 }
 
 /// The drift of an alignment: matches bring the states near to each other, surfaces bring them together.
@@ -174,7 +170,14 @@ fn refined(
     Ok(drift)
 }
 
-/// The frame with what is not the object for its object.
+/// Matches of the surroundings of the object in two states.
+fn surroundings_matches(frames: [&[RgbdFrame]; 2], noise: &NoiseConfig, config: &Config) -> Vec<LiftedMatch> {
+    let turned = frames.map(|f| f.iter().map(surroundings).collect::<Vec<_>>());
+    let states = [&turned[0][..], &turned[1][..]];
+    lifted_matches(states, &match_states(states, &config.matching), noise)
+}
+
+/// The frame with the surroundings in place of its object.
 fn surroundings(frame: &RgbdFrame) -> RgbdFrame {
     let others = (0..frame.depth_m.len()).map(|i| frame.depth_m[i] > 0.0 && !frame.is_object(i)).collect();
     RgbdFrame { mask: Some(others), ..frame.clone() }

@@ -1,5 +1,5 @@
-//! The stages that find parts and motions: registration of state 0 with every other state, what all pairs
-//! make together, and on request consistency between two states.
+//! The stages of parts and motions: registration of state 0 with every other state, the union of all pairs
+//! and on request consistency between two states.
 
 use super::{
     Event, Monitor, RunError, StageStore, Stages, scene::Scene, state::State, state_surface::StateSurface,
@@ -16,9 +16,9 @@ use surface::ColorField;
 
 /// Parts and motions.
 pub(super) struct Articulation {
-    /// What the parts do in every state.
+    /// The parts in every state.
     pub states: Vec<PartsOfState>,
-    /// Motions to the last state that the search started from.
+    /// Motions to the last state from which the search started.
     pub starts: Vec<Pose>,
 }
 
@@ -45,21 +45,22 @@ impl Articulation {
     }
 }
 
-/// Which places are empty in a state.
+/// A test for empty places in a state.
 fn empty_in(surface: &StateSurface) -> impl Fn(&nalgebra::Point3<f64>) -> bool + Sync {
     let grid = &surface.free;
     move |p| grid.nearest_node(p).is_some_and(|i| grid.values[i])
 }
 
-/// Registration of matches and surfaces of state 0 and number `state`, of so many `parts`, where that is
+/// Registration of matches and surfaces of state 0 and number `state`, of so many `parts`, if that is
 /// given.
 ///
 /// # Errors
-/// No motion, no overlap, fewer motions than parts; a stop request, a checkpoint that cannot be written.
+/// No motion, no overlap, fewer motions than parts; a stop request, an unwritable checkpoint.
 pub(super) fn register_state(
     states: &[State],
     state: usize,
-    (stage, parts): (&str, Option<usize>),
+    stage: &str,
+    parts: Option<usize>,
     scene: &Scene,
     checkpoint: Option<&StageStore>,
     monitor: &Monitor,
@@ -72,7 +73,7 @@ pub(super) fn register_state(
         return register_by_difference(surfaces, parts.unwrap_or(2), &scene.config.register).map_err(failed);
     }
     let empty = pair.map(empty_in);
-    // A stream for each state: what is drawn for one does not depend on the others.
+    // A stream for each state: the draws for one do not depend on the others.
     let mut rng = stage_rng(scene.config.run.seed, "register", state as u64 - 1);
     let free: [Option<FreeSpace>; 2] = [Some(&empty[0]), Some(&empty[1])];
     let matches = &states[state].matches;
@@ -83,7 +84,7 @@ pub(super) fn register_state(
         search.restore(saved);
     }
     while search.done_steps() < search.total_steps() {
-        // Kept where it was stopped: what was found does not have to be found again.
+        // The search is kept when stopped and continues from there.
         if let Err(stopped) = monitor.check() {
             checkpoint.map_or(Ok(()), |c| c.save(&file, search.checkpoint()))?;
             return Err(stopped.into());
@@ -113,8 +114,8 @@ pub(super) fn unite_states(
         .map_err(|e| RunError::stage("register", e))
 }
 
-/// Parts and motions of the registration of two states, or what the consistency between their fields makes of
-/// them.
+/// Parts and motions of the registration of two states, refined by consistency between their fields where
+/// requested.
 ///
 /// # Errors
 /// Those of [`optimise`].
@@ -140,7 +141,7 @@ pub(super) fn articulate(
 /// Segmentation fields and shared motions by consistency between the states (docs/method.md 12.8).
 ///
 /// # Errors
-/// Unusable input, a stop request, a checkpoint that cannot be written.
+/// Unusable input, a stop request, an unwritable checkpoint.
 fn optimise(
     states: [&State; 2],
     colors: [&dyn ColorField; 2],
@@ -154,15 +155,14 @@ fn optimise(
     let rays = states.map(|s| surface_rays(s.frames, &scene.noise, config.surface.points));
     let cameras: [Vec<(Intrinsics, Pose)>; 2] =
         states.map(|s| s.frames.iter().map(|f| (f.intrinsics, f.world_from_camera)).collect());
-    let state = |s: usize| StateModel {
-        sdf: &states[s].surface.sdf,
-        visible: &states[s].surface.visible,
-        color: colors[s],
-        rays: &rays[s],
-        cameras: &cameras[s],
-    };
     let problem = ArticulationProblem {
-        states: [state(0), state(1)],
+        states: [0, 1].map(|s| StateModel {
+            sdf: &states[s].surface.sdf,
+            visible: &states[s].surface.visible,
+            color: colors[s],
+            rays: &rays[s],
+            cameras: &cameras[s],
+        }),
         matches: &states[1].matches,
         scene: scene.bounds,
         truncation_m: scene.band.truncation_m,
@@ -187,7 +187,7 @@ fn optimise(
     })?;
     let starts = from.motions.map_or_else(|| vec![Pose::identity(); start.motions.len()], <[Pose]>::to_vec);
     let labels = match config.run.init {
-        // What consistency makes better is the motions: labels by evidence on surfaces stand.
+        // Consistency improves the motions alone: labels by evidence on surfaces stand.
         Init::Registration => start.labels.to_vec(),
         Init::Identity => (0..2).map(|s| trainer.labels(s, &states[s].surface.samples.points)).collect(),
     };
@@ -218,7 +218,7 @@ fn run(
     Ok(())
 }
 
-/// About `count` rays that hit the object, evenly over all usable pixels.
+/// About `count` rays onto the object, evenly over all usable pixels.
 fn surface_rays(frames: &[RgbdFrame], noise: &NoiseConfig, count: usize) -> Vec<SurfaceRay> {
     let usable: Vec<(usize, usize)> = frames
         .iter()

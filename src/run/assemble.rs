@@ -1,4 +1,4 @@
-//! The stage that makes the model of parts and joints.
+//! The stage `assemble`: the model of parts and joints.
 
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -15,7 +15,7 @@ use geometry::{Grid3, NearestPoints, Pose};
 use model::{ArticulatedModel, MovingPart, build_model};
 use surface::{DepthView, Mended, Readings, TriangleMesh, keep_components, marching_cubes, mend_borders};
 
-/// The model: a surface for every part from all states but for what is `left_out` of them, links, joints.
+/// The model with a surface for every part from all states without their `left_out` samples, links, joints.
 ///
 /// # Errors
 /// A part without a surface.
@@ -28,47 +28,29 @@ pub(super) fn assemble(
     scene: &Scene,
 ) -> Result<ArticulatedModel, RunError> {
     let truncation_m = scene.band.truncation_m;
-    let labelled = |((state, parts), left_out): ((&State, &PartsOfState), &Vec<bool>)| {
-        let StateSurface { tsdf, weight, samples, .. } = &state.surface;
-        // 0.999: at the truncation itself a node only says that it is farther than that.
-        let labels: Vec<u8> =
-            parts.labels.iter().zip(left_out).map(|(l, out)| if *out { NO_LABEL } else { *l }).collect();
-        let labels = label_grid(tsdf, &samples.points, &labels, 0.999 * truncation_m);
-        LabelledState::new(tsdf.clone(), weight.clone(), labels, truncation_m)
-    };
-    let observed = states;
     let colors: Vec<ColorLookup> = states.iter().map(|s| ColorLookup::new(&s.surface)).collect();
-    let states: Vec<LabelledState> =
-        states.iter().zip(&articulation.states).zip(left_out).map(labelled).collect();
-    let part_surface = |part: usize, motions: &[Pose]| {
-        let motions: Vec<Pose> = std::iter::once(Pose::identity()).chain(motions.iter().copied()).collect();
-        // (9.1)
-        let field = part_tsdf(part as u8, &motions, &states);
-        let raw = keep_components(&marching_cubes(&field, 0.0), scene.config.surface.min_component);
-        let Mended { mut mesh, assumed_m2, .. } = mended(raw, &field, &motions, observed, scene);
-        if mesh.is_empty() {
-            let message = format!(
-                "part {part} has no surface: nothing was seen of it; ask for fewer parts or record more \
-                 views of it"
-            );
-            return Err(RunError::stage("assemble", message));
-        }
-        paint(&mut mesh, &motions, &states, &colors);
-        Ok((mesh, assumed_m2, field))
-    };
-    // The static part in the world of state 0, then the moving ones by their joints' motions, which may
+    let labelled: Vec<LabelledState> = states
+        .iter()
+        .zip(&articulation.states)
+        .zip(left_out)
+        .map(|((state, parts), left_out)| labelled_state(state, parts, left_out, truncation_m))
+        .collect();
+    let evidence = SurfaceEvidence { states, labelled: &labelled, colors: &colors, scene };
+    // The static part in the world of state 0, then the moving ones by their joints' motions; these may
     // differ a little from those of registration.
     let still = vec![Pose::identity(); states.len() - 1];
-    let moving = |(i, tree): (usize, &TreeJointEstimate)| part_surface(i + 1, &tree.joint.motions);
     let (base, surfaces) = rayon::join(
-        || part_surface(0, &still),
-        || joints.par_iter().enumerate().map(moving).collect::<Vec<_>>(),
+        || evidence.part_surface(0, &still),
+        || {
+            let moving = joints.par_iter().enumerate();
+            moving.map(|(i, tree)| evidence.part_surface(i + 1, &tree.joint.motions)).collect::<Vec<_>>()
+        },
     );
-    let (base, assumed_m2, _) = base?;
-    let mut assumed = vec![assumed_m2];
+    let base = base?;
+    let mut assumed = vec![base.assumed_m2];
     let mut parts = Vec::with_capacity(joints.len());
     for (surface, TreeJointEstimate { parent, joint }) in surfaces.into_iter().zip(joints) {
-        let (surface, assumed_m2, field) = surface?;
+        let PartSurface { mesh: surface, assumed_m2, field } = surface?;
         assumed.push(assumed_m2);
         let JointEstimate { kind, axis, point, positions, evidence, .. } = joint;
         parts.push(MovingPart {
@@ -82,16 +64,71 @@ pub(super) fn assemble(
             field: Some(field),
         });
     }
-    let mut model = build_model(name, base, parts, &scene.config.model);
+    let mut model = build_model(name, base.mesh, parts, &scene.config.model);
     for (link, assumed_m2) in model.links.iter_mut().zip(assumed) {
         link.assumed_m2 = assumed_m2;
     }
-    // Of an object of one part nothing else says how often it was seen.
+    // A model of one part has no joint positions to count its states by.
     model.states.resize_with(states.len(), Vec::new);
     Ok(model)
 }
 
-/// A part's mesh with mended borders (docs/method.md 9.1), where that is asked for.
+/// A state with the parts of its surface samples on the nodes of its grid.
+fn labelled_state(
+    state: &State,
+    parts: &PartsOfState,
+    left_out: &[bool],
+    truncation_m: f64,
+) -> LabelledState {
+    let StateSurface { tsdf, weight, samples, .. } = &state.surface;
+    let labels: Vec<u8> =
+        parts.labels.iter().zip(left_out).map(|(l, out)| if *out { NO_LABEL } else { *l }).collect();
+    // 0.999: the value of a node at the truncation itself is a lower bound alone.
+    let labels = label_grid(tsdf, &samples.points, &labels, 0.999 * truncation_m);
+    LabelledState::new(tsdf.clone(), weight.clone(), labels, truncation_m)
+}
+
+/// All states, as the surfaces of parts are made of them.
+struct SurfaceEvidence<'a> {
+    states: &'a [State<'a>],
+    labelled: &'a [LabelledState],
+    colors: &'a [ColorLookup<'a>],
+    scene: &'a Scene<'a>,
+}
+
+/// The surface of one part in state 0.
+struct PartSurface {
+    mesh: TriangleMesh,
+    /// Area of mended holes, square meters.
+    assumed_m2: f64,
+    /// Signed distance to the surface, meters.
+    field: Grid3<f32>,
+}
+
+impl SurfaceEvidence<'_> {
+    /// The colored surface of a part with `motions` from state 0 to the others.
+    ///
+    /// # Errors
+    /// A part without a surface.
+    fn part_surface(&self, part: usize, motions: &[Pose]) -> Result<PartSurface, RunError> {
+        let motions: Vec<Pose> = std::iter::once(Pose::identity()).chain(motions.iter().copied()).collect();
+        // (9.1)
+        let field = part_tsdf(part as u8, &motions, self.labelled);
+        let raw = keep_components(&marching_cubes(&field, 0.0), self.scene.config.surface.min_component);
+        let Mended { mut mesh, assumed_m2, .. } = mended(raw, &field, &motions, self.states, self.scene);
+        if mesh.is_empty() {
+            let message = format!(
+                "part {part} has no surface: nothing was seen of it; ask for fewer parts or record more \
+                 views of it"
+            );
+            return Err(RunError::stage("assemble", message));
+        }
+        paint(&mut mesh, &motions, self.labelled, self.colors);
+        Ok(PartSurface { mesh, assumed_m2, field })
+    }
+}
+
+/// A part's mesh with mended borders (docs/method.md 9.1), where the settings ask for it.
 fn mended(
     mesh: TriangleMesh,
     field: &Grid3<f32>,
@@ -115,8 +152,8 @@ fn mended(
     mend_borders(&mesh, field.spacing_m, config.close_holes, &readings)
 }
 
-/// Whether views saw that nothing of a part is at a place: all nodes about it are certainly empty in a state,
-/// or the part's field is beyond `far_m` at all of them, which also says that another part stands there.
+/// Whether views saw no surface of a part at a place: all nodes about it are certainly empty in a state,
+/// or the part's field is beyond `far_m` at all of them, as where another part stands.
 fn is_seen_empty(
     place: &Point3<f64>,
     field: &Grid3<f32>,
@@ -154,16 +191,23 @@ fn seen(state: &LabelledState, place: &Point3<f64>) -> f32 {
 /// Gray where no state has a color.
 const UNSEEN: [u8; 3] = [128; 3];
 
-/// Gives every vertex the color of the state that saw the place better.
+/// Gives every vertex the color of the state with the better view of it.
 fn paint(mesh: &mut TriangleMesh, motions: &[Pose], states: &[LabelledState], colors: &[ColorLookup]) {
-    let color = |p: &Point3<f32>| {
-        let first = p.cast::<f64>();
-        let places = states.iter().zip(colors).zip(motions.iter().map(|m| m * first));
-        let seen = places.map(|((state, colors), place)| (seen(state, &place), place, colors));
-        let best = seen.reduce(|a, b| if b.0 > a.0 { b } else { a });
-        best.and_then(|(_, place, colors)| colors.color(&place)).unwrap_or(UNSEEN)
-    };
-    mesh.colors = mesh.vertices.par_iter().with_min_len(1024).map(color).collect();
+    let vertices = mesh.vertices.par_iter().with_min_len(1024);
+    mesh.colors = vertices.map(|p| best_seen_color(&p.cast(), motions, states, colors)).collect();
+}
+
+/// Color of a place of state 0 in the state with the best views of it.
+fn best_seen_color(
+    first: &Point3<f64>,
+    motions: &[Pose],
+    states: &[LabelledState],
+    colors: &[ColorLookup],
+) -> [u8; 3] {
+    let places = states.iter().zip(colors).zip(motions.iter().map(|m| m * first));
+    let seen = places.map(|((state, colors), place)| (seen(state, &place), place, colors));
+    let best = seen.reduce(|a, b| if b.0 > a.0 { b } else { a });
+    best.and_then(|(_, place, colors)| colors.color(&place)).unwrap_or(UNSEEN)
 }
 
 #[cfg(test)]

@@ -4,12 +4,12 @@ use capture::{NoiseConfig, RgbdFrame, median_over_object};
 use geometry::SceneBox;
 use surface::SurfaceConfig;
 
-/// What one state's recording says about scale and noise.
+/// Scale and noise of one state's recording.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Band {
     /// Truncation distance, meters.
     pub truncation_m: f64,
-    /// Observation weight from which a node counts.
+    /// Least observation weight of a node.
     pub min_weight: f32,
 }
 

@@ -1,7 +1,7 @@
-//! What a stopped run leaves in its output folder, so that it continues where it was: a store of its own,
+//! The remains of a stopped run in its output folder, for its continuation: a store of its own,
 //! held by one process at a time.
 //!
-//! A folder with a link in it, or with what was not written here, is refused.
+//! A folder with a link in it, or with foreign files, is refused.
 
 use std::{
     fs, io,
@@ -15,7 +15,7 @@ use super::{
 use ::io::LockedFile;
 
 const LOCK_FILE: &str = "lock";
-/// What is kept of the run itself, under a key that does not depend on the run.
+/// Facts about the run itself, under a key independent of the run.
 const FACTS: &str = "fingerprint";
 
 /// Why results of stages cannot be kept or used.
@@ -30,7 +30,7 @@ pub enum CheckpointError {
     OtherRun {
         /// The checkpoint folder.
         folder: PathBuf,
-        /// Sentences about what differs.
+        /// Sentences about the differences.
         differences: Vec<String>,
     },
     /// Another process works on the same run.
@@ -45,7 +45,7 @@ pub enum CheckpointError {
         path.display()
     )]
     Foreign {
-        /// The folder, or what is in it.
+        /// The folder, or a file in it.
         path: PathBuf,
     },
     /// The disk refused.
@@ -61,7 +61,7 @@ pub enum CheckpointError {
 /// The checkpoint of one run.
 #[derive(Debug)]
 pub struct Checkpoint {
-    /// What its stages found.
+    /// Results of its stages.
     pub store: StageStore,
     continued: bool,
     /// Whether the folder around it was made for it.
@@ -76,7 +76,7 @@ impl Checkpoint {
         out.join(format!(".artitwin-{name}.checkpoint"))
     }
 
-    /// Opens or creates a checkpoint folder. Without `resume`, what an earlier run left is deleted.
+    /// Opens or creates a checkpoint folder. Without `resume`, the remains of an earlier run are deleted.
     ///
     /// # Errors
     /// If the checkpoint is of a run with another fingerprint and `resume` is asked for, if another process
@@ -95,16 +95,15 @@ impl Checkpoint {
         }
         let lock = LockedFile::take(&folder.join(LOCK_FILE)).map_err(fails)?;
         let lock = lock.ok_or_else(|| CheckpointError::InUse { folder: folder.to_owned() })?;
-        // Under the lock, so that nobody writes it meanwhile.
+        // Under the lock: nobody writes it meanwhile.
         let earlier: Option<Fingerprint> = of_any_run.load(FACTS, &Monitor::silent());
         if let Some(earlier) = earlier.as_ref().filter(|e| resume && *e != fingerprint) {
             let differences = fingerprint.differences(earlier);
             return Err(CheckpointError::OtherRun { folder: folder.to_owned(), differences });
         }
         let continued = resume && earlier.is_some();
-        // What a killed run was writing is of no use either way.
-        let useless = |name: &String| !continued || name.ends_with(".tmp");
-        remove_files(folder, useless).map_err(fails)?;
+        // A file that a killed run was writing is of no use.
+        remove_files(folder, |name| !continued || name.ends_with(".tmp")).map_err(fails)?;
         if !continued {
             of_any_run.save(FACTS, fingerprint)?;
         }
@@ -118,13 +117,13 @@ impl Checkpoint {
         self.continued
     }
 
-    /// Sum of the sizes of all results that are kept, bytes.
+    /// Sum of the sizes of all kept results, bytes.
     ///
     /// # Errors
     /// If the disk refuses.
     pub fn bytes(&self) -> io::Result<u64> {
-        let is_result = |name: &String| name.ends_with(ENDING) && !name.starts_with(FACTS);
-        let results = own_files(self.store.path())?.into_iter().filter(is_result);
+        let files = own_files(self.store.path())?.into_iter();
+        let results = files.filter(|name| name.ends_with(ENDING) && !name.starts_with(FACTS));
         results.map(|name| Ok(fs::symlink_metadata(self.store.path().join(name))?.len())).sum()
     }
 
@@ -141,7 +140,7 @@ impl Checkpoint {
             .map_err(|source| CheckpointError::Disk { path: folder.to_owned(), source })
     }
 
-    /// Deletes the checkpoint of a run that failed, and the folder around it if it was made for it and holds
+    /// Deletes the checkpoint of a failed run, and the folder around it if it was made for it and holds
     /// nothing else.
     ///
     /// # Errors
@@ -149,7 +148,7 @@ impl Checkpoint {
     pub fn discard(self) -> Result<(), CheckpointError> {
         let made = self.store.path().parent().filter(|_| self.made_parent).map(Path::to_owned);
         self.remove()?;
-        // A folder that holds something else stays.
+        // A folder with other files stays.
         made.into_iter().for_each(|out| fs::remove_dir(out).unwrap_or_default());
         Ok(())
     }
@@ -160,7 +159,7 @@ fn is_ours(name: &str) -> bool {
     name.ends_with(ENDING) || name.ends_with(".tmp") || name == "fingerprint.json"
 }
 
-/// Names of the files that were written here, without the lock.
+/// Names of this program's files, without the lock.
 fn own_files(folder: &Path) -> io::Result<Vec<String>> {
     let mut names = Vec::new();
     for entry in fs::read_dir(folder)? {
@@ -177,19 +176,19 @@ fn remove_files(folder: &Path, which: impl Fn(&String) -> bool) -> io::Result<()
         .try_for_each(|name| fs::remove_file(folder.join(name)))
 }
 
-/// Something in a checkpoint folder that was not put there by this program; the folder itself, if it holds
+/// A foreign entry of a checkpoint folder; the folder itself, if it holds
 /// things and no lock.
 fn foreign(folder: &Path) -> io::Result<Option<PathBuf>> {
     let entries: Vec<fs::DirEntry> = fs::read_dir(folder)?.collect::<io::Result<_>>()?;
-    let is_lock = |entry: &fs::DirEntry| entry.file_name() == LOCK_FILE;
     for entry in &entries {
-        let known = is_lock(entry) || is_ours(&entry.file_name().to_string_lossy());
-        if !known || !entry.file_type()?.is_file() {
+        let name = entry.file_name();
+        let is_known = name == LOCK_FILE || is_ours(&name.to_string_lossy());
+        if !is_known || !entry.file_type()?.is_file() {
             return Ok(Some(entry.path()));
         }
     }
     // A folder with the right names but without a lock was not made here.
-    let locked = entries.is_empty() || entries.iter().any(is_lock);
+    let locked = entries.is_empty() || entries.iter().any(|entry| entry.file_name() == LOCK_FILE);
     Ok((!locked).then(|| folder.to_owned()))
 }
 

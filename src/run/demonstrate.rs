@@ -1,4 +1,4 @@
-//! A robot opens and closes a finished twin in MuJoCo, by contact alone: a Python program that is part of
+//! A robot opens and closes a finished twin in MuJoCo, by contact alone: a Python program as part of
 //! this one.
 
 use std::{
@@ -31,21 +31,21 @@ const MODULES: [(&str, &str); 8] = [
     ("stage", include_str!("demonstrate/stage.py")),
     ("twin", include_str!("demonstrate/twin.py")),
 ];
-/// What loads the modules.
+/// The loader of the modules.
 const BOOTSTRAP: &str = include_str!("demonstrate/bootstrap.py");
 /// How often a request to stop is looked for.
 const LOOK: Duration = Duration::from_millis(100);
-/// Longest line of the peer that is passed on, bytes.
+/// Longest reported line of the peer, bytes.
 const LONGEST_LINE: usize = 2000;
 
-/// What is to be demonstrated, and how.
+/// Request for a demonstration.
 #[derive(Clone, Debug)]
 pub struct DemonstrateRequest {
     /// Folder of a finished twin, with its MJCF.
     pub twin: PathBuf,
     /// Where the result goes.
     pub place: Place,
-    /// The Python interpreter, which needs mujoco, numpy and pillow.
+    /// The Python interpreter, with mujoco, numpy and pillow.
     pub python: PathBuf,
     /// `gripper` or `panda`.
     pub robot: String,
@@ -64,7 +64,7 @@ pub struct Demonstration {
     pub table: String,
     /// Whether every joint was opened and closed, and every ball stayed.
     pub whole: bool,
-    /// What became of what stood there before.
+    /// Where an earlier result was moved.
     pub note: Option<Note>,
 }
 
@@ -79,7 +79,7 @@ pub enum DemonstrateError {
     Twin {
         /// Its path.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     /// The interpreter does not start.
@@ -87,7 +87,7 @@ pub enum DemonstrateError {
     Python {
         /// The interpreter.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     /// The interpreter ended without a result; its last line.
@@ -98,7 +98,7 @@ pub enum DemonstrateError {
     Result {
         /// The file.
         name: &'static str,
-        /// What was wrong with it.
+        /// The error.
         source: std::io::Error,
     },
     /// Stopped on request.
@@ -110,7 +110,7 @@ pub enum DemonstrateError {
 /// step. The folder holds `demo.json`, `demo.txt` and the film; it appears when it is whole.
 ///
 /// # Errors
-/// A place that may not be taken, a folder without a twin, a Python that lacks what it needs, a request to
+/// A taken place, a folder without a twin, a Python without its packages, a request to
 /// stop.
 pub fn demonstrate(
     request: &DemonstrateRequest,
@@ -130,12 +130,8 @@ pub fn demonstrate(
     if !ended.is_ok_and(|status| status.success()) {
         return Err(DemonstrateError::Refused(last));
     }
-    let read = |name| {
-        files::read_text(&dir.working().join(name), limits::REPORT)
-            .map_err(|source| DemonstrateError::Result { name, source })
-    };
-    let table = read("demo.txt")?;
-    let json = read("demo.json")?;
+    let table = result_text(&dir, "demo.txt")?;
+    let json = result_text(&dir, "demo.json")?;
     let report: Report = serde_json::from_str(&json)
         .map_err(|e| DemonstrateError::Result { name: "demo.json", source: e.into() })?;
     let committed = dir.commit()?;
@@ -147,7 +143,13 @@ pub fn demonstrate(
     })
 }
 
-/// What is read back of `demo.json`.
+/// The text of a file of the result.
+fn result_text(dir: &RunDir, name: &'static str) -> Result<String, DemonstrateError> {
+    files::read_text(&dir.working().join(name), limits::REPORT)
+        .map_err(|source| DemonstrateError::Result { name, source })
+}
+
+/// The decisive fields of `demo.json`.
 #[derive(Deserialize)]
 struct Report {
     joints: Vec<JointReport>,
@@ -160,7 +162,6 @@ struct JointReport {
 
 /// The interpreter, with all modules given to it.
 fn started(request: &DemonstrateRequest, twin: &Path, dir: &RunDir) -> Result<Child, DemonstrateError> {
-    let failed = |source| DemonstrateError::Python { path: request.python.clone(), source };
     let mut command = Command::new(&request.python);
     command.args(["-c", BOOTSTRAP]).arg(twin).arg(dir.working());
     command.args(["--robot", &request.robot, "--tries", &request.tries.to_string()]);
@@ -168,11 +169,13 @@ fn started(request: &DemonstrateRequest, twin: &Path, dir: &RunDir) -> Result<Ch
         command.arg("--no-film");
     }
     command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
-    let mut child = command.spawn().map_err(failed)?;
+    let mut child = command
+        .spawn()
+        .map_err(|source| DemonstrateError::Python { path: request.python.clone(), source })?;
     let modules: std::collections::BTreeMap<_, _> = MODULES.into_iter().collect();
     let text = serde_json::to_string(&modules).unwrap_or_default();
     if let Some(mut input) = child.stdin.take() {
-        // By itself, as an interpreter that hangs reads nothing; one that ended before says why.
+        // In a thread, because an interpreter that hangs reads nothing; one that ended prints its reason.
         std::thread::spawn(move || input.write_all(text.as_bytes()));
     }
     Ok(child)

@@ -45,20 +45,20 @@ use gap::{
 use io::{self, Place, ResultKind, RunDir};
 use numeric::random::stage_rng;
 
-/// What is asked of a diagnosis.
+/// Request for a diagnosis.
 #[derive(Clone, Debug)]
 pub struct DiagnoseRequest {
-    /// URDF of the twin, or a folder that holds one.
+    /// URDF of the twin, or a folder with one.
     pub twin: PathBuf,
     /// Bags of the runs.
     pub runs: Vec<PathBuf>,
-    /// Bags, among the runs or beside them, that only the proof reads.
+    /// Bags for the proof alone, among the runs or beside them.
     pub held_out: Vec<PathBuf>,
-    /// Folder that gets the result's folder.
+    /// Parent of the result's folder.
     pub out: PathBuf,
     /// Name of the result's folder; without it the result is in `out` itself.
     pub name: Option<String>,
-    /// Whether what may not be replaced is moved to `NAME.bak`.
+    /// Whether a folder that may not be replaced is moved to `NAME.bak`.
     pub force: bool,
     /// Gravity in the root's frame, m/s^2.
     pub gravity: [f64; 3],
@@ -68,13 +68,13 @@ pub struct DiagnoseRequest {
     pub seed: u64,
     /// Effects to fit at every joint instead of searching for them, by name.
     pub effects: Vec<String>,
-    /// Wrenches, poses and commands that are read beside the joint states.
+    /// Wrenches, poses and commands to read beside the joint states.
     pub streams: Streams,
-    /// What is known of the actuators.
+    /// Known facts about the actuators.
     pub told: Told,
 }
 
-/// What a diagnosis gives back.
+/// The result of a diagnosis.
 #[derive(Clone, Debug)]
 pub struct DiagnoseOutcome {
     /// Folder of the result.
@@ -83,12 +83,12 @@ pub struct DiagnoseOutcome {
     pub verdict: Verdict,
     /// Summary for the terminal.
     pub summary: String,
-    /// What was odd.
+    /// Warnings.
     pub warnings: Vec<Note>,
 }
 
 impl DiagnoseRequest {
-    /// A twin in a world whose z is up, with a search for effects, to the folder `out`; no runs yet.
+    /// A twin in a world with z up, with a search for effects, to the folder `out`; no runs yet.
     pub fn new(twin: impl Into<PathBuf>, out: impl Into<PathBuf>) -> Self {
         Self {
             twin: twin.into(),
@@ -106,22 +106,22 @@ impl DiagnoseRequest {
         }
     }
 
-    /// The request with the URDF that its twin leads to.
+    /// The request with the URDF of its twin.
     pub(super) fn with_urdf(&self) -> Result<Self, RunError> {
         let twin = io::twin_path(&self.twin).map_err(|e| RunError::stage("twin", e))?;
         Ok(Self { twin, ..self.clone() })
     }
 
-    /// Where the result goes. `text` is that of the twin; `more` is read beside what the request names.
+    /// Where the result goes. `text` is the twin's; `more` is read beside the request's files.
     pub(super) fn place(&self, text: &str, more: &[PathBuf]) -> Place {
-        // All that is read, so that the result cannot take its place.
+        // All inputs: the result may not take their place.
         let named = [&self.runs[..], &self.held_out, more].concat();
         let inputs = named.into_iter().chain(io::twin_files(&self.twin, text)).collect();
         Place { out: self.out.clone(), name: self.name.clone(), force: self.force, inputs }
     }
 }
 
-/// Puts the files of a diagnosis in their place; adds to `warnings` what was moved away for them.
+/// Puts the files of a diagnosis in their place; adds a warning about a folder moved away for them.
 pub(super) fn put_files(
     place: &Place,
     files: &[(String, String)],
@@ -135,7 +135,7 @@ pub(super) fn put_files(
     Ok(committed.folder)
 }
 
-/// `report.json`: what was found, and what was odd.
+/// `report.json`: findings and warnings.
 #[derive(Serialize)]
 struct ReportFile<'a> {
     #[serde(flatten)]
@@ -143,11 +143,11 @@ struct ReportFile<'a> {
     warnings: &'a [Note],
 }
 
-/// What a diagnosis finds before it is written.
-pub(super) struct Found {
+/// The findings of a diagnosis by motion, before it is written.
+pub(super) struct MotionDiagnosis {
     /// Path and content of every file.
     pub files: Vec<(String, String)>,
-    /// The content of `report.json`, which is one of them.
+    /// The content of `report.json`, one of them.
     pub report: String,
     pub verdict: Verdict,
     pub summary: String,
@@ -160,11 +160,11 @@ struct Split {
     held_out: Vec<JointLog>,
 }
 
-/// Everything that was recorded.
+/// All recordings.
 struct Recorded {
     /// Runs, and whether only the proof reads them.
     recordings: Vec<(Recording, bool)>,
-    /// What the poses of each run show beside positions, by joint.
+    /// Motion beside the joint by the poses of each run, by joint.
     off_axis: Vec<BTreeMap<usize, OffAxis>>,
     warnings: Vec<Note>,
 }
@@ -208,7 +208,7 @@ fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> R
 /// Diagnoses a twin.
 ///
 /// # Errors
-/// [`RunError`] where the result cannot be put in its place, which is reported before the work, the twin or a
+/// [`RunError`] where the place is taken, reported before the work, or where the twin or a
 /// run cannot be read, nothing can be said about any joint, or the disk refuses.
 pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<DiagnoseOutcome, RunError> {
     let request = &request.with_urdf()?;
@@ -218,16 +218,16 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
     place
         .check(ResultKind::Diagnose, least_diagnosis(&text))
         .map_err(|e| RunError::stage(OUTPUT_STAGE, e))?;
-    let Found { files, verdict, summary, mut warnings, .. } = find(request, &tree, &text, monitor)?;
+    let MotionDiagnosis { files, verdict, summary, mut warnings, .. } = find(request, &tree, &text, monitor)?;
     let folder = put_files(&place, &files, &mut warnings)?;
     warnings.iter().for_each(|warning| monitor.warn(warning));
     Ok(DiagnoseOutcome { folder, verdict, summary, warnings })
 }
 
-/// Joints of a twin that move by themselves.
+/// Independently moving joints of a twin.
 fn moving(tree: &TwinTree) -> Vec<usize> {
-    let moves = |j: &usize| tree.joints[*j].motion != Motion::Fixed && !tree.joints[*j].is_mimic;
-    (0..tree.joints.len()).filter(moves).collect()
+    let joints = tree.joints.iter().enumerate();
+    joints.filter(|(_, joint)| joint.motion != Motion::Fixed && !joint.is_mimic).map(|(j, _)| j).collect()
 }
 
 /// All joints, assessed.
@@ -238,7 +238,7 @@ struct Assessed {
     warnings: Vec<Note>,
 }
 
-/// Assesses the joints of a twin by what was recorded of them.
+/// Assesses the joints of a twin by their recordings.
 fn assessed(
     request: &DiagnoseRequest,
     tree: &TwinTree,
@@ -251,7 +251,7 @@ fn assessed(
     let names: Vec<String> = moving.iter().map(|&j| tree.joints[j].name.clone()).collect();
     let wanted = indices(effects, &request.effects).map_err(|e| RunError::stage("diagnose", e))?;
     let (unsigned, doubts) =
-        input_doubts(&mut recordings, tree, &moving, (request.hold, &request.told), &mut warnings);
+        input_doubts(&mut recordings, tree, &moving, request.hold, &request.told, &mut warnings);
     // By joint, in the order of the twin.
     let mut joints: BTreeMap<usize, JointReport> = BTreeMap::new();
     let mut examined = Vec::new();
@@ -292,13 +292,13 @@ fn assessed(
     Ok(Assessed { joints, left_out, warnings })
 }
 
-/// Diagnoses a twin, whose URDF is `text`, by motion; writes nothing.
+/// Diagnoses a twin with URDF `text` by motion; writes nothing.
 pub(super) fn find(
     request: &DiagnoseRequest,
     tree: &TwinTree,
     text: &str,
     monitor: &Monitor,
-) -> Result<Found, RunError> {
+) -> Result<MotionDiagnosis, RunError> {
     let failed = |what: &str, e: &dyn std::fmt::Display| RunError::stage(what, e.to_string());
     let effects = catalogue(moving(tree).len().saturating_sub(1));
     let recorded = read_runs(request, tree, monitor)?;
@@ -317,7 +317,15 @@ pub(super) fn find(
     let (mut more, notes) = beside(&request.twin, tree, &joints, &effects);
     exports.extend(notes);
     warnings.extend(less(&joints, &exports));
-    let page = page((tree, text), &joints, &effects, &exports, &warnings);
+    let facts = DiagnosisFacts {
+        joints: &joints,
+        effects: &effects,
+        tree,
+        urdf: text,
+        exports: &exports,
+        warnings: &warnings,
+    };
+    let page = diagnosis_page(&facts);
     let file = ReportFile { report: report::report(&joints, exports), warnings: &warnings };
     let json = serde_json::to_string_pretty(&file).map_err(|e| failed("report", &e))? + "\n";
     let windows: Vec<_> = joints.iter().flat_map(|j| &j.replay).collect();
@@ -330,7 +338,7 @@ pub(super) fn find(
         ("report.html", page),
     ]);
     let files = more.into_iter().map(|(path, content)| (path.to_owned(), content)).collect();
-    Ok(Found {
+    Ok(MotionDiagnosis {
         files,
         report: json,
         verdict: report::overall_verdict(&joints),
@@ -339,24 +347,13 @@ pub(super) fn find(
     })
 }
 
-/// A report with what poses show beside the joint: of all runs the one whose poses leave it farthest.
+/// A report with the farthest motion of poses beside the joint in any run.
 fn beside_axis(report: JointReport, off_axis: &[BTreeMap<usize, OffAxis>], joint: usize) -> JointReport {
     let measured = off_axis.iter().filter_map(|e| e.get(&joint).copied());
     JointReport {
         off_axis: measured.max_by(|a, b| a.largest_excess().total_cmp(&b.largest_excess())),
         ..report
     }
-}
-
-/// The page; the twin comes with its URDF.
-fn page(
-    (tree, urdf): (&TwinTree, &str),
-    joints: &[JointReport],
-    effects: &Catalogue,
-    exports: &[ExportNote],
-    warnings: &[Note],
-) -> String {
-    diagnosis_page(&DiagnosisFacts { joints, effects, tree, urdf, exports, warnings })
 }
 
 /// A joint's plant with its actuator, and its runs.
@@ -369,7 +366,7 @@ fn ready(
     warnings: &mut Vec<Note>,
 ) -> Result<(Plant, Split), String> {
     let plant = Plant::of_joint(tree, joint).map_err(|e| e.to_string())?;
-    let split = split(recordings, tree, joint, (request.hold, &request.told), names, warnings);
+    let split = split(recordings, tree, joint, request.hold, &request.told, names, warnings);
     let mut split = split.map_err(|e| e.to_string())?;
     let fitted = &mut split.fitted;
     let held_out = &mut split.held_out;
@@ -378,23 +375,27 @@ fn ready(
     Ok((plant, split))
 }
 
-/// What to know of files that hold less than was found.
+/// Warnings about files with less than the findings.
 fn less(joints: &[JointReport], exports: &[ExportNote]) -> Vec<Note> {
     let mut notes = Vec::new();
     for joint in joints {
-        // Without a file, or with a joint that the file could not take, the notes of the effects say why.
-        let file = |held: &FormatModel| {
-            let is_it = |e: &&ExportNote| e.joint == joint.joint && e.format == held.format.name();
-            exports.iter().filter(is_it).find(|e| !e.file.is_empty()).map(|e| e.file.as_str())
-        };
-        let written: Vec<_> = joint.in_format.iter().filter_map(|h| Some((h, file(h)?))).collect();
+        // Without a file, or with a joint beyond the file's format, the notes of the effects say why.
+        let formats = joint.in_format.iter();
+        let written: Vec<_> =
+            formats.filter_map(|held| Some((held, exported_file(joint, held, exports)?))).collect();
         let is_sole = written.iter().all(|(held, _)| held.keeps_twin());
         notes.extend(written.iter().filter_map(|(held, file)| format_note(held, file, joint, is_sole)));
     }
     notes
 }
 
-/// The SDF and the USD that stand beside the twin, as a run folder has them, with the effects; and what
+/// Name of the file that holds a joint in a format; `None` without one.
+fn exported_file<'a>(joint: &JointReport, held: &FormatModel, exports: &'a [ExportNote]) -> Option<&'a str> {
+    let mut notes = exports.iter().filter(|e| e.joint == joint.joint && e.format == held.format.name());
+    notes.find(|e| !e.file.is_empty()).map(|e| e.file.as_str())
+}
+
+/// The SDF and the USD beside the twin, as a run folder has them, with the effects; and what
 /// became of each.
 fn beside(
     twin: &Path,
@@ -428,7 +429,7 @@ fn beside(
     (files, remarks)
 }
 
-/// A name that stands for no effect.
+/// The name of no effect.
 #[derive(Debug, thiserror::Error)]
 #[error("no effect is called '{name}'; there are {known}")]
 struct UnknownEffect {
@@ -436,16 +437,17 @@ struct UnknownEffect {
     known: String,
 }
 
-/// Indices of effects that are named.
+/// Indices of named effects.
 fn indices(catalogue: &Catalogue, names: &[String]) -> Result<Vec<usize>, UnknownEffect> {
-    let all = || catalogue.iter().map(|e| e.name()).collect::<Vec<_>>().join(", ");
-    let find = |name: &String| {
-        catalogue
-            .iter()
-            .position(|e| e.name() == name)
-            .ok_or_else(|| UnknownEffect { name: name.clone(), known: all() })
-    };
-    names.iter().map(find).collect()
+    let mut indices = Vec::with_capacity(names.len());
+    for name in names {
+        let Some(index) = catalogue.iter().position(|e| e.name() == name) else {
+            let known = catalogue.iter().map(|e| e.name()).collect::<Vec<_>>().join(", ");
+            return Err(UnknownEffect { name: name.clone(), known });
+        };
+        indices.push(index);
+    }
+    Ok(indices)
 }
 
 /// Why the runs say nothing about a joint.
@@ -457,7 +459,7 @@ enum SplitError {
     Chain { joint: String, source: RecordingError },
 }
 
-/// Most runs of which each gives its last third to the proof: a fit of one whole run would know its
+/// Most runs to give each its last third to the proof: a fit of one whole run would know its
 /// conditions alone.
 const MOST_DIVIDED: usize = 2;
 
@@ -466,7 +468,8 @@ fn split(
     recordings: &[(Recording, bool)],
     tree: &TwinTree,
     joint: usize,
-    (hold, told): (Hold, &Told),
+    hold: Hold,
+    told: &Told,
     names: &[String],
     warnings: &mut Vec<Note>,
 ) -> Result<Split, SplitError> {
@@ -488,7 +491,7 @@ fn split(
     }
     if held_out.is_empty() && fitted.len() <= MOST_DIVIDED {
         for log in std::mem::take(&mut fitted) {
-            // By time, not at random: neighboring samples are alike, and the proof would see what was fitted.
+            // By time, not at random: neighboring samples are alike, and the proof would see the fitted data.
             let cut = log.time_s.len() * 2 / 3;
             fitted.push(log.part_between(0, cut));
             held_out.push(log.part_between(cut, log.time_s.len()));

@@ -25,22 +25,22 @@ use gap::{
     },
     judge::verdict::Verdict,
 };
-use geometry::Pose;
+use geometry::{Intrinsics, Pose};
 use io::{self, ResultKind, SummaryJoint};
 use model::{escape_lines, escape_xml};
 
 /// Pictures are made of so many frames of every run.
 const SHOWN: usize = 2;
-/// Runs that are shown.
+/// Runs on the page.
 const RUNS_SHOWN: usize = 4;
-/// Share of the gate of residuals that has full color in the pictures. chosen: for the eye
+/// Share of the gate of residuals with full color in the pictures. chosen: for the eye
 const FULL: f64 = 0.25;
 
 /// Diagnoses a twin by frames, and by motion too where the request has runs. Both stand in one report; the
 /// motion's files are in the folder `motion`.
 ///
 /// # Errors
-/// [`RunError`] where the result cannot be put in its place, which is checked before the work, the twin or a
+/// [`RunError`] where the place is taken, checked before the work, or where the twin or a
 /// recording cannot be read, the frames do not show the twin, or the disk refuses.
 pub fn diagnose_frames(
     request: &DiagnoseRequest,
@@ -93,7 +93,7 @@ pub fn diagnose_frames(
         let (tree, text) = io::read_twin(&request.twin, request.gravity).map_err(|e| failed("twin", &e))?;
         let motion = find(request, &tree, &text, monitor)?;
         files.extend(motion.files.into_iter().map(|(path, content)| (format!("motion/{path}"), content)));
-        // One report with the findings of both: who reads it need not know how each was found.
+        // One report with the findings of both: its readers need not know the source of each.
         json = report::merged_reports(
             serde_json::from_str(&motion.report).map_err(|e| failed("report", &e))?,
             &json,
@@ -105,7 +105,7 @@ pub fn diagnose_frames(
         summary = format!("by frames, {summary}by motion, {}", motion.summary);
         warnings.extend(motion.warnings);
     }
-    // One page without other files, so that it can be sent.
+    // One page without other files can be sent.
     let page = page(&summary, &twin, &runs, &diagnosis)?;
     json["warnings"] = serde_json::to_value(&warnings).map_err(|e| failed("report", &e))?;
     let json = serde_json::to_string_pretty(&json).map_err(|e| failed("report", &e))?;
@@ -118,21 +118,30 @@ pub fn diagnose_frames(
     Ok(DiagnoseOutcome { folder, verdict, summary, warnings })
 }
 
-/// How well a twin that stands in a run folder says that it is known; `None` where it stands in none. What
-/// the folder does not know counts as zero.
+/// Errors of a twin by the report of its run folder; `None` of a twin without one. Values
+/// unknown to the folder count as zero.
 fn own_errors(path: &Path, twin: &SeenTwin) -> Option<OwnErrors> {
     let known = io::read_run_summary(path.parent()?).ok()?.joints;
-    let or_zero = |x: f64| if x.is_finite() { x } else { 0.0 };
-    let of = |name: &String| known.iter().find(|k| k.name == *name);
-    let error =
-        |k: &SummaryJoint| JointError { axis_rad: or_zero(k.axis_std_rad), place_m: or_zero(k.origin_std_m) };
-    let joints = twin.joints.iter().map(|j| of(&j.name).map(error).unwrap_or_default()).collect();
+    let joints = twin.joints.iter().map(|j| joint_error(&known, &j.name)).collect();
     // The worst part's: a part cannot be named better than its own surface is known.
     let surface_m = known.iter().map(|k| or_zero(k.residual_rms_m)).fold(0.0, f64::max);
     Some(OwnErrors { surface_m, joints })
 }
 
-/// What the names for a reconstructed twin must be read with.
+/// Errors of a joint by a run's report; zero of a joint that it does not hold.
+fn joint_error(known: &[SummaryJoint], name: &str) -> JointError {
+    let known = known.iter().find(|k| k.name == name);
+    known.map_or_else(JointError::default, |k| JointError {
+        axis_rad: or_zero(k.axis_std_rad),
+        place_m: or_zero(k.origin_std_m),
+    })
+}
+
+fn or_zero(x: f64) -> f64 {
+    if x.is_finite() { x } else { 0.0 }
+}
+
+/// The note on the own errors of a reconstructed twin.
 fn known_errors(twin: &SeenTwin) -> Note {
     let worst = |of: fn(&JointError) -> f64| twin.own.joints.iter().map(of).fold(0.0, f64::max);
     let (place_m, axis_rad) = (worst(|j| j.place_m), worst(|j| j.axis_rad));
@@ -166,7 +175,7 @@ fn page(summary: &str, twin: &SeenTwin, runs: &[FrameRun], d: &FrameDiagnosis) -
             // From the middle of each share of the run, not from its ends.
             let f = s * run.frames.len() / SHOWN + run.frames.len() / (2 * SHOWN);
             page.push_str("<section>");
-            for picture in pictures(twin, run, (r, f), d) {
+            for picture in pictures(twin, run, r, f, d) {
                 page.push_str(&picture.figure_html().map_err(|e| RunError::stage("report", e.to_string()))?);
             }
             page.push_str("</section>");
@@ -176,33 +185,32 @@ fn page(summary: &str, twin: &SeenTwin, runs: &[FrameRun], d: &FrameDiagnosis) -
 }
 
 /// Photo, updated twin, residual before and after of a frame.
-fn pictures(twin: &SeenTwin, run: &FrameRun, (r, f): (usize, usize), d: &FrameDiagnosis) -> Vec<Picture> {
+fn pictures(twin: &SeenTwin, run: &FrameRun, r: usize, f: usize, d: &FrameDiagnosis) -> Vec<Picture> {
     let frame = &run.frames[f];
     let k = &frame.intrinsics;
-    let picture = |rgb: Vec<u8>, kind: PictureKind, caption: &str| Picture {
-        width: k.width,
-        height: k.height,
-        rgb,
-        kind,
-        caption: caption.to_owned(),
-        arrows: Vec::new(),
-    };
     let poses = d.after.part_and_joint_poses(&d.twin, r).0;
     let drawn = rendered_twin(&d.twin, &poses, k, &true_camera(run, f, &d.after.camera), true);
     vec![
-        picture(frame.rgb.as_flattened().to_vec(), PictureKind::Photo, "photo"),
-        picture(drawn.rgb.as_flattened().to_vec(), PictureKind::Photo, "updated twin"),
+        picture(k, frame.rgb.as_flattened().to_vec(), PictureKind::Photo, "photo"),
+        picture(k, drawn.rgb.as_flattened().to_vec(), PictureKind::Photo, "updated twin"),
         picture(
+            k,
             residual(twin, frame, &true_camera(run, f, &d.before.camera), r, &d.before, full_m(d)),
             PictureKind::Drawing,
             "residual of the twin",
         ),
         picture(
+            k,
             residual(&d.twin, frame, &true_camera(run, f, &d.after.camera), r, &d.after, full_m(d)),
             PictureKind::Drawing,
             "residual of the updated twin",
         ),
     ]
+}
+
+fn picture(k: &Intrinsics, rgb: Vec<u8>, kind: PictureKind, caption: &str) -> Picture {
+    let caption = caption.to_owned();
+    Picture { width: k.width, height: k.height, rgb, kind, caption, arrows: Vec::new() }
 }
 
 /// Residual of full color, meters.
@@ -221,11 +229,12 @@ fn residual(
 ) -> Vec<u8> {
     let poses = hypothesis.part_and_joint_poses(twin, run).0;
     let image = rendered_twin(twin, &poses, &frame.intrinsics, camera, false);
-    let color = |i: usize| -> [u8; 3] {
+    let mut rgb = Vec::with_capacity(3 * image.depth_m.len());
+    for i in 0..image.depth_m.len() {
         let reading = f64::from(frame.depth_m[i]);
         // The camera's error under the hypothesis is taken out, as in (15.3).
         let measured = (reading - hypothesis.camera.bias_m) / hypothesis.camera.scale;
-        match (frame.is_object(i), image.item[i].is_some()) {
+        rgb.extend(match (frame.is_object(i), image.item[i].is_some()) {
             (true, true) if reading > 0.0 => {
                 let x = ((measured - f64::from(image.depth_m[i])) / full_m).clamp(-1.0, 1.0);
                 let fade = (220.0 * (1.0 - x.abs())) as u8;
@@ -235,7 +244,7 @@ fn residual(
             (true, false) if reading > 0.0 && frame.mask.is_some() => [0; 3],
             (false, true) => [0; 3],
             _ => [255; 3],
-        }
-    };
-    (0..image.depth_m.len()).flat_map(color).collect()
+        });
+    }
+    rgb
 }

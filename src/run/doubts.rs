@@ -1,4 +1,4 @@
-//! What of a twin and its runs is not what it is taken for, before any effect is looked for.
+//! Doubts about a twin and its runs, before the search for effects.
 
 use std::collections::BTreeMap;
 
@@ -16,15 +16,16 @@ use gap::{
 };
 
 /// Why joints are not diagnosed for their efforts have no sign, and doubts about the others, by joint.
-/// Efforts get the sign that commands give them. Warnings are added for both.
+/// Efforts without a sign get that of their commands. Warnings are added for both.
 pub(super) fn input_doubts(
     recordings: &mut [(Recording, bool)],
     tree: &TwinTree,
     moving: &[usize],
-    (hold, told): (Hold, &Told),
+    hold: Hold,
+    told: &Told,
     warnings: &mut Vec<Note>,
 ) -> (BTreeMap<usize, String>, BTreeMap<usize, Doubt>) {
-    let unsigned = settle_signs(recordings, tree, moving, (hold, told), warnings);
+    let unsigned = settle_signs(recordings, tree, moving, hold, told, warnings);
     let doubts = doubts_of(recordings, tree, moving, hold, told);
     warnings.extend(doubts.values().map(Doubt::note));
     (unsigned, doubts)

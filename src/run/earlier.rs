@@ -1,4 +1,4 @@
-//! How a run begins and ends: what an earlier one left, a finished result or what a stopped one keeps.
+//! How a run begins and ends: an earlier result, or the checkpoint of a stopped run.
 
 use std::path::{Path, PathBuf};
 
@@ -7,18 +7,18 @@ use super::{
 };
 use common::note::{Note, NoteCode};
 
-/// What a run begins with.
+/// The beginning of a run.
 pub(super) enum Beginning {
-    /// A result that is finished.
+    /// A finished result.
     Stands(Outcome),
-    /// A place for what its stages find, empty or left by a run that was stopped.
+    /// A place for the results of its stages, empty or left by a stopped run.
     Open(Checkpoint),
 }
 
-/// Begins the run of a request, or continues one that was stopped.
+/// Begins the run of a request, or continues a stopped one.
 ///
 /// # Errors
-/// A checkpoint that cannot be used, and the result of another run where one was to be continued.
+/// An unusable checkpoint, and the result of another run where one was to be continued.
 pub(super) fn begin(
     request: &ReconstructRequest,
     name: &str,
@@ -27,7 +27,7 @@ pub(super) fn begin(
 ) -> Result<Beginning, RunError> {
     let folder = Checkpoint::folder(&request.out, name);
     let result = request.out.join(name);
-    // What is moved away by force need not be as it was written.
+    // A result to be moved away by force may have been changed.
     let continues = request.resume && !request.force;
     let earlier = if continues { io::read_result_fingerprint(&result) } else { None };
     // The result first: where it stands, an old checkpoint does not matter.
@@ -49,7 +49,7 @@ pub(super) fn begin(
     Ok(Beginning::Open(checkpoint))
 }
 
-/// Deletes what a finished run kept on the way, and reports its result.
+/// Deletes the checkpoint of a finished run, and reports its result.
 pub(super) fn finished(outcome: Outcome, checkpoint: Checkpoint, monitor: &Monitor) -> Outcome {
     if let Err(error) = checkpoint.remove() {
         let text =
@@ -60,7 +60,7 @@ pub(super) fn finished(outcome: Outcome, checkpoint: Checkpoint, monitor: &Monit
     outcome
 }
 
-/// Reports that a run is finished. What it kept on the way is deleted, in case it ended between the two.
+/// Reports that a run is finished. Its checkpoint is deleted, in case it ended between the two.
 fn stands(folder: PathBuf, checkpoint: &Path, fingerprint: &Fingerprint, monitor: &Monitor) -> Outcome {
     // The process may have ended between the commit of the result and the end of its checkpoint.
     if checkpoint.exists()
@@ -78,10 +78,10 @@ fn stands(folder: PathBuf, checkpoint: &Path, fingerprint: &Fingerprint, monitor
     Outcome { folder, joints: Vec::new(), warnings: Vec::new(), degraded: false, stood: true }
 }
 
-/// Deletes what a run has finished if that is of no use to a later one, else says where it is kept.
+/// Deletes the finished stages of a run if they are of no use to a later one, else reports their place.
 pub(super) fn ended(error: RunError, checkpoint: Checkpoint, keep: bool, monitor: &Monitor) -> RunError {
     let bytes = checkpoint.bytes().unwrap_or_default();
-    // After most failures the same input fails again, and what was kept would only fill the disk.
+    // After most failures the same input fails again, and a checkpoint would only fill the disk.
     if !keep || !error.can_continue() || bytes == 0 {
         return checkpoint.discard().err().map_or(error, RunError::from);
     }

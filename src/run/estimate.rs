@@ -1,4 +1,4 @@
-//! What a run will need, before it is done.
+//! Estimates of a run's time and memory, before it.
 
 use std::path::PathBuf;
 
@@ -9,14 +9,14 @@ use capture::CaptureConfig;
 use config::Config;
 use io::{Glimpse, count_joint_messages, glimpse_views};
 
-/// What a run will need.
+/// Time, memory and disk space for a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Estimate {
-    /// Processor cores that it keeps busy.
+    /// Processor cores that the run keeps busy.
     pub cores: u32,
     /// Most memory, bytes: an upper bound.
     pub memory_bytes: u64,
-    /// Most disk space for the result and what is kept on the way to it, bytes.
+    /// Most disk space for the result and the checkpoint, bytes.
     pub scratch_bytes: u64,
     /// Wall time on so many cores, seconds.
     pub seconds: f64,
@@ -26,7 +26,7 @@ impl Estimate {
     /// Of a reconstruction; of its recordings summaries and a few messages are read.
     #[must_use]
     pub fn of_reconstruction(sources: &[PathBuf], config: &Config) -> Self {
-        // What cannot be read is refused by the command itself.
+        // The command itself refuses unreadable recordings.
         let bags = glimpse_views(sources, &config.capture).unwrap_or_default();
         reconstruction(&bags, &config.capture, config.surface.nodes)
     }
@@ -34,8 +34,10 @@ impl Estimate {
     /// Of a diagnosis; `frames` are RGB-D recordings.
     #[must_use]
     pub fn of_diagnosis(request: &DiagnoseRequest, frames: &[PathBuf]) -> Self {
-        let count = |path: &PathBuf| count_joint_messages(path, &request.streams).unwrap_or_default() as f64;
-        let samples: f64 = request.runs.iter().chain(&request.held_out).chain(frames).map(count).sum();
+        let recordings = request.runs.iter().chain(&request.held_out).chain(frames);
+        let samples: f64 = recordings
+            .map(|path| count_joint_messages(path, &request.streams).unwrap_or_default() as f64)
+            .sum();
         Self {
             cores: CORES,
             memory_bytes: (DIAGNOSIS_MARGIN * (DIAGNOSIS_BYTES + BYTES_PER_SAMPLE * samples)) as u64,
@@ -45,12 +47,12 @@ impl Estimate {
     }
 }
 
-/// Cores that a run keeps busy: stages of one thread and of all alternate.
+/// Busy cores of a run: stages of one thread and of all alternate.
 const CORES: u32 = 2;
-/// Columns and rows of frames whose size is not known.
+/// Columns and rows of frames of unknown size.
 const SIZE: (u32, u32) = (640, 480);
 
-// The most that a run held, by pixels of kept frames and nodes of the grid. Fitted to the eight bags of the
+// Most memory of a run, by pixels of kept frames and nodes of the grid. Fitted to the eight bags of the
 // README (640 x 480, 30 views a state) and `synth` objects of 320 x 240 with 8 views and 640 x 480 with 40,
 // presets `default` and `preview`, two threads: `eval/estimate.md`. measured: eval/estimate.md
 const BASE_BYTES: f64 = 52e6;
@@ -69,7 +71,7 @@ const SECONDS_PER_NODE: f64 = 1.15e-6;
 /// measured: those ten runs
 const WALL: f64 = 0.57;
 /// Bytes of the checkpoint and the result: of a node of one state, and of a pixel.
-/// chosen: about what such files hold
+/// chosen: the approximate size of such files
 const KEPT_PER_NODE: f64 = 14.0;
 const KEPT_PER_PIXEL: f64 = 13.0;
 const RESULT_BYTES: f64 = 40e6;
@@ -82,18 +84,21 @@ const DIAGNOSIS_MARGIN: f64 = 1.5;
 const DIAGNOSIS_SECONDS: f64 = 1.0;
 const SECONDS_PER_SAMPLE: f64 = 1e-3;
 
-/// What a reconstruction needs whose grid has `nodes` along its longest side.
+/// Pixels of the kept frames of a recording, of `most_frames` at most.
+fn kept_pixels(bag: &Glimpse, most_frames: f64) -> f64 {
+    let (width, height) = bag.size.unwrap_or(SIZE);
+    let frames = bag.frames.map_or(most_frames, |n| (n as f64).min(most_frames));
+    frames * f64::from(width) * f64::from(height)
+}
+
+/// Estimate of a reconstruction with `nodes` of the grid along its longest side.
 fn reconstruction(bags: &[Glimpse], capture: &CaptureConfig, nodes: usize) -> Estimate {
     // One recording holds two states.
     let states = bags.len().max(2) as f64;
     let most = capture.frames_per_state as f64 * states / bags.len().max(1) as f64;
-    let pixels = |g: &Glimpse| {
-        let (width, height) = g.size.unwrap_or(SIZE);
-        let frames = g.frames.map_or(most, |n| (n as f64).min(most));
-        frames * f64::from(width) * f64::from(height)
-    };
     let unknown = most * f64::from(SIZE.0) * f64::from(SIZE.1);
-    let kept: f64 = if bags.is_empty() { unknown } else { bags.iter().map(pixels).sum() };
+    let kept: f64 =
+        if bags.is_empty() { unknown } else { bags.iter().map(|bag| kept_pixels(bag, most)).sum() };
     let nodes = (nodes as f64).powi(3);
     let per_node = BYTES_PER_NODE + BYTES_PER_NODE_AND_STATE * states;
     // State 0 is compared with each other state.

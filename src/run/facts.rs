@@ -1,4 +1,4 @@
-//! What the report says about a run: inputs, settings, times, notes.
+//! Facts about a run for the report: inputs, settings, times, notes.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,18 @@ use export::{
 };
 use field::InstructionSet;
 
-/// What the report says about the run.
+/// A rendered view with its similarity to the photo; `None` where it was not measured.
+fn rendering(p: &PhotoAndTwin) -> Option<Rendering> {
+    Some(Rendering {
+        state: p.state,
+        view: p.view.clone(),
+        psnr_db: p.psnr_db?,
+        photo: photo_path(p),
+        camera: p.cutout.as_ref().map(|(_, camera)| camera.clone()),
+    })
+}
+
+/// Facts about the run for the report.
 pub(super) fn facts(
     request: &ReconstructRequest,
     fingerprint: &Fingerprint,
@@ -26,21 +37,11 @@ pub(super) fn facts(
     let initialization = match request.config.run.init {
         Init::Registration => compare_starts(&twin.model, "registration", true, &twin.starts),
         Init::Identity => {
-            // What registration alone would have given, for the comparison of both ways.
+            // The result of registration alone, for the comparison of both ways.
             let alone = nearest_starts(&twin.model, &twin.registered);
             let identity = compare_starts(&twin.model, "identity", true, &twin.starts);
             [identity, compare_starts(&twin.model, "registration", false, &alone)].concat()
         }
-    };
-    let rendering = |p: &PhotoAndTwin| {
-        let camera = p.cutout.as_ref().map(|(_, camera)| camera.clone());
-        Some(Rendering {
-            state: p.state,
-            view: p.view.clone(),
-            psnr_db: p.psnr_db?,
-            photo: photo_path(p),
-            camera,
-        })
     };
     RunFacts {
         input: InputFacts {
@@ -85,14 +86,14 @@ pub(super) fn facts(
             .iter()
             .cloned()
             .chain(twin.warnings.iter().cloned())
-            // Warnings hold the cautions too: a program that reads one list misses nothing.
+            // Warnings hold the cautions too: a reader of one list misses nothing.
             .chain(cautions(&twin.model))
             .chain(images.differences.iter().filter_map(StateDifference::difference_warning))
             .collect(),
     }
 }
 
-/// A preset and what it costs.
+/// A preset and its cost.
 fn preset(name: &str) -> String {
     preset_cost(name).map_or_else(|| name.to_owned(), |cost| format!("{name}: {cost}"))
 }

@@ -1,4 +1,4 @@
-//! The stage that trains the object field of one state.
+//! The stage of training the object field of one state.
 
 use std::cell::RefCell;
 
@@ -12,13 +12,13 @@ use field::{
 
 /// Steps between two looks at the clock, the bar and the stop flag.
 const REPORT_EVERY: usize = 10;
-/// Most steps that are lost with a device.
+/// Most steps that are lost with a failing device.
 const KEEP_EVERY: usize = 200;
 
-/// A trained field and what trained it.
+/// A trained field and its engine.
 pub(super) struct TrainedField {
     pub field: ObjectField,
-    /// Why the engine that was asked for was replaced by the CPU engine, if it was.
+    /// Why the CPU engine replaced the requested one, if it did.
     pub replaced: Option<String>,
 }
 
@@ -26,7 +26,7 @@ pub(super) struct TrainedField {
 /// checkpoint.
 ///
 /// # Errors
-/// Unusable input or settings, a loss that is no number, a stop request, a checkpoint that cannot be written.
+/// Unusable input or settings, a loss that is no number, a stop request, an unwritable checkpoint.
 pub(super) fn train_field(
     stage: &str,
     input: &TrainInput,
@@ -54,7 +54,7 @@ pub(super) fn train_field(
 /// Makes an engine other than the CPU engine, or says why it cannot.
 type Start<'a> = &'a dyn Fn(EngineState) -> Result<Box<dyn FieldEngine>, EngineError>;
 
-/// Why an engine, or what it has computed, is of no use.
+/// Why an engine or its result is of no use.
 #[derive(Debug, thiserror::Error)]
 enum EngineFault {
     #[error(transparent)]
@@ -76,7 +76,7 @@ fn cpu(state: EngineState) -> Box<dyn FieldEngine> {
     Box::new(CpuEngine::resume(state))
 }
 
-/// Training that survives its engine: when that fails, the CPU engine goes on from the last state that was
+/// Training that survives its engine: when it fails, the CPU engine goes on from the last state that was
 /// kept.
 struct Training<'a> {
     stage: String,
@@ -124,7 +124,7 @@ impl Training<'_> {
     /// Trains to the end or until asked to stop; `kept` is what was reached then, or before the error.
     ///
     /// # Errors
-    /// Why the engine, or what it has computed, is of no use.
+    /// Why the engine or its result is of no use.
     fn advance(
         &self,
         trainer: &mut FieldTrainer,
@@ -145,7 +145,7 @@ impl Training<'_> {
                     return Err(failure(trainer));
                 }
             }
-            // A device can be lost with what it holds; the CPU engine cannot.
+            // A device can be lost with its memory; the CPU engine cannot.
             if !self.on_cpu() && trainer.steps_done() >= kept.done + KEEP_EVERY {
                 *kept = sound(trainer)?;
             }
@@ -181,17 +181,20 @@ impl Training<'_> {
     }
 }
 
-/// The state of a training whose engine works and whose parameters are numbers.
+/// The state of a training with a working engine and finite parameters.
 fn sound(trainer: &FieldTrainer) -> Result<TrainerCheckpoint, EngineFault> {
     let now = trainer.checkpoint();
     // A loss can still be finite when a parameter is not: each is looked at before it is kept.
-    let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
     let params = &now.engine.params;
     let layers = params.geometry.iter().chain(&params.color);
     let sound = trainer.failure().is_none()
-        && finite(&params.table)
-        && layers.clone().all(|l| finite(&l.weights) && finite(&l.biases));
+        && are_finite(&params.table)
+        && layers.clone().all(|l| are_finite(&l.weights) && are_finite(&l.biases));
     if sound { Ok(now) } else { Err(failure(trainer)) }
+}
+
+fn are_finite(values: &[f32]) -> bool {
+    values.iter().all(|v| v.is_finite())
 }
 
 fn failure(trainer: &FieldTrainer) -> EngineFault {

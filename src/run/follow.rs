@@ -1,4 +1,4 @@
-//! Recordings followed while they are written: what a run needs of them is worked out as it comes.
+//! Recordings followed while they are written: a run's work on them is done as they grow.
 
 use std::{
     path::PathBuf,
@@ -16,13 +16,13 @@ use surface::{LiveMap, LiveSettings};
 
 /// How often a recording is looked at.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
-/// A recording that has not grown for so long may never be closed.
+/// After so long without growth a recording may never be closed.
 /// derived: recorders write their caches every few seconds
 const STILL: Duration = Duration::from_secs(30);
 
 /// How often is said how much there is.
 const SAY_EVERY: Duration = Duration::from_secs(2);
-/// Memory of the map of what was seen.
+/// Memory of the map of seen places.
 const MAP_BYTES: usize = 64 << 20;
 
 /// Waits until the recordings of a request are closed, one state after the other, and works ahead on one
@@ -54,7 +54,7 @@ pub fn follow(request: &ReconstructRequest, monitor: &Monitor) -> Result<Ahead, 
         };
         follower.map.begin_state();
         pool.install(|| follower.until_closed())?;
-        // Where nothing more is waited for, the run does what is left, on all threads.
+        // Where nothing more is waited for, the run does the rest, on all threads.
         if paths[state + 1..].iter().any(|path| !GrowingState::new(path, 0).is_closed()) {
             pool.install(|| follower.look());
         }
@@ -112,11 +112,11 @@ impl Follower<'_> {
     /// Looks at the recording once.
     fn look(&mut self) {
         let config = &self.request.config;
-        // Of a recording that has only begun there is not enough. Of one that is closed the run says it.
+        // A recording at its beginning has too few views. The run reports the same of a closed one.
         let seed = config.run.seed;
         let grown = work_ahead(&mut self.growing, &config.capture, seed, self.ahead, self.monitor);
         let Ok(Some(grown)) = grown else { return };
-        // Frames that were tracked have no place yet.
+        // Tracked frames have no place yet.
         let frames = grown.frames.iter().filter(|_| grown.is_posed);
         frames.for_each(|frame| _ = self.map.add_view(frame));
         if self.said.is_none_or(|(when, views)| when.elapsed() > SAY_EVERY && views != grown.views) {
@@ -130,7 +130,7 @@ impl Follower<'_> {
         }
     }
 
-    /// What of the object was not seen yet, from where to look next, and what moved; empty without a map.
+    /// Unseen sides of the object, the next places to look from, and moved parts; empty without a map.
     fn map_text(&mut self) -> String {
         self.map.refresh();
         let Some((unseen, next)) = self.map.unseen_and_next() else { return String::new() };

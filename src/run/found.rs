@@ -1,7 +1,7 @@
 //! Parts and motions of two states, or of more.
 
 use super::{
-    Monitor, RunError, Stages,
+    RunError, Stages,
     articulation::{Articulation, articulate, register_state, unite_states},
     scene::Scene,
     stage::stage_of,
@@ -17,17 +17,17 @@ use model::ArticulatedModel;
 /// chosen: three, 0.3 % of a normal distribution
 const ALIKE_SIGMAS: f64 = 3.0;
 
-/// Parts and motions, and what is reported about them.
+/// Parts and motions, and notes about them.
 pub(super) struct Found {
     /// Parts and motions.
     pub articulation: Articulation,
-    /// Motions to the last state that registration found, in its own order.
+    /// Motions to the last state by registration, in its own order.
     pub registered: Vec<Pose>,
     /// Evidence by number of parts, most parts first.
     pub curve: Vec<EvidencePoint>,
-    /// What was chosen.
+    /// Notes about choices, such as the number of parts.
     pub notes: Vec<Note>,
-    /// What is weak.
+    /// Warnings about weak evidence.
     pub warnings: Vec<Note>,
 }
 
@@ -52,10 +52,11 @@ pub(super) fn find_parts(states: &[State], scene: &Scene, stages: &mut Stages) -
     let mut registrations = Vec::with_capacity(states.len());
     for state in 1..states.len() {
         let stage = stage_of("register", state, states.len());
-        // All with state 0, whose samples carry the labels of every pair.
+        // All with state 0: its samples carry the labels of every pair.
         let checkpoint = stages.checkpoint;
-        let register = |m: &Monitor| register_state(states, state, (&stage, parts), scene, checkpoint, m);
-        registrations.push(stages.kept(&stage, None, register)?);
+        registrations.push(stages.kept(&stage, None, |monitor| {
+            register_state(states, state, &stage, parts, scene, checkpoint, monitor)
+        })?);
     }
     match (states, registrations.as_slice()) {
         ([state0, state1], [one]) => found_in_pair([state0, state1], one, scene, stages),
@@ -63,7 +64,7 @@ pub(super) fn find_parts(states: &[State], scene: &Scene, stages: &mut Stages) -
     }
 }
 
-/// Reports what was chosen and what is weak.
+/// Reports choices and weak evidence.
 fn report(notes: &[Note], warnings: &[Note], stages: &Stages) {
     warnings.iter().for_each(|w| stages.monitor.warn(w));
     notes.iter().for_each(|n| stages.monitor.note(n));
@@ -93,13 +94,13 @@ fn found_in_all(
     let notes = [of_pairs(registrations, |r| &r.notes), united.notes].concat();
     let warnings = [of_pairs(registrations, |r| &r.warnings), united.warnings].concat();
     report(&notes, &warnings, stages);
-    // The report compares with the last state, whose motion of two states is the only one.
+    // The report compares with the last state, the only other one of two.
     let last = united.motions.last().cloned().unwrap_or_default();
     let articulation = Articulation::new(united.motions, united.labels, last.clone());
     Ok(Found { articulation, registered: last[1..].to_vec(), curve: united.curve, notes, warnings })
 }
 
-/// What is said of all pairs in which something moved.
+/// Notes of all pairs of states with a motion.
 fn of_pairs(registrations: &[Registration], notes: fn(&Registration) -> &Vec<Note>) -> Vec<Note> {
     let mut all = Vec::new();
     for (k, found) in registrations.iter().enumerate().filter(|(_, r)| r.motions.len() > 1) {
@@ -108,25 +109,34 @@ fn of_pairs(registrations: &[Registration], notes: fn(&Registration) -> &Vec<Not
     all
 }
 
-/// States in which every joint stands as in an earlier one.
+/// Notes of states with every joint as in an earlier one.
 pub(super) fn more_views(model: &ArticulatedModel) -> Vec<Note> {
-    let earlier = |b: usize| (0..b).find(|&a| alike(model, a, b)).map(|a| (a, b));
-    let note = |(a, b)| {
-        let text = format!("state {b} shows all joints where state {a} does: it adds views, and no motion");
-        Note::new(NoteCode::StateAddsNoMotion, text)
-    };
-    (1..model.states.len()).filter_map(earlier).map(note).collect()
+    let mut notes = Vec::new();
+    for b in 1..model.states.len() {
+        if let Some(a) = (0..b).find(|&a| alike(model, a, b)) {
+            let text =
+                format!("state {b} shows all joints where state {a} does: it adds views, and no motion");
+            notes.push(Note::new(NoteCode::StateAddsNoMotion, text));
+        }
+    }
+    notes
 }
 
-/// Whether every joint stands at one position in two states, as far as its deviation lets that be known.
+/// Whether every joint stands at one position in two states, within its deviation.
 fn alike(model: &ArticulatedModel, a: usize, b: usize) -> bool {
-    let same = |joint: usize| {
-        let std = &model.joints[joint].evidence.position_std;
-        // State 0 is where positions count from: it has no deviation.
-        let of = |state: usize| state.checked_sub(1).and_then(|k| std.get(k)).copied().unwrap_or_default();
-        let apart = (model.states[a][joint] - model.states[b][joint]).abs();
-        // A state that the joint leaves out is like no other.
-        apart <= ALIKE_SIGMAS * of(a).hypot(of(b)) && of(a).max(of(b)).is_finite()
-    };
-    (0..model.joints.len()).all(same)
+    (0..model.joints.len()).all(|joint| is_joint_alike(model, joint, a, b))
+}
+
+/// The same of one joint.
+fn is_joint_alike(model: &ArticulatedModel, joint: usize, a: usize, b: usize) -> bool {
+    let apart = (model.states[a][joint] - model.states[b][joint]).abs();
+    let [std_a, std_b] = [a, b].map(|state| position_std(model, joint, state));
+    // A state without a position of the joint is like no other.
+    apart <= ALIKE_SIGMAS * std_a.hypot(std_b) && std_a.max(std_b).is_finite()
+}
+
+/// Standard deviation of a joint's position in a state, meters or radians: 0 in state 0.
+fn position_std(model: &ArticulatedModel, joint: usize, state: usize) -> f64 {
+    let std = &model.joints[joint].evidence.position_std;
+    state.checked_sub(1).and_then(|k| std.get(k)).copied().unwrap_or_default()
 }

@@ -8,7 +8,7 @@ use common::stop::Stop;
 use gap::camera::record::frames::FrameRun;
 use numeric::random::stage_rng;
 
-/// Reads a recording and isolates the object in it. What was lost is added to `warnings`.
+/// Reads a recording and isolates the object in it. Losses are added to `warnings`.
 ///
 /// # Errors
 /// [`CaptureError`] where the recording cannot be used.

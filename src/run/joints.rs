@@ -1,13 +1,9 @@
-//! The stage that finds the joints of parts that move.
+//! The stage of the joints of moving parts.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::{
-    articulation::{Articulation, PartsOfState},
-    scene::Scene,
-    state::State,
-};
+use super::{articulation::Articulation, scene::Scene, state::State};
 use articulate::{
     JointInference, LiftedMatch, ObservedState, PairEvidence, ParentMotion, PartEvidence, SurfaceDraws,
     TreeJointEstimate, kinematic_tree, published_joint, static_motion,
@@ -15,8 +11,8 @@ use articulate::{
 use capture::PoseFindings;
 use geometry::{NearestPoints, Pose};
 
-/// Joints of all moving parts, in the order of the parts. What is left of the static part's motion to states
-/// that were moved is taken out of theirs.
+/// Joints of all moving parts, in the order of the parts. The remaining motion of the static part to moved
+/// states is taken out of theirs.
 pub(super) fn joints(
     states: &[State],
     poses: &PoseFindings,
@@ -26,24 +22,29 @@ pub(super) fn joints(
     if scene.config.joint.inference == JointInference::Published {
         return published_joints(states, articulation);
     }
-    let draws = |(k, s): (usize, &State)| {
-        let spacing_m = s.surface.sdf.spacing_m;
-        SurfaceDraws::new(&poses.draws, k, &s.surface.samples, s.frames, &scene.noise, spacing_m)
-    };
-    let draws: Vec<SurfaceDraws> = states.par_iter().enumerate().map(draws).collect();
-    // Joints are those of the twin, whose frame is its static part: where that is off as a whole in state 0,
-    // so is all that it carries.
+    let draws: Vec<SurfaceDraws> = states
+        .par_iter()
+        .enumerate()
+        .map(|(k, s)| {
+            let spacing_m = s.surface.sdf.spacing_m;
+            SurfaceDraws::new(&poses.draws, k, &s.surface.samples, s.frames, &scene.noise, spacing_m)
+        })
+        .collect();
+    // The static part is the frame of the twin and of its joints: an error of it as a whole in state 0
+    // is an error of all parts on it.
     let labels = &articulation.states[0].labels;
     let base: Vec<usize> = (0..labels.len()).filter(|&i| labels[i] == 0).collect();
     let frame = draws[0].rigid_motions(&states[0].surface.samples.points, &base);
-    let in_frame =
-        |(draws, s): (SurfaceDraws, &State)| draws.without_motions(&frame, &s.surface.samples.points);
-    let draws: Vec<SurfaceDraws> = draws.into_iter().zip(states).map(in_frame).collect();
+    let draws: Vec<SurfaceDraws> = draws
+        .into_iter()
+        .zip(states)
+        .map(|(draws, s)| draws.without_motions(&frame, &s.surface.samples.points))
+        .collect();
     let evidence = Evidence::new(states, &draws, articulation, scene);
     let parts = (1..articulation.parts()).into_par_iter().filter_map(|part| evidence.part(part));
     let parts: Vec<PartEvidence> = parts.collect();
-    // What the static part seems to move by is the error of the world
-    // frames; joints against it are free of that.
+    // The apparent motion of the static part is the error of the world frames; joints against it are
+    // free of it.
     let root: Vec<ParentMotion> =
         (1..states.len()).into_par_iter().map(|state| evidence.root(state, &states[state], poses)).collect();
     let extent_m = scene.bounds.extent_m();
@@ -53,22 +54,24 @@ pub(super) fn joints(
 /// Joints of all moving parts by their motions to state 1 alone, each on the static part.
 fn published_joints(states: &[State], articulation: &Articulation) -> Vec<TreeJointEstimate> {
     let points = &states[0].surface.samples.points;
-    let middle = |part: usize| {
-        let labels = articulation.states[0].labels.iter();
-        let own = points.iter().zip(labels).filter(|(_, l)| usize::from(**l) == part).map(|(p, _)| p.coords);
-        let (sum, count) = own.fold((Vector3::zeros(), 0.0), |(sum, count), p| (sum + p, count + 1.0));
-        Point3::from(sum / f64::max(count, 1.0))
-    };
+    let labels = &articulation.states[0].labels;
     let motions = articulation.states[1].motions.iter().enumerate().skip(1);
-    motions.map(|(part, motion)| published_joint(motion, &middle(part))).collect()
+    motions.map(|(part, motion)| published_joint(motion, &mean_of_part(points, labels, part))).collect()
 }
 
-/// What all states show, by part.
+/// Mean of the surface samples of a part, meters.
+fn mean_of_part(points: &[Point3<f64>], labels: &[u8], part: usize) -> Point3<f64> {
+    let own = points.iter().zip(labels).filter(|(_, l)| usize::from(**l) == part).map(|(p, _)| p.coords);
+    let (sum, count) = own.fold((Vector3::zeros(), 0.0), |(sum, count), p| (sum + p, count + 1.0));
+    Point3::from(sum / f64::max(count, 1.0))
+}
+
+/// Evidence of all states, by part.
 struct Evidence<'a> {
     scene: &'a Scene<'a>,
     articulation: &'a Articulation,
     states: Vec<ObservedState<'a>>,
-    /// Matches of each state with state 0, each with the part that it is on.
+    /// Matches of each state with state 0, each with its part.
     matches: Vec<Vec<(LiftedMatch, Option<usize>)>>,
 }
 
@@ -85,10 +88,11 @@ impl<'a> Evidence<'a> {
             labels: &parts[0].labels,
         };
         let reach_m = scene.config.joint.refine.reach * scene.bounds.extent_m();
-        let owned = |(state, parts): (&State, &PartsOfState)| -> Vec<(LiftedMatch, Option<usize>)> {
+        let mut matches = Vec::with_capacity(states.len());
+        for (state, parts) in states.iter().zip(parts) {
             let owners = match_owners(&state.matches, &parts.motions, &labelled, reach_m);
-            state.matches.iter().copied().zip(owners).collect()
-        };
+            matches.push(state.matches.iter().copied().zip(owners).collect());
+        }
         Self {
             scene,
             articulation,
@@ -98,11 +102,11 @@ impl<'a> Evidence<'a> {
                 .zip(parts)
                 .map(|((s, draws), parts)| s.observed(&parts.labels, draws))
                 .collect(),
-            matches: states.iter().zip(parts).map(owned).collect(),
+            matches,
         }
     }
 
-    /// What state 0 and number `state` show of a part.
+    /// Evidence of state 0 and number `state` for a part.
     fn pair(&self, part: usize, state: usize) -> PairEvidence<'a> {
         let of_part = self.matches[state].iter().filter(|(_, owner)| *owner == Some(part));
         let matches: Vec<LiftedMatch> = of_part.map(|(m, _)| *m).collect();
@@ -117,19 +121,19 @@ impl<'a> Evidence<'a> {
         )
     }
 
-    /// What all states show of a part; `None` of a single state.
+    /// Evidence of all states for a part; `None` of a single state.
     fn part(&self, part: usize) -> Option<PartEvidence<'a>> {
         PartEvidence::new((1..self.states.len()).map(|state| self.pair(part, state)))
     }
 
-    /// The motion of the static part to number `state`: none, unless that state's frames were moved, which
-    /// leaves it a world frame that is a little its own.
+    /// The motion of the static part to number `state`: none, unless the frames of this state were moved:
+    /// its world frame is then a little its own.
     fn root(&self, number: usize, state: &State, poses: &PoseFindings) -> ParentMotion {
         if state.drift.is_none() && !poses.has_changes() {
             return ParentMotion::static_part();
         }
         let own = self.pair(0, number).free_motion(&self.scene.config.joint);
-        // How well all that stands still was brought to rest in the state.
+        // Uncertainty of the alignment of still surfaces in the state.
         // (5.3) combines this with the part's own motion.
         let still = match &state.drift {
             Some(drift) => drift.covariance,
@@ -154,7 +158,7 @@ impl Labelled<'_> {
     }
 }
 
-/// The motion that explains each match best, of equal ones that of the part whose surface it is on; `None`
+/// The motion closest to each match, of equal ones the motion of the part under it; `None`
 /// where none comes within `reach_m`.
 fn match_owners(
     matches: &[LiftedMatch],
@@ -172,7 +176,7 @@ fn match_owner(m: &LiftedMatch, motions: &[Pose], surface: &Labelled<'_>, reach_
     if errors_m[best] >= reach_m {
         return None;
     }
-    // Parts may move alike in a pair of states; the match is then that of the part which it lies on.
+    // Parts may move alike in a pair of states; the match then belongs to the part under it.
     if motions.iter().filter(|motion| **motion == motions[best]).count() == 1 {
         return Some(best);
     }

@@ -1,4 +1,4 @@
-//! What a command writes at least: a disk that has less is refused before the work.
+//! Least bytes of a command's results: a disk with less is refused before the work.
 
 use config::{Config, Method};
 use field::FieldConfig;
@@ -6,7 +6,7 @@ use field::FieldConfig;
 /// Bytes of a reconstruction's folder. Measured: 3.7 MB for two parts at `surface.nodes=64`; less only for
 /// coarser surfaces.
 pub(super) const RECONSTRUCTION: u64 = 2 << 20;
-/// Bytes of a number in a checkpoint, and the numbers that it holds for a parameter: itself and two moments
+/// Bytes of a number in a checkpoint, and its numbers for each parameter: itself and two moments
 /// of the optimizer.
 const PARAMETER: u64 = 4 * 3;
 /// Bytes of a demonstration's folder. Measured: 0.3 to 1 MB with a film.
@@ -25,12 +25,12 @@ pub(super) fn least_reconstruction(states: usize, config: &Config) -> u64 {
     RECONSTRUCTION.saturating_add(checkpoint)
 }
 
-/// Bytes that the checkpoint of one field holds: those of its finest table.
+/// Bytes of the checkpoint of one field: of its finest table.
 fn field(config: &FieldConfig) -> u64 {
     1u64.checked_shl(config.log2_table_size).unwrap_or(u64::MAX).saturating_mul(PARAMETER)
 }
 
-/// Bytes of the diagnosis of a twin whose URDF is `text`, which it holds again, updated.
+/// Bytes of the diagnosis of a twin with URDF `text`: it holds an updated copy.
 pub(super) fn least_diagnosis(text: &str) -> u64 {
     DIAGNOSIS + text.len() as u64
 }

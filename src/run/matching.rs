@@ -1,4 +1,4 @@
-//! The stage that finds pixel matches between two states.
+//! The stage of pixel matches between two states.
 
 use rayon::prelude::*;
 
@@ -9,11 +9,11 @@ use io::OnnxMatcher;
 
 const STAGE: &str = "match";
 
-/// Matches by the user's model; else those that came with the recording, as `recorded`; else those of the
+/// Matches by the user's model; else the recording's own, as `recorded`; else those of the
 /// built-in features.
 ///
 /// # Errors
-/// A model that fails, a stop request.
+/// A failure of the model, a stop request.
 pub(super) fn pixel_matches(
     frames: [&[RgbdFrame]; 2],
     recorded: &[PixelMatch],
@@ -28,7 +28,7 @@ pub(super) fn pixel_matches(
     }
 }
 
-/// Number of pairs of frames that a model is asked about.
+/// Number of pairs of frames for a model.
 pub(super) fn pairs(frames: [&[RgbdFrame]; 2], config: &MatchConfig) -> usize {
     frame_pairs(frames, config.neighbors).len()
 }

@@ -1,4 +1,4 @@
-//! Which failures of a run may pass when it is tried again.
+//! Failures of a run that may pass when it is tried again.
 
 use std::{error::Error, io};
 
@@ -18,7 +18,7 @@ impl RunError {
     }
 }
 
-/// Whether the system refused for a reason that lies in the machine, not in the file that was asked for.
+/// Whether the system refused for a reason in the machine, not in the requested file.
 fn is_of_machine(error: &(dyn Error + 'static)) -> bool {
     if let Some(RunDirError::Full { .. }) = error.downcast_ref() {
         return true;
@@ -34,7 +34,7 @@ fn is_of_machine(error: &(dyn Error + 'static)) -> bool {
                     | io::ErrorKind::InvalidInput
                     | io::ErrorKind::InvalidFilename
             );
-            // Errors that a reader made have no number.
+            // Errors of a reader have no number.
             return io.kind() == io::ErrorKind::StorageFull || (io.raw_os_error().is_some() && !of_file);
         }
         next = error.source();

@@ -1,4 +1,4 @@
-//! What a running pipeline reports, and how it is asked to stop.
+//! Reports of a running pipeline, and requests to stop it.
 
 use std::sync::{
     Arc,
@@ -13,7 +13,7 @@ use common::{
     stop::{Stop, Stopped},
 };
 
-/// A stage that is to come.
+/// A coming stage.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Planned {
     /// Name, e.g. `field/state0`.
@@ -22,8 +22,8 @@ pub struct Planned {
     pub weight: f64,
 }
 
-/// One thing that happened. Serialized by `--json` as a line of JSON whose `event` is the variant's name in
-/// snake case; the fields are those below. A number that is not finite is `null`.
+/// One event. Serialized by `--json` as a line of JSON with the variant's name as `event` in
+/// snake case; the fields are those below. A non-finite number is `null`.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
@@ -68,14 +68,14 @@ pub enum Event {
     },
     /// The run is degraded.
     Warning {
-        /// What it is about.
+        /// Its subject.
         code: NoteCode,
         /// A sentence.
         message: String,
     },
     /// Something to report.
     Note {
-        /// What it is about.
+        /// Its subject.
         code: NoteCode,
         /// A sentence.
         message: String,
@@ -87,12 +87,12 @@ pub enum Event {
     },
     /// One object of several has no result; the others go on.
     Failed {
-        /// What, where and the remedy.
+        /// A message that names the place and the remedy.
         message: String,
     },
     /// The run ended without a result. The last event.
     Error {
-        /// What, where and the remedy.
+        /// A message that names the place and the remedy.
         message: String,
         /// Exit code of the program.
         exit_code: u8,
@@ -103,7 +103,7 @@ pub enum Event {
 #[derive(Debug, Default, thiserror::Error)]
 #[error("stopped on request{}{kept}", if kept.is_empty() { "" } else { "; " })]
 pub struct Cancelled {
-    /// What is kept, where, and how to go on; empty where nothing is.
+    /// Kept results, their place, and how to go on; empty without any.
     pub kept: String,
 }
 
@@ -129,7 +129,7 @@ impl Monitor {
         Self { events, cancel, object: None }
     }
 
-    /// A monitor that nobody listens to.
+    /// A monitor without a listener.
     #[must_use]
     pub fn silent() -> Self {
         Self::new(std::sync::mpsc::channel().0, Arc::default())
@@ -165,7 +165,7 @@ impl Monitor {
                 Event::Artifact { .. } => {}
             }
         }
-        // A listener that went away does not end the run.
+        // A run continues without its listener.
         self.events.send(event).ok();
     }
 
@@ -174,12 +174,12 @@ impl Monitor {
         self.report(Event::Warning { code: note.code, message: note.text.clone() });
     }
 
-    /// Reports what is worth saying.
+    /// Reports a note.
     pub fn note(&self, note: &Note) {
         self.report(Event::Note { code: note.code, message: note.text.clone() });
     }
 
-    /// What long work asks whether it is to stop.
+    /// The handle by which long work is asked to stop.
     #[must_use]
     pub fn stop(&self) -> Stop {
         Stop::by(Arc::clone(&self.cancel))
@@ -188,7 +188,7 @@ impl Monitor {
     /// Returns early from a loop once a stop was requested.
     ///
     /// # Errors
-    /// [`Cancelled`], so that `monitor.check()?` ends the stage.
+    /// [`Cancelled`], by which `monitor.check()?` ends the stage.
     pub fn check(&self) -> Result<(), Cancelled> {
         if self.cancel.load(Ordering::Relaxed) { Err(Cancelled::default()) } else { Ok(()) }
     }

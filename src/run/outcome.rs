@@ -1,4 +1,4 @@
-//! What is asked of a run and what it gives back.
+//! Requests for runs and their results.
 
 use std::{path::PathBuf, sync::Arc};
 
@@ -9,17 +9,17 @@ use config::{Config, ConfigError, Origins};
 use io::Place;
 use model::{ArticulatedModel, JointKind};
 
-/// Name under which the writing of the run folder fails.
+/// Stage name in errors that come from writing the run folder.
 pub(super) const OUTPUT_STAGE: &str = "output";
-/// Stage that refuses what a simulator would not load as it is meant.
+/// The stage that checks whether simulators load the twin as it is meant.
 pub(super) const CHECK_STAGE: &str = "check";
 
-/// What is asked of a reconstruction.
+/// Request for a reconstruction.
 #[derive(Clone, Debug)]
 pub struct ReconstructRequest {
     /// One recording, or one per state.
     pub sources: Vec<PathBuf>,
-    /// Folder that gets the run folder.
+    /// Parent of the run folder.
     pub out: PathBuf,
     /// Name of the twin, `[A-Za-z][A-Za-z0-9_]*`; default: from the recording.
     pub name: Option<String>,
@@ -29,17 +29,17 @@ pub struct ReconstructRequest {
     pub origins: Origins,
     /// Whether an interrupted run is continued.
     pub resume: bool,
-    /// Whether what this one has finished is kept when it is stopped.
+    /// Whether finished stages are kept when the run is stopped.
     pub keep: bool,
-    /// Folder that keeps what every stage finds, also for runs of the same recordings with other settings.
+    /// Folder for the results of every stage, also for runs of the same recordings with other settings.
     pub stages: Option<PathBuf>,
-    /// What was worked out while the recordings grew.
+    /// Results of work on the growing recordings.
     pub ahead: Arc<Ahead>,
-    /// Whether what may not be replaced is moved to `NAME.bak`.
+    /// Whether a folder that may not be replaced is moved to `NAME.bak`.
     pub force: bool,
-    /// File that gets what was seen and found as a recording of rerun; needs the feature `rerun`.
+    /// File for views and findings as a recording of rerun; needs the feature `rerun`.
     pub rerun: Option<PathBuf>,
-    /// Files and folders beside the sources that the result must not take the place of.
+    /// Files and folders beside the sources that the result must not replace.
     pub beside: Vec<PathBuf>,
 }
 
@@ -71,24 +71,24 @@ impl ReconstructRequest {
         Place { force: self.force, inputs, ..Place::named(&self.out, name) }
     }
 
-    /// Where the result goes that a simulator would not load as it is meant.
+    /// Where a result goes that the check rejects.
     pub(super) fn rejected_place(&self, name: &str) -> Place {
         Place { out: self.out.join(format!("{name}_rejected")), name: None, ..self.place(name) }
     }
 }
 
-/// What a finished run gives back.
+/// The result of a finished run.
 #[derive(Clone, Debug)]
 pub struct Outcome {
     /// The run folder.
     pub folder: PathBuf,
     /// The joints found.
     pub joints: Vec<JointSummary>,
-    /// What was lost or is uncertain.
+    /// Warnings about losses and uncertainties.
     pub warnings: Vec<Note>,
     /// Whether something was lost: data, or confidence in a joint.
     pub degraded: bool,
-    /// Whether the folder is of an earlier run that was to be continued; nothing was done then, and nothing
+    /// Whether the folder is of an earlier run with the same facts; nothing was done then, and nothing
     /// else is reported about it.
     pub stood: bool,
 }
@@ -98,13 +98,13 @@ pub struct Outcome {
 pub struct JointSummary {
     /// Name.
     pub name: String,
-    /// What it lets the child do.
+    /// The kind of motion that it allows.
     pub kind: JointKind,
     /// Unit direction of the axis.
     pub axis_in_world: [f64; 3],
     /// Origin of the joint frame, a point of the axis, meters.
     pub point_in_world_m: [f64; 3],
-    /// Position in state 1 minus position in state 0, radians or meters; of more states that of the one
+    /// Position in state 1 minus position in state 0, radians or meters; of more states, of the one
     /// farthest from state 0.
     pub motion: f64,
     /// Position in every state.
@@ -152,7 +152,7 @@ impl RunError {
         Self::Stage { stage: stage.into(), source: source.into() }
     }
 
-    /// The failure of a stage that reads recordings, or its stop.
+    /// The failure of a reading stage, or its stop.
     pub(super) fn reading(stage: &str, error: CaptureError) -> Self {
         match error {
             CaptureError::Stopped(stopped) => stopped.into(),
@@ -167,7 +167,7 @@ impl RunError {
         match self {
             Self::Cancelled(_) | Self::Checkpoint(_) => true,
             Self::Config(_) | Self::OtherResult { .. } => false,
-            // A full disk can be emptied; recordings and settings are what they are.
+            // A full disk can be emptied; recordings and settings do not change.
             Self::Stage { stage, .. } => stage == OUTPUT_STAGE,
         }
     }
@@ -179,7 +179,7 @@ impl From<Stopped> for RunError {
     }
 }
 
-/// An error and what led to it, on one line. A cause that a message already ends with is not repeated.
+/// An error and its causes on one line. A cause at the end of a message is not repeated.
 #[must_use]
 pub fn chain(error: &dyn std::error::Error) -> String {
     let mut text = error.to_string();
@@ -196,23 +196,26 @@ pub fn chain(error: &dyn std::error::Error) -> String {
 }
 
 impl JointSummary {
-    /// Summaries of all joints of a model; none of one that was observed in fewer than two states.
+    /// Summaries of all joints of a model; none of a model of fewer than two states.
     #[must_use]
     pub fn of(model: &ArticulatedModel) -> Vec<Self> {
         // One state shows no motion.
         let [state0, _, ..] = model.states.as_slice() else { return Vec::new() };
-        let summary = |(j, joint): (usize, &model::Joint)| {
-            let world_from_joint = model.world_from_link(joint.child, state0);
-            Self {
-                name: joint.name.clone(),
-                kind: joint.kind,
-                axis_in_world: (world_from_joint.rotation * joint.axis).into_inner().into(),
-                point_in_world_m: world_from_joint.translation.vector.into(),
-                motion: model.motion_of_joint(j),
-                positions: model.states.iter().map(|s| s[j]).collect(),
-            }
-        };
-        model.joints.iter().enumerate().map(summary).collect()
+        (0..model.joints.len()).map(|j| Self::of_joint(model, j, state0)).collect()
+    }
+
+    /// Summary of joint number `j`, with its axis as in state 0.
+    fn of_joint(model: &ArticulatedModel, j: usize, state0: &[f64]) -> Self {
+        let joint = &model.joints[j];
+        let world_from_joint = model.world_from_link(joint.child, state0);
+        Self {
+            name: joint.name.clone(),
+            kind: joint.kind,
+            axis_in_world: (world_from_joint.rotation * joint.axis).into_inner().into(),
+            point_in_world_m: world_from_joint.translation.vector.into(),
+            motion: model.motion_of_joint(j),
+            positions: model.states.iter().map(|s| s[j]).collect(),
+        }
     }
 }
 

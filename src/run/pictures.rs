@@ -1,4 +1,4 @@
-//! Pictures of a run for the report: photos beside the twin, parts with axes, what was kept.
+//! Pictures of a run for the report: photos beside the twin, parts with axes, kept pixels.
 
 use rayon::prelude::*;
 
@@ -36,26 +36,37 @@ pub(super) fn pictures(capture: &Capture, model: &ArticulatedModel, looks: &[Loo
             best_views(frames).into_iter().enumerate().map(move |(v, f)| (state, v, f))
         })
         .collect();
-    let of_view = |&(state, view, frame): &(usize, usize, &RgbdFrame)| {
-        let pair = photo_and_twin(capture, model, (state, frame), &seen);
-        let of_state = (view == 0).then(|| {
-            let caption = |what: &str| caption(state, frame, what);
-            let mut parts =
-                picture(draw(model, state, frame, &tinted), PictureKind::Drawing, caption("parts and axes"));
-            parts.arrows = axis_arrows(model, state, &frame.intrinsics, &frame.world_from_camera);
-            let ends: Vec<[f64; 2]> = parts.arrows.iter().flat_map(|a| [a.from, a.to]).collect();
-            (parts.cropped_to(&window(frame, &ends)), photo(frame, true, caption("kept as the object")))
-        });
-        (pair, of_state)
-    };
-    for (pair, of_state) in shown.par_iter().map(of_view).collect::<Vec<_>>() {
+    let pictures: Vec<_> = shown
+        .par_iter()
+        .map(|&(state, view, frame)| {
+            let pair = photo_and_twin(capture, model, state, frame, &seen);
+            // Parts are drawn once in each state.
+            (pair, (view == 0).then(|| parts_and_kept(model, state, frame, &tinted)))
+        })
+        .collect();
+    for (pair, of_state) in pictures {
         out.states.push(pair);
-        if let Some((parts, kept)) = of_state {
+        if let Some([parts, kept]) = of_state {
             out.parts.push(parts);
             out.kept.push(kept);
         }
     }
     out
+}
+
+/// A view's tinted parts with the axes of joints, and its photo with pale surroundings.
+fn parts_and_kept(
+    model: &ArticulatedModel,
+    state: usize,
+    frame: &RgbdFrame,
+    tinted: &[(&TriangleMesh, Paint)],
+) -> [Picture; 2] {
+    let drawn = draw(model, state, frame, tinted);
+    let mut parts = picture(drawn, PictureKind::Drawing, caption(state, frame, "parts and axes"));
+    parts.arrows = axis_arrows(model, state, &frame.intrinsics, &frame.world_from_camera);
+    let ends: Vec<[f64; 2]> = parts.arrows.iter().flat_map(|a| [a.from, a.to]).collect();
+    let kept = photo(frame, true, caption(state, frame, "kept as the object"));
+    [parts.cropped_to(&window(frame, &ends)), kept]
 }
 
 fn caption(state: usize, frame: &RgbdFrame, what: &str) -> String {
@@ -66,11 +77,12 @@ fn caption(state: usize, frame: &RgbdFrame, what: &str) -> String {
 fn photo_and_twin(
     capture: &Capture,
     model: &ArticulatedModel,
-    (state, frame): (usize, &RgbdFrame),
+    state: usize,
+    frame: &RgbdFrame,
     seen: &[(&TriangleMesh, Paint)],
 ) -> PhotoAndTwin {
     let caption = |what: &str| caption(state, frame, what);
-    // Cropped alike, so that photo and twin can be compared pixel by pixel.
+    // Cropped alike: photo and twin can be compared pixel by pixel.
     let window = window(frame, &[]);
     let rendered = draw(model, state, frame, seen);
     let difference = frame.mask.is_some().then(|| {
@@ -85,9 +97,8 @@ fn photo_and_twin(
     let recorded = photo(frame, false, caption("photo")).cropped_to(&window);
     let cutout = frame.mask.is_some().then(|| {
         let k = frame.intrinsics;
-        let is_object = |i| frame.is_object(i);
         (
-            cutout_png(&frame.rgb, k.width, k.height, is_object),
+            cutout_png(&frame.rgb, k.width, k.height, |i| frame.is_object(i)),
             RecordedCamera::new(k, &frame.world_from_camera),
         )
     });
@@ -104,8 +115,11 @@ fn photo_and_twin(
 
 /// Where the run folder holds the object as a view saw it.
 pub(super) fn photo_path(pair: &PhotoAndTwin) -> String {
-    let plain = |c: char| if c.is_ascii_alphanumeric() || c == '_' || c == '-' { c } else { '_' };
-    format!("preview/photo_state{}_{}.png", pair.state, pair.view.chars().map(plain).collect::<String>())
+    let mut view = String::new();
+    for c in pair.view.chars() {
+        view.push(if c.is_ascii_alphanumeric() || c == '_' || c == '-' { c } else { '_' });
+    }
+    format!("preview/photo_state{}_{view}.png", pair.state)
 }
 
 /// Peak signal-to-noise ratio of a rendered picture against the photo over the object's pixels, background of
@@ -113,18 +127,18 @@ pub(super) fn photo_path(pair: &PhotoAndTwin) -> String {
 fn psnr_db(frame: &RgbdFrame, rgb: &[u8]) -> Option<f64> {
     // Without a mask the background would count as an error of the twin.
     frame.mask.as_ref()?;
-    let squares = |(i, p): (usize, &[u8; 3])| {
-        frame.is_object(i).then(|| {
-            p.iter().zip(&rgb[3 * i..]).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum::<f64>()
-        })
-    };
-    let (sum, count) =
-        frame.rgb.iter().enumerate().filter_map(squares).fold((0.0, 0), |(sum, n), s| (sum + s, n + 1));
+    let mut sum = 0.0;
+    let mut count = 0;
+    for (i, p) in frame.rgb.iter().enumerate().filter(|(i, _)| frame.is_object(*i)) {
+        let channels = p.iter().zip(&rgb[3 * i..]);
+        sum += channels.map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum::<f64>();
+        count += 1;
+    }
     // The floor keeps the ratio finite where both are the same.
     (count > 0).then(|| 10.0 * (255.0 * 255.0 / (sum / f64::from(3 * count)).max(1e-9)).log10())
 }
 
-/// The part of a frame that shows the object and some points, pixels; points outside the frame do not count.
+/// The window of a frame around the object and some points, pixels; points outside the frame do not count.
 fn window(frame: &RgbdFrame, points: &[[f64; 2]]) -> Window {
     let width = frame.intrinsics.width;
     let height = frame.intrinsics.height;
@@ -138,7 +152,7 @@ fn window(frame: &RgbdFrame, points: &[[f64; 2]]) -> Window {
     Window::around_marks(&[&shown], width, height)
 }
 
-/// The frames that show most of the object, no two of them neighbors in time.
+/// The frames with most of the object, no two of them neighbors in time.
 fn best_views(frames: &[RgbdFrame]) -> Vec<&RgbdFrame> {
     let size =
         |f: &RgbdFrame| f.depth_m.iter().enumerate().filter(|(i, d)| **d > 0.0 && f.is_object(*i)).count();
@@ -156,10 +170,11 @@ fn best_views(frames: &[RgbdFrame]) -> Vec<&RgbdFrame> {
 }
 
 fn photo(frame: &RgbdFrame, only_object: bool, caption: String) -> Picture {
-    let shade = |(i, c): (usize, &[u8; 3])| {
-        if only_object && !frame.is_object(i) { c.map(|x| 200 + x / 8) } else { *c }
-    };
-    let rgb = frame.rgb.iter().enumerate().flat_map(shade).collect();
+    let mut rgb = Vec::with_capacity(3 * frame.rgb.len());
+    for (i, color) in frame.rgb.iter().enumerate() {
+        let is_pale = only_object && !frame.is_object(i);
+        rgb.extend(if is_pale { color.map(|x| 200 + x / 8) } else { *color });
+    }
     Picture {
         width: frame.intrinsics.width,
         height: frame.intrinsics.height,
@@ -176,7 +191,7 @@ fn picture(drawn: Rendered, kind: PictureKind, caption: String) -> Picture {
     Picture { width, height, rgb: rgb.into_iter().flatten().collect(), kind, caption, ..Picture::default() }
 }
 
-/// The photo in pale gray, and in color where the twin differs from what was read.
+/// The photo in pale gray, and in color where the twin differs from the reading.
 fn marked(frame: &RgbdFrame, found: &[Difference], caption: &str) -> Picture {
     let mut tally = Tally::default();
     found.iter().for_each(|d| tally.count_reading(*d));

@@ -1,4 +1,4 @@
-//! Which stages a run will go through, and about how long each takes beside the others.
+//! The coming stages of a run, and about how long each takes beside the others.
 
 use super::{Event, Planned, ReconstructRequest, outcome::CHECK_STAGE, stage::stage_of};
 use config::{Config, Init, Method};
@@ -37,7 +37,7 @@ pub(super) fn plan(config: &Config, states: usize) -> Vec<Planned> {
         add(&stage_of("align", state, states), ALIGN);
     }
     let radiance = config.run.method == Method::Radiance;
-    // Radiance fields that start as published look at no surfaces.
+    // Radiance fields with published starts look at no surfaces.
     if !radiance || config.run.init == Init::Registration {
         for state in 0..states {
             add(&format!("fusion/state{state}"), FUSION);
@@ -73,22 +73,22 @@ pub(super) fn plan(config: &Config, states: usize) -> Vec<Planned> {
     stages
 }
 
-/// States that a recording will turn out to have.
+/// Expected states of a recording.
 fn states(request: &ReconstructRequest) -> usize {
     // A marker topic divides one recording into as many as it likes: two are usual.
     let divided = request.config.capture.split_secs.len() + 1;
     io::state_count(&request.sources).unwrap_or_default().max(divided).max(2)
 }
 
-/// What a run reports before it begins.
+/// The event that a run reports before it begins.
 #[must_use]
 pub(super) fn foreseen(request: &ReconstructRequest) -> Event {
     Event::Planned { stages: plan(&request.config, states(request)) }
 }
 
-/// What is reported of a run that is over: no stage of it is to come.
+/// The event that a finished run reports: no stage is to come.
 #[must_use]
 pub(super) fn settled(request: &ReconstructRequest) -> Event {
-    let none = |p: Planned| Planned { weight: 0.0, ..p };
-    Event::Planned { stages: plan(&request.config, states(request)).into_iter().map(none).collect() }
+    let planned = plan(&request.config, states(request)).into_iter();
+    Event::Planned { stages: planned.map(|p| Planned { weight: 0.0, ..p }).collect() }
 }

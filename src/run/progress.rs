@@ -4,31 +4,31 @@ use std::{collections::BTreeMap, time::Duration};
 
 use super::{Event, plan::WEIGHT_OF_SECOND};
 
-/// How much the pace of the machine that weights were measured on counts, against that of this run: as much
+/// How much the pace of the machine behind the measured weights counts against the pace of this run: as much
 /// as stages of this weight. chosen: a tenth of a run
 const TRUST_IN_WEIGHTS: f64 = 10.0;
 
-/// A stage that began.
+/// A running stage.
 #[derive(Clone, Debug)]
 struct Running {
     name: String,
     began: Duration,
-    /// Share that is done, 0 to 1; `None`: it reports no steps.
+    /// Done share, 0 to 1; `None`: it reports no steps.
     share: Option<f64>,
 }
 
 /// How far a run is, or several at once. Times are since it began.
 #[derive(Clone, Debug, Default)]
 pub struct RunProgress {
-    /// When the first stages were foreseen: what was waited for before says nothing of the pace.
+    /// When the first stages were foreseen: earlier waiting does not count for the pace.
     begun: Option<Duration>,
-    /// Of the stages that are to come or run.
+    /// Of coming and running stages.
     weights: BTreeMap<String, f64>,
     /// In the order in which they began.
     running: Vec<Running>,
-    /// Weight of all that ended.
+    /// Weight of all ended stages.
     done: f64,
-    /// The last time that something was done, and how much was done then.
+    /// The time of the last progress, and the weight done by then.
     counted: (Duration, f64),
     loss: Option<f64>,
 }
@@ -79,24 +79,24 @@ impl RunProgress {
         self.weights.get(&stage.name).copied().unwrap_or_default()
     }
 
-    /// Weight of the steps that stages which are not done have done.
+    /// Weight of the finished steps of unfinished stages.
     fn stepped_weight(&self) -> f64 {
         self.running.iter().map(|r| self.weight(r) * r.share.unwrap_or_default()).sum()
     }
 
-    /// The last stage that began and runs, and how many others run.
+    /// The last begun stage among the running ones, and the number of the others.
     #[must_use]
     pub fn stage(&self) -> Option<(&str, usize)> {
         self.running.last().map(|r| (r.name.as_str(), self.running.len() - 1))
     }
 
-    /// The loss of the stage that runs, where it has one.
+    /// The loss of the running stage, where it has one.
     #[must_use]
     pub fn loss(&self) -> Option<f64> {
         self.loss
     }
 
-    /// Share of the work that is done, 0 to 1, and the time that the rest takes at the pace so far; `None`
+    /// Done share of the work, 0 to 1, and the time for the rest at the pace so far; `None`
     /// where no stages are foreseen.
     #[must_use]
     pub fn at(&self, now: Duration) -> Option<(f64, Duration)> {
@@ -109,15 +109,21 @@ impl RunProgress {
         let worked = counted_at.saturating_sub(self.begun.unwrap_or_default());
         let seconds_of_weight =
             (worked.as_secs_f64() + TRUST_IN_WEIGHTS / WEIGHT_OF_SECOND) / (counted + TRUST_IN_WEIGHTS);
-        // A stage without steps has done what its time so far is worth; stages that run together share it.
-        let by_time = |r: &Running| {
-            let spent = now.saturating_sub(r.began).as_secs_f64() / self.running.len() as f64;
-            (spent / seconds_of_weight).min(self.weight(r))
-        };
-        let part = |r: &Running| r.share.map_or_else(|| by_time(r), |share| share * self.weight(r));
-        let done = self.done + self.running.iter().map(part).sum::<f64>();
+        let running = self.running.iter().map(|r| self.weight_done(r, now, seconds_of_weight));
+        let done = self.done + running.sum::<f64>();
         let left_s = (all - done) * seconds_of_weight;
         Some(((done / all).clamp(0.0, 1.0), Duration::from_secs_f64(left_s.max(0.0))))
+    }
+
+    /// The done part of the weight of a running stage: by its steps, else by its time so far, divided among
+    /// the stages at work.
+    fn weight_done(&self, stage: &Running, now: Duration, seconds_of_weight: f64) -> f64 {
+        let weight = self.weight(stage);
+        if let Some(share) = stage.share {
+            return share * weight;
+        }
+        let spent = now.saturating_sub(stage.began).as_secs_f64() / self.running.len() as f64;
+        (spent / seconds_of_weight).min(weight)
     }
 }
 

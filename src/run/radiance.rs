@@ -1,5 +1,5 @@
-//! The stages of the method that explains the images alone: radiance fields of the parts with free motions,
-//! again with the joints that these show, and the model of both (docs/method.md 12.11).
+//! The stages of the method of images alone: radiance fields of the parts with free motions,
+//! again with the joints found by these, and the model of both (docs/method.md 12.11).
 
 use nalgebra::{Point3, Vector3};
 
@@ -14,12 +14,12 @@ use surface::{TriangleMesh, keep_components};
 /// Steps between two looks at the stop flag and the bar.
 const REPORT_EVERY: usize = 10;
 
-/// The model that the images of two states show, all parts on the static one. Free motions start from
+/// The model by the images of two states, all parts on the static one. Free motions start from
 /// `starts`, state1_from_state0 of the mobile parts in the world.
 ///
 /// # Errors
-/// Other than two states; a state that no view shows; a loss that is no number; a part
-/// without a surface; a stop request, a checkpoint that cannot be written.
+/// Other than two states; a state without views; a loss that is no number; a part
+/// without a surface; a stop request, an unwritable checkpoint.
 pub(super) fn radiance_model(
     name: &str,
     states: &[Vec<RgbdFrame>],
@@ -53,7 +53,7 @@ pub(super) fn published_starts(scene: &Scene) -> Vec<Pose> {
     vec![HalfMotion::free_start().state1_from_state0(&scene.bounds); parts - 1]
 }
 
-/// What a trainer finds in a stage, taken up where a checkpoint left it. A stop request writes a checkpoint.
+/// The result of a trainer in a stage, continued from its checkpoint. A stop request writes a checkpoint.
 fn trained<'a>(
     stage: &str,
     config: &RadianceConfig,
@@ -75,7 +75,7 @@ fn train(
     monitor: &Monitor,
 ) -> Result<RadianceModel, RunError> {
     let failed = |error| RunError::stage(stage, error);
-    // Not the stage's own file, which holds the result.
+    // Not the stage's own file: that is for the result.
     let file = format!("{}-training", stage.replace('/', "-"));
     if let Some(saved) = checkpoint.and_then(|c| c.load(&file, monitor)) {
         trainer.restore(saved).map_err(failed)?;
@@ -105,25 +105,34 @@ fn assemble(
     config: &RadianceConfig,
     scene: &Scene,
 ) -> Result<ArticulatedModel, RunError> {
-    let surface = |part: usize| {
-        let mesh =
-            keep_components(&found.part_mesh(part, config.mesh_nodes), scene.config.surface.min_component);
-        if mesh.is_empty() {
-            let message = format!("part {part} has no surface: its density is nowhere above the threshold");
-            return Err(RunError::stage("assemble", message));
-        }
-        Ok(mesh)
-    };
-    let base = surface(0)?;
+    let base = part_surface(found, 0, config, scene)?;
     let mut parts = Vec::with_capacity(found.motions.len());
     for (i, motion) in found.motions_to_state1().iter().enumerate() {
-        let surface = surface(i + 1)?;
+        let surface = part_surface(found, i + 1, config, scene)?;
         let TreeJointEstimate { parent, joint } = published_joint(motion, &middle(&surface));
         let JointEstimate { kind, axis, point, positions, evidence, .. } = joint;
-        // The fields say nothing of what no view saw.
+        // The fields are undefined where no view looked.
         parts.push(MovingPart { parent, kind, axis, point, positions, evidence, surface, field: None });
     }
     Ok(build_model(name, base, parts, &scene.config.model))
+}
+
+/// The surface of a part by its density.
+///
+/// # Errors
+/// A density nowhere above the threshold.
+fn part_surface(
+    found: &RadianceModel,
+    part: usize,
+    config: &RadianceConfig,
+    scene: &Scene,
+) -> Result<TriangleMesh, RunError> {
+    let mesh = keep_components(&found.part_mesh(part, config.mesh_nodes), scene.config.surface.min_component);
+    if mesh.is_empty() {
+        let message = format!("part {part} has no surface: its density is nowhere above the threshold");
+        return Err(RunError::stage("assemble", message));
+    }
+    Ok(mesh)
 }
 
 /// Mean of a surface's vertices.

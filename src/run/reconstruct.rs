@@ -15,13 +15,13 @@ use super::{
 };
 use export::{Report, StateDifference, check_folder, link_looks, package};
 
-/// Reconstructs the object of a request: writes `out/<name>/` and gives back what was found.
+/// Reconstructs the object of a request: writes `out/<name>/` and returns the outcome.
 ///
 /// # Errors
-/// If the request cannot be fulfilled, which is reported before any work, a stage fails or the monitor asks
+/// If the request cannot be fulfilled (reported before any work), a stage fails or the monitor asks
 /// to stop; nothing stands under the final name then.
 pub fn reconstruct(request: &ReconstructRequest, monitor: &Monitor) -> Result<Outcome, RunError> {
-    // What cannot work is refused before anything is decoded.
+    // Requests that cannot succeed are refused before anything is decoded.
     let name = checked_name(request)?;
     let matcher = matcher(&request.config)?;
     let fingerprint = fingerprint(request)?;
@@ -30,20 +30,20 @@ pub fn reconstruct(request: &ReconstructRequest, monitor: &Monitor) -> Result<Ou
         Beginning::Stands(outcome) => return Ok(outcome),
         Beginning::Open(checkpoint) => checkpoint,
     };
-    match reconstruct_files(&name, matcher.as_ref(), request, (&fingerprint, &checkpoint), monitor) {
+    match reconstruct_files(&name, matcher.as_ref(), request, &fingerprint, &checkpoint, monitor) {
         Ok(outcome) => Ok(finished(outcome, checkpoint, monitor)),
         Err(error) => Err(ended(error, checkpoint, request.keep, monitor)),
     }
 }
 
-/// What keeps results of stages for runs with other settings, where that is asked for.
+/// The store of stage results for runs with other settings, where requested.
 fn stage_folder(
     name: &str,
     request: &ReconstructRequest,
     fingerprint: &Fingerprint,
 ) -> Result<Option<StageStore>, RunError> {
     let Some(folder) = &request.stages else { return Ok(None) };
-    // Of what the results say beside what the recordings hold: the twin's name, and places in notes.
+    // Facts in the results from outside the recordings: the twin's name, and places in notes.
     let mut facts = fingerprint.clone().with("name", name);
     for (i, source) in request.sources.iter().enumerate() {
         facts = facts.with(format!("place{i}"), source.display());
@@ -56,7 +56,8 @@ fn reconstruct_files(
     name: &str,
     matcher: Option<&io::OnnxMatcher>,
     request: &ReconstructRequest,
-    (fingerprint, checkpoint): (&Fingerprint, &Checkpoint),
+    fingerprint: &Fingerprint,
+    checkpoint: &Checkpoint,
     monitor: &Monitor,
 ) -> Result<Outcome, RunError> {
     let config = &request.config;

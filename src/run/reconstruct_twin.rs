@@ -22,30 +22,30 @@ use io::OnnxMatcher;
 use model::{ArticulatedModel, Link, renamed_model, validate};
 use surface::{SolidFit, TriangleMesh};
 
-/// A model and what the report says about how it came about.
+/// A model and facts about its making for the report.
 pub struct Twin {
     /// The model.
     pub model: ArticulatedModel,
-    /// Motion to the last state that each moving part's refinement started from, in the order of the joints.
+    /// Start of each moving part's refinement, as a motion to the last state, in the order of the joints.
     pub starts: Vec<Pose>,
-    /// The motions that registration found, in its own order.
+    /// Motions by registration, in its own order.
     pub registered: Vec<Pose>,
     /// Fused surface of each state, world frame of state 0; none where radiance fields were fitted.
     pub surfaces: Vec<TriangleMesh>,
     /// How the number of parts was found.
     pub part_count: PartCountReport,
-    /// For every state behind state 0 what takes what stands still from state 0's world frame to its own,
+    /// For every later state the motion of still surfaces from state 0's world frame to its own,
     /// where they differed: the model stands in state 0's.
     pub drifts: Vec<Option<Pose>>,
-    /// What was chosen.
+    /// Notes about choices, such as the number of parts.
     pub notes: Vec<Note>,
-    /// Evidence that is weak.
+    /// Warnings about weak evidence.
     pub warnings: Vec<Note>,
-    /// Why the CPU engine took over from the one that was asked for, by state.
+    /// Why the CPU engine took over from the requested one, by state.
     pub replaced_engines: Vec<String>,
 }
 
-/// From frames to a model; touches no disk but that of the stages' checkpoint. States that were recorded in
+/// From frames to a model; touches the disk for the stages' checkpoint alone. States recorded in
 /// another world frame than state 0 are moved into it.
 ///
 /// # Errors
@@ -103,7 +103,7 @@ fn radiance_twin(
     Ok(twin(sound(model, scene.config)?, &drifts, found, scene, stages))
 }
 
-/// The model with the names that are asked for; refuses one that is not sound.
+/// The model with the requested names; refuses an unsound one.
 fn sound(model: ArticulatedModel, config: &Config) -> Result<ArticulatedModel, RunError> {
     let findings = validate(&model);
     if findings.is_empty() {
@@ -113,16 +113,17 @@ fn sound(model: ArticulatedModel, config: &Config) -> Result<ArticulatedModel, R
     Err(RunError::stage("validate", format!("the model is not sound: {list}")))
 }
 
-/// States whose field was not trained by the engine that was asked for.
+/// States with a field by another engine than the requested one, and the reasons.
 fn replaced_engines(states: &[State]) -> Vec<String> {
-    let replaced = |(state, s): (usize, &State)| {
-        let why = s.field.as_ref()?.replaced.as_ref()?;
-        Some(format!("field of state {state} finished by the cpu engine: {why}"))
-    };
-    states.iter().enumerate().filter_map(replaced).collect()
+    let mut replaced = Vec::new();
+    for (state, s) in states.iter().enumerate() {
+        let why = s.field.as_ref().and_then(|field| field.replaced.as_ref());
+        replaced.extend(why.map(|why| format!("field of state {state} finished by the cpu engine: {why}")));
+    }
+    replaced
 }
 
-/// The model of states that drifted so with all that is reported about it.
+/// The model of states with such drifts, and all facts for its report.
 fn twin(
     model: ArticulatedModel,
     drifts: &[Option<&Drift>],
@@ -144,31 +145,32 @@ fn twin(
     let config = scene.config;
     let part_count =
         PartCountReport::new(config.run.parts, model.links.len(), &curve, config.register.least_score);
-    let drifts = || drifts.iter().skip(1).copied();
+    let later: Vec<Option<&Drift>> = drifts.iter().skip(1).copied().collect();
     Twin {
         // The first part is the static one.
         starts: articulation.starts[1..].to_vec(),
         registered,
         part_count,
-        drifts: drifts().map(|d| d.map(|d| d.world_from_world0)).collect(),
+        drifts: later.iter().map(|d| d.map(|d| d.world_from_world0)).collect(),
         notes,
-        warnings: drifts().flatten().map(|d| d.note.clone()).chain(warnings).chain(off).collect(),
+        warnings: later.iter().flatten().map(|d| d.note.clone()).chain(warnings).chain(off).collect(),
         replaced_engines: Vec::new(),
         surfaces: Vec::new(),
         model,
     }
 }
 
-/// What speaks against trusting the joints.
+/// Cautions about the joints.
 pub(super) fn cautions(model: &ArticulatedModel) -> impl Iterator<Item = Note> {
     model.joints.iter().flat_map(|j| j.evidence.cautions.iter().map(move |c| c.about(&j.name)))
 }
 
-/// Parts whose collision solids do not stand where their surface was seen.
+/// Warnings about parts with collision solids beside their surface.
 fn solids_off(model: &ArticulatedModel) -> Vec<Note> {
-    let note = |link: &Link| {
-        let fit = SolidFit::of_solids(&link.visual, &link.collision).filter(|fit| !fit.is_sound())?;
-        Some(Note::new(NoteCode::SolidsOff, format!("{}: the collision solids {fit}", link.name)))
-    };
-    model.links.par_iter().filter_map(note).collect()
+    model.links.par_iter().filter_map(solids_off_of_link).collect()
+}
+
+fn solids_off_of_link(link: &Link) -> Option<Note> {
+    let fit = SolidFit::of_solids(&link.visual, &link.collision).filter(|fit| !fit.is_sound())?;
+    Some(Note::new(NoteCode::SolidsOff, format!("{}: the collision solids {fit}", link.name)))
 }

@@ -6,7 +6,7 @@ use super::{Event, Monitor, RunError, Twin, outcome::OUTPUT_STAGE};
 use capture::Capture;
 use common::note::Note;
 
-/// Writes what was seen and found to a file, where one is asked for.
+/// Writes views and findings to a file, where one is requested.
 pub(super) fn write(
     path: Option<&Path>,
     capture: &Capture,

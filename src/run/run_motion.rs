@@ -6,14 +6,15 @@ use gap::{
     twin_tree::TwinTree,
 };
 
-/// What a run shows of the joints.
+/// The motion in a run of each joint of a twin; `None` of joints other than `joints`.
 pub(super) fn motions(run: &Recording, tree: &TwinTree, joints: &[usize], told: &Told) -> RunMotion {
-    let one = |j: usize| {
-        let name = &tree.joints[j].name;
-        let motion = run.motion(name).ok().filter(|_| joints.contains(&j))?;
-        let log = run.joint(name, &[], told, &mut Vec::new()).ok();
-        // A servo's efforts are not known before it is.
-        Some(Moved { log: log.filter(|l| l.commanded.is_empty()), motion })
-    };
-    (0..tree.joints.len()).map(one).collect()
+    let asked = (0..tree.joints.len()).map(|j| joints.contains(&j).then(|| &tree.joints[j].name));
+    asked.map(|name| joint_motion(run, name?, told)).collect()
+}
+
+fn joint_motion(run: &Recording, name: &str, told: &Told) -> Option<Moved> {
+    let motion = run.motion(name).ok()?;
+    let log = run.joint(name, &[], told, &mut Vec::new()).ok();
+    // A servo's efforts are unknown before the servo is.
+    Some(Moved { log: log.filter(|l| l.commanded.is_empty()), motion })
 }

@@ -1,14 +1,14 @@
-//! What all stages of a reconstruction share: settings, measured noise, the box around the object, scales.
+//! Shared facts of all stages: settings, measured noise, the box around the object, scales.
 
 use super::{RunError, band::Band};
 use capture::{Capture, NoiseConfig, scene_box};
 use config::Config;
 use geometry::SceneBox;
 
-/// What all stages behind the alignment share.
+/// Shared facts of all stages behind the alignment.
 pub(super) struct Scene<'a> {
     pub config: &'a Config,
-    /// The noise model scaled to what the recording shows.
+    /// The noise model scaled to the recording.
     pub noise: NoiseConfig,
     /// The box around the object in all states.
     pub bounds: SceneBox,
@@ -16,7 +16,7 @@ pub(super) struct Scene<'a> {
 }
 
 impl<'a> Scene<'a> {
-    /// Of states that stand in one world frame, in which `bounds` is around the object.
+    /// Of states that stand in one world frame, where `bounds` is around the object.
     pub(crate) fn of(capture: &Capture, bounds: SceneBox, config: &'a Config) -> Self {
         let band = Band::of(&capture.frames(), &bounds, &capture.noise, &config.surface);
         Self { config, noise: capture.noise, bounds, band }

@@ -14,18 +14,22 @@ use gap::{
     twin_tree::TwinTree,
 };
 
-/// Gives efforts that are magnitudes their sign, where all runs have commands of the joint, and takes them
+/// Gives efforts recorded as magnitudes their sign, where all runs have commands of the joint, and takes them
 /// away where not: why, by joint. Of the runs the flag says whether only the proof reads them.
 pub(super) fn settle_signs(
     recordings: &mut [(Recording, bool)],
     tree: &TwinTree,
     moving: &[usize],
-    (hold, told): (Hold, &Told),
+    hold: Hold,
+    told: &Told,
     warnings: &mut Vec<Note>,
 ) -> BTreeMap<usize, String> {
     let mut refused = BTreeMap::new();
-    let of_all = |j: &usize| is_never_negative(recordings.iter().map(|(r, _)| r), &tree.joints[*j].name);
-    let suspects: Vec<usize> = moving.iter().copied().filter(of_all).collect();
+    let suspects: Vec<usize> = moving
+        .iter()
+        .copied()
+        .filter(|&j| is_never_negative(recordings.iter().map(|(r, _)| r), &tree.joints[j].name))
+        .collect();
     if suspects.is_empty() {
         return refused;
     }

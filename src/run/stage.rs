@@ -15,11 +15,11 @@ pub(super) fn stage_of(name: &str, state: usize, count: usize) -> String {
 
 /// The clock of a run.
 pub struct Stages<'a> {
-    /// Who hears of events.
+    /// The listener for events.
     pub monitor: &'a Monitor,
-    /// What keeps results, and how far stages are, for a run that goes on after a stop.
+    /// The store of results and of unfinished stages, for a continued run.
     pub checkpoint: Option<&'a StageStore>,
-    /// What keeps results for runs with other settings, in place of the checkpoint.
+    /// The store of results for runs with other settings, in place of the checkpoint.
     pub folder: Option<&'a StageStore>,
     /// Name and wall seconds of every finished stage, in order.
     pub seconds: Vec<(String, f64)>,
@@ -60,10 +60,10 @@ impl<'a> Stages<'a> {
         Ok(result)
     }
 
-    /// Runs a stage whose result outlives the run: takes it from the folder or the checkpoint, or computes
+    /// Runs a stage with a lasting result: takes it from the folder or the checkpoint, or computes
     /// and keeps it.
     ///
-    /// A disk that does not take the result costs no more than the comfort: the run goes on.
+    /// The run goes on where a result cannot be written; only its continuation is lost.
     ///
     /// # Errors
     /// Those of [`Self::run`].
@@ -112,7 +112,7 @@ impl<'a> Stages<'a> {
         // It takes no time from this run.
         let planned = Planned { stage: name.to_owned(), weight: 0.0 };
         self.monitor.report(Event::Planned { stages: vec![planned] });
-        // As if it had run: who listens sees the same stages in the same order.
+        // As if it had run: listeners see the same stages in the same order.
         self.monitor.report(Event::StageStarted { stage: name.to_owned(), steps: None });
         let text = format!("{name} was kept from {of}");
         self.monitor.note(&Note::new(NoteCode::StageKept, text));

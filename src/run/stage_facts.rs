@@ -1,13 +1,13 @@
-//! Which facts about a run the result of a stage follows from: a setting that is first read by a later stage
+//! The facts about a run behind the result of a stage: a setting for a later stage
 //! does not count.
 
 use super::Fingerprint;
 
-/// Stages in their order, by the first word of their names. What is not among them counts all facts.
+/// Stages in their order, by the first word of their names. All facts count for any other stage.
 const ORDER: [&str; 9] =
     ["capture", "match", "align", "surface", "register", "unite", "articulate", "joints", "assemble"];
 
-/// Facts that no stage before the named one reads, by the beginning of their names. What is not among them
+/// Facts unread before the named stage, by the beginning of their names. Any other fact
 /// counts from the first stage, and `LAST` from behind the last of `ORDER`.
 const FIRST_READ: [(&str, &str); 12] = [
     ("config.matching.", "match"),
@@ -33,7 +33,7 @@ fn rank(stage: &str) -> usize {
     ORDER.iter().position(|known| *known == word).unwrap_or(ORDER.len())
 }
 
-/// The facts that the result of a stage, and of those before it, follows from.
+/// The facts behind the results of a stage and of those before it.
 pub(super) fn of_stage(facts: &Fingerprint, stage: &str) -> Fingerprint {
     let at = rank(stage);
     facts.only(|fact| {

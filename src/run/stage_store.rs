@@ -1,12 +1,12 @@
-//! Results of stages in a folder, each under the digest of what it follows from.
+//! Results of stages in a folder, each under the digest of its inputs.
 //!
 //! A file holds a header (magic with the version of the format, checksum) and the postcard bytes of the
 //! value, and appears under its name only when whole. A damaged file counts as absent: the stage is computed
-//! again. So nothing waits until the disk has it: what a power cut takes is computed again, too. Values go to
+//! again. So no write waits for the disk: after a power cut, lost results are computed again. Values go to
 //! the file and come from it piece by piece, so they are never twice in memory, and a file is summed before
 //! any of it is decoded.
 //!
-//! Several processes may read and write one folder: what two of them write under one name is the same.
+//! Several processes may read and write one folder: files of one name from two of them are the same.
 
 use std::{
     fs::{self, File, OpenOptions},
@@ -28,7 +28,7 @@ use twox_hash::XxHash64;
 const MAGIC: [u8; 8] = *b"ARTITWN\x04";
 /// Magic 8, checksum 8.
 pub(super) const HEADER_BYTES: usize = 16;
-/// What is written or read at once, bytes.
+/// Block of writing and reading, bytes.
 const BUFFER_BYTES: usize = 1 << 20;
 /// End of the name of a file.
 pub(super) const ENDING: &str = ".ckpt";
@@ -70,7 +70,7 @@ impl StageStore {
             let payload = Summed { inner: &mut *file, sum };
             let payload = postcard::to_io(value, payload).map_err(io::Error::other)?;
             let header = header(&payload.sum);
-            // What is kept is large, some 300 MB of frames; the result comes first.
+            // Kept files are large, some 300 MB of frames; the result comes first.
             if free_bytes(&self.folder).is_some_and(|free| free < RECONSTRUCTION) {
                 return Err(io::ErrorKind::StorageFull.into());
             }
@@ -95,7 +95,7 @@ impl StageStore {
         }
     }
 
-    /// The file of a stage's result, and the beginning of its checksum: what the bytes belong to, so that a
+    /// The file of a stage's result, and the beginning of its checksum: the digest of its inputs, so that a
     /// renamed file is found out.
     fn file(&self, stage: &str) -> (PathBuf, XxHash64) {
         let key = of_stage(&self.facts, stage).key(stage).to_string();
@@ -134,7 +134,7 @@ fn header(sum: &XxHash64) -> [u8; HEADER_BYTES] {
     header
 }
 
-/// Sums what passes.
+/// Sums the passing bytes.
 struct Summed<W> {
     inner: W,
     sum: XxHash64,

@@ -1,4 +1,4 @@
-//! A state on its way through the pipeline: its frames, and what all stages found of it.
+//! A state on its way through the pipeline: its frames, and the findings of all stages.
 
 use super::{
     RunError, Stages,
@@ -30,7 +30,7 @@ impl State<'_> {
         self.field.as_ref().map(|f| &f.field)
     }
 
-    /// What the estimation of joints sees of it.
+    /// The state as the estimation of joints sees it.
     pub(crate) fn observed<'a>(&'a self, labels: &'a [u8], draws: &'a SurfaceDraws) -> ObservedState<'a> {
         ObservedState {
             frames: self.frames,
@@ -47,7 +47,7 @@ impl State<'_> {
 /// Surfaces and, where they are wanted, fields of all states, one after the other.
 ///
 /// # Errors
-/// A state without a surface, a field that cannot be trained, a stop request.
+/// A state without a surface, a failed training, a stop request.
 pub(super) fn observe<'a>(
     frames: &'a [Vec<RgbdFrame>],
     aligned: Vec<Aligned>,
@@ -73,7 +73,7 @@ fn observe_state(
 ) -> Result<(Option<TrainedField>, StateSurface), RunError> {
     let config = &scene.config.surface;
     let stage = format!("surface/state{state}");
-    // The volume is not kept: it takes twice the room of what is made of it, and as long to write as a tenth
+    // The volume is not kept: it takes twice the room of its surface, and as long to write as a tenth
     // of its fusion. A field asks for it again.
     if !scene.config.trains_fields()
         && let Some(kept) = stages.recall::<_, RunError>(&stage)?
@@ -82,8 +82,8 @@ fn observe_state(
     }
     let volume =
         stages.run(&format!("fusion/state{state}"), None, |_| Ok::<_, RunError>(fuse(frames, scene)))?;
-    let field = field(state, frames, (occupancy, &volume), scene, stages)?;
-    // A field that was trained for consistency alone does not make the surface.
+    let field = field(state, frames, occupancy, &volume, scene, stages)?;
+    // A field trained for consistency alone does not make the surface.
     let trained = field.as_ref().map(|f| &f.field).filter(|_| config.source == SurfaceSource::Field);
     let surface = stages.kept(&stage, None, |_| state_surface(frames, &volume, trained, scene))?;
     Ok((field, surface))
@@ -94,7 +94,8 @@ fn observe_state(
 fn field(
     state: usize,
     frames: &[RgbdFrame],
-    (occupancy, volume): (Option<&Occupancy>, &TsdfVolume),
+    occupancy: Option<&Occupancy>,
+    volume: &TsdfVolume,
     scene: &Scene,
     stages: &mut Stages,
 ) -> Result<Option<TrainedField>, RunError> {
@@ -103,18 +104,21 @@ fn field(
     let input = TrainInput { frames, scene: scene.bounds, occupancy, fused: Some(&fused) };
     let stage = format!("field/state{state}");
     let checkpoint = stages.checkpoint;
-    let train = |m: &super::Monitor| train_field(&stage, &input, scene, checkpoint, m);
-    stages.run(&stage, Some(scene.config.train.steps), train).map(Some)
+    stages
+        .run(&stage, Some(scene.config.train.steps), |monitor| {
+            train_field(&stage, &input, scene, checkpoint, monitor)
+        })
+        .map(Some)
 }
 
 /// Cells near the object in any state.
 fn occupancy(states: &[Vec<RgbdFrame>], scene: &Scene) -> Occupancy {
     const EVERY: usize = 7;
-    let on_object = |f: &RgbdFrame| -> Vec<_> {
-        let pixels = (0..f.depth_m.len()).step_by(EVERY).filter(|&i| f.is_object(i));
-        pixels.filter_map(|i| f.world_point(i)).collect()
-    };
-    let points: Vec<_> = states.iter().flatten().flat_map(on_object).collect();
+    let mut points = Vec::new();
+    for frame in states.iter().flatten() {
+        let pixels = (0..frame.depth_m.len()).step_by(EVERY).filter(|&i| frame.is_object(i));
+        points.extend(pixels.filter_map(|i| frame.world_point(i)));
+    }
     let cell_m = scene.band.truncation_m.max(0.02 * scene.bounds.extent_m());
     Occupancy::new(&scene.bounds, &points, cell_m, 2)
 }

@@ -28,9 +28,9 @@ pub(crate) struct StateSurface {
     pub mesh: TriangleMesh,
     /// Untruncated signed distance, meters.
     pub sdf: Grid3<f32>,
-    /// Nodes that some view sees (same nodes as `sdf`).
+    /// Nodes in sight of some view (same nodes as `sdf`).
     pub visible: Grid3<bool>,
-    /// Nodes that are certainly empty (same nodes as `sdf`).
+    /// Certainly empty nodes (same nodes as `sdf`).
     pub free: Grid3<bool>,
     /// Points on the surface.
     pub samples: SurfaceSamples,
@@ -78,7 +78,7 @@ pub(super) fn state_surface(
         None => volume.paint_vertices(&mut mesh),
     }
     let visible = visibility_grid(frames, &nodes, band.truncation_m);
-    // What was seen empty is outside, whatever an open mesh says.
+    // Places seen empty are outside, even where an open mesh encloses them.
     // Fields are compared everywhere.
     let near_m = if config.trains_fields() { f64::INFINITY } else { NEAR * bounds.extent_m() };
     let options = DistanceOptions { near_m, ..DistanceOptions::default() };
@@ -87,9 +87,9 @@ pub(super) fn state_surface(
     Ok(StateSurface { tsdf, weight, mesh, sdf, visible, free, samples })
 }
 
-/// Takes the field's distances at all observed nodes near a fused surface, but where views saw that nothing
-/// is; elsewhere the fused free space stands. A field that is a residual counts as much as the least weight
-/// with which a node is observed (docs/method.md 12.5): it is a guess by its neighborhood, which readings
+/// Takes the field's distances at all observed nodes near a fused surface, but where views saw free
+/// space; elsewhere the fused free space stands. A residual field counts as much as the least weight
+/// of an observed node (docs/method.md 12.5): it is a guess by its neighborhood, which readings
 /// outvote.
 fn blend_in_field(
     tsdf: &mut Grid3<f32>,

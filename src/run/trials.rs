@@ -1,4 +1,4 @@
-//! Trials: objects by methods by seeds, each a run of its own. What is done stays done, and a run that failed
+//! Trials: objects by methods by seeds, each a run of its own. Finished trials stay, and a failed run
 //! is a result: its reason is kept and stands in the tables.
 
 use std::{
@@ -33,7 +33,7 @@ pub struct Method {
     pub origins: Origins,
 }
 
-/// What is asked of trials.
+/// Request for trials.
 #[derive(Clone, Debug)]
 pub struct TrialsRequest {
     /// Recordings with their truth beside them.
@@ -42,7 +42,7 @@ pub struct TrialsRequest {
     pub methods: Vec<Method>,
     /// Seeds 0, 1, ... of every object and method.
     pub seeds: u64,
-    /// Folder that gets `OBJECT/METHOD/seed_K`, `trials.json` and `trials.md`.
+    /// Folder for `OBJECT/METHOD/seed_K`, `trials.json` and `trials.md`.
     pub out: PathBuf,
 }
 
@@ -58,7 +58,7 @@ pub enum TrialsError {
     /// Two objects would take each other's place.
     #[error("two objects are named {0}: rename a folder, or give them to two commands")]
     SameName(String),
-    /// A file that trials did not write has the name of one that they would.
+    /// A file that trials did not write has the name of a result.
     #[error("{} was not written by trials: move it, or give another --out", .0.display())]
     Taken(PathBuf),
     /// A file could not be written.
@@ -66,12 +66,12 @@ pub enum TrialsError {
     Write {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
 }
 
-/// What is kept of a trial beside its twin.
+/// The record of a trial that is kept beside its twin.
 #[derive(Serialize, Deserialize)]
 struct TrialRecord {
     fingerprint: String,
@@ -82,61 +82,54 @@ struct TrialRecord {
     rejected: Option<String>,
 }
 
-/// Runs all trials that are not done yet, and measures all of them. Methods whose inference is the published
-/// one get the number of parts of the truth, as the published methods do; others find it.
+/// Runs all unfinished trials, and measures all. Methods with the published inference
+/// get the number of parts of the truth, as the published methods do; others find it.
 ///
 /// # Errors
-/// An object without truth; a stop request; a place that cannot be written. A run that fails for what it was
-/// given is no error but a trial that failed.
+/// An object without truth; a stop request; an unwritable place. A run that fails for its
+/// inputs is no error but a failed trial.
 pub fn trials(request: &TrialsRequest, monitor: &Monitor) -> Result<TrialTable, TrialsError> {
     let tables = ["trials.json", "trials.md"].map(|name| request.out.join(name));
     let is_own = is_table(&tables[0]);
     if let Some(taken) = tables.iter().find(|path| path.exists() && !is_own) {
         return Err(TrialsError::Taken(taken.clone()));
     }
-    let mut objects: Vec<(String, &PathBuf, Truth)> = Vec::new();
-    for object in &request.objects {
-        let name =
-            io::object_name(std::slice::from_ref(object)).map_err(|e| RunError::stage("capture", e))?;
-        if objects.iter().any(|(n, ..)| *n == name) {
+    let mut objects: Vec<TrialObject> = Vec::new();
+    for path in &request.objects {
+        let name = io::object_name(std::slice::from_ref(path)).map_err(|e| RunError::stage("capture", e))?;
+        if objects.iter().any(|o| o.name == name) {
             return Err(TrialsError::SameName(name));
         }
-        objects.push((name, object, evaluate::read_truth(object)?));
+        objects.push(TrialObject { name, path, truth: evaluate::read_truth(path)? });
     }
     let options =
         EvaluateOptions { min_component: Some(PUBLISHED_MIN_COMPONENT), ..EvaluateOptions::default() };
     let mut table = TrialTable::new(request.seeds);
-    let of_trial = |name: &str, method: &Method, seed| {
-        monitor.of_object(&format!("{name}/{}/{}", method.name, seed_name(seed)))
-    };
-    let run = |(name, object, truth): &(String, &PathBuf, Truth), method: &Method, seed| {
-        let folder = request.out.join(name).join(&method.name);
-        trial_request(object, method, truth.parts.len(), &folder, seed)
-    };
     for (object, method) in objects.iter().flat_map(|o| request.methods.iter().map(move |m| (o, m))) {
-        (0..request.seeds)
-            .for_each(|k| of_trial(&object.0, method, k).report(foreseen(&run(object, method, k))));
+        for seed in 0..request.seeds {
+            let run = object.trial_request(method, &request.out, seed);
+            object.trial_monitor(method, seed, monitor).report(foreseen(&run));
+        }
     }
     for object in &objects {
-        let (name, _, truth) = object;
         for method in &request.methods {
             let mut records = Vec::new();
             let mut runs = Vec::new();
             for seed in 0..request.seeds {
-                let own = of_trial(name, method, seed);
-                let run = run(object, method, seed);
+                let own = object.trial_monitor(method, seed, monitor);
+                let run = object.trial_request(method, &request.out, seed);
                 let record = trial(&run, &own)?;
                 own.report(settled(&run));
                 runs.push(result_folder(&run, &record));
                 records.push(record);
             }
-            let mut measured = evaluate::evaluate_trials(&runs, truth, &options);
+            let mut measured = evaluate::evaluate_trials(&runs, &object.truth, &options);
             for (trial, record) in measured.iter_mut().zip(&mut records).filter(|(_, r)| r.failed.is_some()) {
                 trial.failed = record.failed.take();
             }
             let rejected = records.iter_mut().map(|r| r.rejected.take()).collect();
             table.add_trials(
-                name,
+                &object.name,
                 &method.name,
                 &measured,
                 rejected,
@@ -160,26 +153,35 @@ fn seed_name(seed: u64) -> String {
     format!("seed_{seed}")
 }
 
-fn trial_request(
-    object: &Path,
-    method: &Method,
-    parts: usize,
-    folder: &Path,
-    seed: u64,
-) -> ReconstructRequest {
-    let mut request = ReconstructRequest::new([object], folder);
-    request.name = Some(seed_name(seed));
-    request.config = method.config.clone();
-    request.origins = method.origins.clone();
-    request.config.run.seed = seed;
-    if method.config.takes_two_states() {
-        request.config.run.parts = Some(parts);
-    }
-    (request.resume, request.keep) = (true, true);
-    request
+/// An object of trials.
+struct TrialObject<'a> {
+    name: String,
+    path: &'a PathBuf,
+    truth: Truth,
 }
 
-/// Runs a trial, or finds that it was run.
+impl TrialObject<'_> {
+    /// Reports events under the names of object, method and seed.
+    fn trial_monitor(&self, method: &Method, seed: u64, monitor: &Monitor) -> Monitor {
+        monitor.of_object(&format!("{}/{}/{}", self.name, method.name, seed_name(seed)))
+    }
+
+    /// The run of a trial, with its result in the folder `out/object/method/seed`.
+    fn trial_request(&self, method: &Method, out: &Path, seed: u64) -> ReconstructRequest {
+        let mut request = ReconstructRequest::new([self.path], out.join(&self.name).join(&method.name));
+        request.name = Some(seed_name(seed));
+        request.config = method.config.clone();
+        request.origins = method.origins.clone();
+        request.config.run.seed = seed;
+        if method.config.takes_two_states() {
+            request.config.run.parts = Some(self.truth.parts.len());
+        }
+        (request.resume, request.keep) = (true, true);
+        request
+    }
+}
+
+/// Runs a trial, or returns its kept record.
 fn trial(request: &ReconstructRequest, monitor: &Monitor) -> Result<TrialRecord, TrialsError> {
     monitor.check().map_err(RunError::from)?;
     let name = request.name.clone().unwrap_or_default();
@@ -201,7 +203,7 @@ fn trial(request: &ReconstructRequest, monitor: &Monitor) -> Result<TrialRecord,
         Ok(_) => (None, None),
         // Its files are there.
         Err(error) if is_of(&error, CHECK_STAGE) => (None, Some(chain(&error))),
-        // What was given cannot be reconstructed so: that is what a table shows.
+        // The method cannot reconstruct these inputs, and the table shows that.
         Err(error @ RunError::Stage { .. }) if !is_of(&error, OUTPUT_STAGE) => (Some(chain(&error)), None),
         Err(error) => return Err(error.into()),
     };
@@ -221,11 +223,11 @@ fn is_of(error: &RunError, name: &str) -> bool {
 fn result_folder(request: &ReconstructRequest, record: &TrialRecord) -> PathBuf {
     let name = request.name.as_deref().unwrap_or_default();
     let place = if record.rejected.is_some() { request.rejected_place(name) } else { request.place(name) };
-    // A name that is none has no result.
+    // An invalid name has no result.
     place.target().unwrap_or_default()
 }
 
-/// Writes a file that appears when it is whole, in a folder that is made for it.
+/// Writes a file that appears when it is whole, and creates its folder.
 fn put(path: &Path, bytes: &[u8]) -> Result<(), TrialsError> {
     let failed = |source| TrialsError::Write { path: path.to_owned(), source };
     path.parent().map_or(Ok(()), fs::create_dir_all).map_err(failed)?;

@@ -1,4 +1,4 @@
-//! The step that puts the run folder in its place.
+//! The last step: the run folder goes to its place.
 
 use std::path::PathBuf;
 
@@ -24,7 +24,7 @@ pub(super) fn write(
     let failed = |e: Box<dyn std::error::Error + Send + Sync>| RunError::stage(OUTPUT_STAGE, e);
     let errors: Vec<String> =
         found.iter().filter(|f| f.level == Level::Error).map(ToString::to_string).collect();
-    // A twin that failed the check must not be found under the name that was asked for.
+    // A twin with errors in the check must not stand under the requested name.
     let place =
         if errors.is_empty() { request.place(&model.name) } else { request.rejected_place(&model.name) };
     let dir = io::RunDir::open(&place, ResultKind::Reconstruct).map_err(|e| failed(e.into()))?;

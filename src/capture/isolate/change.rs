@@ -40,13 +40,15 @@ pub fn at_rest(
 ) -> Result<Vec<Vec<Cell>>, Stopped> {
     let mut at_rest = Vec::with_capacity(states.len());
     for (cells, frames) in cells.iter().zip(states) {
-        let stays = |c: &Cell| {
-            let sight = sight_of_point(&center_of_cell(c, size_m), frames, size_m, noise);
-            sight.through < frames_needed(frames.len()) || sight.through <= sight.there
-        };
-        at_rest.push(filtered(cells, stays, stop)?);
+        at_rest.push(filtered(cells, |c| is_at_rest(c, frames, size_m, noise), stop)?);
     }
     Ok(at_rest)
+}
+
+/// Whether the frames of its own state see a cell at least as often as they look through it.
+fn is_at_rest(cell: &Cell, frames: &[RgbdFrame], size_m: f64, noise: &NoiseConfig) -> bool {
+    let sight = sight_of_point(&center_of_cell(cell, size_m), frames, size_m, noise);
+    sight.through < frames_needed(frames.len()) || sight.through <= sight.there
 }
 
 /// Cells of all states looked through by frames of another state, in patches.
@@ -59,15 +61,24 @@ pub fn changed_cells(
 ) -> Result<CellSet, Stopped> {
     let mut changed = CellSet::default();
     for (own, cells) in cells.iter().enumerate() {
-        let is_gone = |c: &Cell| {
-            let point = center_of_cell(c, size_m);
-            let mut others = (0..states.len()).filter(|other| *other != own);
-            others.any(|other| is_looked_through(&point, &states[other], size_m, noise))
-        };
+        let is_gone = |c: &Cell| is_gone_elsewhere(c, own, states, size_m, noise);
         let patches = groups(&filtered(cells, is_gone, stop)?, 1, stop)?;
         changed.extend(patches.into_iter().filter(|patch| patch.len() >= LEAST_PATCH).flatten());
     }
     Ok(changed)
+}
+
+/// Whether another state than `own` looks through a cell.
+fn is_gone_elsewhere(
+    cell: &Cell,
+    own: usize,
+    states: &[Vec<RgbdFrame>],
+    size_m: f64,
+    noise: &NoiseConfig,
+) -> bool {
+    let point = center_of_cell(cell, size_m);
+    let mut others = (0..states.len()).filter(|other| *other != own);
+    others.any(|other| is_looked_through(&point, &states[other], size_m, noise))
 }
 
 /// Whether enough frames of a state look through a cell.

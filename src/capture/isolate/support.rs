@@ -71,11 +71,11 @@ pub fn find_support(
     background: &Background,
     stop: &Stop,
 ) -> Result<Support, Stopped> {
-    let read = |(frame, weights): (&RgbdFrame, &Vec<f32>)| {
-        stop.check()?;
-        Ok(readings_of_frame(frame, weights, size_m, background))
-    };
-    let readings: Vec<Readings> = frames.par_iter().zip(weights).map(read).collect::<Result<_, Stopped>>()?;
+    let readings: Vec<Readings> = frames
+        .par_iter()
+        .zip(weights)
+        .map(|(frame, weights)| stop.check().map(|()| readings_of_frame(frame, weights, size_m, background)))
+        .collect::<Result<_, Stopped>>()?;
     // Frames and readings of a cell.
     let mut totals: FxHashMap<Cell, (usize, u32)> = FxHashMap::default();
     let mut columns: FxHashMap<Column, ColumnReadings> = FxHashMap::default();

@@ -114,6 +114,13 @@ impl PoseFindings {
     }
 }
 
+/// The correction of each state by its poses alone; `None` of a state without a problem or without a gain.
+fn refined_alone(problems: &[Option<Problem<'_>>]) -> Result<Vec<Option<Refined>>, Stopped> {
+    let refined =
+        problems.par_iter().map(|problem| problem.as_ref().map_or(Ok(None), Refined::of_state_alone));
+    refined.collect()
+}
+
 /// Corrects the poses of every state, and the depth of all, where held-out surfels then agree clearly better.
 /// Poses that were `tracked` come from the frames themselves: they are taken to where the frames agree best,
 /// with the remaining uncertainty as their error. Features found `ahead` are not searched again.
@@ -127,10 +134,7 @@ pub fn refine_poses(
     ahead: &Ahead,
     stop: &Stop,
 ) -> Result<PoseFindings, Stopped> {
-    let surfels_of = |f: &RgbdFrame| {
-        stop.check()?;
-        Ok(Surfels::of_frame(f, noise, |_| true))
-    };
+    let surfels_of = |f: &RgbdFrame| stop.check().map(|()| Surfels::of_frame(f, noise, |_| true));
     let mut surfels: Vec<Vec<Surfels>> = states
         .par_iter()
         .map(|frames| frames.par_iter().map(surfels_of).collect())
@@ -151,14 +155,8 @@ pub fn refine_poses(
         .collect();
     // 1. Each state by itself: the sensor must beat the best by poses alone.
     // 2. All states with their sensor.
-    let alone = |problem: &Option<Problem<'_>>| match problem {
-        Some(problem) => Refined::of_state_alone(problem),
-        None => Ok(None),
-    };
-    let (alone, together) = rayon::join(
-        || problems.par_iter().map(alone).collect::<Result<Vec<Option<Refined>>, Stopped>>(),
-        || sensor::solve_together(states, &problems),
-    );
+    let (alone, together) =
+        rayon::join(|| refined_alone(&problems), || sensor::solve_together(states, &problems));
     let alone = alone?;
     let calibrated = match together? {
         Some(solution) => sensor::calibrated_sensor(states, &problems, &alone, solution)?,

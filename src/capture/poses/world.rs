@@ -71,18 +71,29 @@ pub fn align_worlds(
     only_object: bool,
     stop: &Stop,
 ) -> Result<Option<WorldCorrection>, Stopped> {
-    let of_frame = |f: &RgbdFrame| {
-        stop.check()?;
-        Ok(Surfels::of_frame(f, noise, |pixel| !only_object || f.is_object(pixel)))
-    };
-    let of_state =
-        |frames: &[RgbdFrame]| frames.par_iter().map(of_frame).collect::<Result<Vec<_>, Stopped>>();
-    let surfels = [of_state(states[0])?, of_state(states[1])?];
+    let surfels =
+        [surfels_of(states[0], noise, only_object, stop)?, surfels_of(states[1], noise, only_object, stop)?];
     let poses = states.map(poses_of);
     let poses = poses.each_ref().map(Vec::as_slice);
     let found =
         corrected_world(poses, surfels.each_ref().map(Vec::as_slice), Matches::new(), expected, stop)?;
     Ok(found.map(|(world, _)| world))
+}
+
+/// Surfels of every frame of a state; `only_object`: of the object alone.
+fn surfels_of(
+    frames: &[RgbdFrame],
+    noise: &NoiseConfig,
+    only_object: bool,
+    stop: &Stop,
+) -> Result<Vec<Surfels>, Stopped> {
+    let frames = frames.par_iter();
+    frames
+        .map(|f| {
+            stop.check()?;
+            Ok(Surfels::of_frame(f, noise, |pixel| !only_object || f.is_object(pixel)))
+        })
+        .collect()
 }
 
 /// Reported poses of frames.

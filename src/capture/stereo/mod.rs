@@ -51,11 +51,10 @@ const ASKED: usize = 5;
 /// Share of the object further than [`REACH`] from any reading of it, in some of the views.
 fn unread_share(frames: &[RgbdFrame], noise: &NoiseConfig, stop: &Stop) -> Result<f64, Stopped> {
     let asked: Vec<&RgbdFrame> = frames.iter().step_by(ASKED).collect();
-    let unread = |frame: &&RgbdFrame| {
-        stop.check()?;
-        Ok(Cells::of_frame(frame, noise).unread_counts(REACH as usize))
-    };
-    let counts: Vec<[usize; 2]> = asked.par_iter().map(unread).collect::<Result<_, Stopped>>()?;
+    let counts: Vec<[usize; 2]> = asked
+        .par_iter()
+        .map(|frame| stop.check().map(|()| Cells::of_frame(frame, noise).unread_counts(REACH as usize)))
+        .collect::<Result<_, Stopped>>()?;
     let sum = |k: usize| counts.iter().map(|count| count[k]).sum::<usize>();
     Ok(sum(1) as f64 / sum(0).max(1) as f64)
 }
@@ -93,21 +92,18 @@ pub fn fill_from_color(
     if when == UseColorDepth::Auto && unread <= MUCH_UNREAD {
         return Ok(None);
     }
-    let cells = |frame: &RgbdFrame| {
-        stop.check()?;
-        Ok(Cells::of_frame(frame, noise))
-    };
-    let views: Vec<Cells> = frames.par_iter().map(cells).collect::<Result<_, Stopped>>()?;
+    let views: Vec<Cells> = frames
+        .par_iter()
+        .map(|frame| stop.check().map(|()| Cells::of_frame(frame, noise)))
+        .collect::<Result<_, Stopped>>()?;
     let planes: Vec<Planes> = (0..views.len())
         .into_par_iter()
         .map(|i| propagated_planes(&views[i], &compared_views(&views, i), seed.wrapping_add(i as u64), stop))
         .collect::<Result<_, Stopped>>()?;
-    let agreed = |i: usize| {
-        stop.check()?;
-        Ok(agreed_cells(&views, &planes, i))
-    };
-    let agreed: Vec<Vec<bool>> =
-        (0..views.len()).into_par_iter().map(agreed).collect::<Result<_, Stopped>>()?;
+    let agreed: Vec<Vec<bool>> = (0..views.len())
+        .into_par_iter()
+        .map(|i| stop.check().map(|()| agreed_cells(&views, &planes, i)))
+        .collect::<Result<_, Stopped>>()?;
     let relative_sigma = relative_spread(&views, &planes, &agreed, stop)?;
     let filled: usize = frames
         .par_iter_mut()

@@ -81,12 +81,10 @@ impl Keyframes {
         count: usize,
         stop: &Stop,
     ) -> Result<Vec<(usize, Known<'_>)>, Stopped> {
-        let matched = |&k: &usize| {
-            stop.check()?;
-            Ok((self.all[k].observation.matches_with(new), k))
-        };
-        let mut alike: Vec<(Vec<[u32; 2]>, usize)> =
-            candidates.par_iter().map(matched).collect::<Result<_, Stopped>>()?;
+        let mut alike: Vec<(Vec<[u32; 2]>, usize)> = candidates
+            .par_iter()
+            .map(|&k| stop.check().map(|()| (self.all[k].observation.matches_with(new), k)))
+            .collect::<Result<_, Stopped>>()?;
         alike.sort_by(|a, b| b.0.len().cmp(&a.0.len()).then(b.1.cmp(&a.1)));
         let piece = alike.first().map(|(_, k)| self.all[*k].piece);
         let of_piece = alike.into_iter().filter(|(_, k)| Some(self.all[*k].piece) == piece).take(count);

@@ -53,9 +53,13 @@ pub fn missing(format: Format, joint: &JointReport, catalogue: &Catalogue, why: 
 /// Parameters of a term by the names and units of a report.
 fn held_term(term: &Term, turns: bool, catalogue: &Catalogue) -> Held {
     let effect = &catalogue[term.effect];
-    let reported = effect.reported(&term.p).into_iter();
+    let reported = effect.reported_parameters(&term.p).into_iter();
     let parameters = reported
-        .map(|r| HeldParameter { name: r.name.into(), value: r.value, unit: r.dimension.unit(turns).into() })
+        .map(|r| HeldParameter {
+            name: r.name.into(),
+            value: r.value,
+            unit: r.dimension.unit_name(turns).into(),
+        })
         .collect();
     Held { effect: effect.name().into(), parameters }
 }

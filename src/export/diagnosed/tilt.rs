@@ -52,7 +52,7 @@ fn turned(given: &Pose, turn: &nalgebra::Vector3<f64>) -> Pose {
 /// Wanted sine and cosine load minus those of the joint at a pose. The pose stays in `tree`.
 fn load_miss(tree: &mut TwinTree, joint: usize, pose: Pose, wanted: (f64, f64)) -> nalgebra::Vector2<f64> {
     tree.joints[joint].parent_from_joint = pose;
-    let load = Plant::of(tree, joint).map(|p| p.load).unwrap_or_default();
+    let load = Plant::of_joint(tree, joint).map(|p| p.load).unwrap_or_default();
     nalgebra::Vector2::new(wanted.0 - load.sine, wanted.1 - load.cosine)
 }
 

@@ -1,19 +1,19 @@
-//! What a run needs of recordings, worked out while they grow.
+//! Work for a run on recordings while they grow.
 
 use std::{sync::Arc, time::Instant};
 
-use super::track::{track, tracked_key};
+use super::track::{StateSeed, track, tracked_key};
 use crate::Monitor;
 use ::capture::{CaptureConfig, CaptureError, look_at};
 use common::ahead::Ahead;
 use io::{GrowingState, Grown};
 
-/// Works out what a run would have to, of what is new: features of the images that it would take, and of
+/// Does a run's work on new views: features of the images for the run, and of
 /// a closed recording without poses the camera's way. `None` where nothing is new, or it was read just
 /// now.
 ///
 /// # Errors
-/// [`CaptureError`]: of a recording that has only begun, nothing to mind.
+/// [`CaptureError`]: not serious for a recording that has only begun.
 pub fn work_ahead(
     growing: &mut GrowingState,
     config: &CaptureConfig,
@@ -29,7 +29,7 @@ pub fn work_ahead(
         look_at(frame, ahead);
     }
     if let Some(recording) = &grown.to_track {
-        let state = (growing.state(), seed);
+        let state = StateSeed { state: growing.state(), seed };
         let key = tracked_key(&recording.bag.files, config, growing.state(), seed);
         if let Some(key) = key.filter(|key| !ahead.knows(key)) {
             let found = track(recording, &recording.all(), config, state, ahead, &stop, &mut || {})?;

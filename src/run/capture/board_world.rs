@@ -1,30 +1,32 @@
-//! The world of a tracked recording whose views show a printed board of tags.
+//! The world of a tracked recording with views of a printed board of tags.
+
+use std::cmp::Reverse;
 
 use super::place::{Worlds, unaligned};
 use ::capture::{
-    BoardInView, BoardInWorld, BoardPlace, CaptureError, ColorTurn, Paper, TrackedState, UNREAD_BOARD,
-    Unaligned, UpBy, Upright, board_scale, pose_scaled,
+    BoardInView, BoardInWorld, BoardPlace, CaptureError, ColorTurn, TrackedState, UNREAD_BOARD, Unaligned,
+    UpBy, Upright, board_scale, pose_scaled,
 };
 use common::note::{Note, NoteCode};
 use common::stop::{Stop, Stopped};
 use geometry::Pose;
 
-/// A size that depth finds further off than this, as a share, is doubted, and depth counts.
-/// chosen: what data sheets of stereo cameras allow at 2 m; a page fitted to the printer's margins is 3 to
+/// Largest trusted error of the printed size by depth, as a share; beyond it lengths are those of depth.
+/// chosen: the tolerance of stereo cameras in data sheets at 2 m; a page fitted to the margins is 3 to
 /// 6 % smaller
 const LARGEST_OFF: f64 = 0.02;
-/// A board that what stands still moves further than this between states was moved: meters, and radians.
-/// tuned: what states are brought together to by what stands still was within 3 mm in shared/bags, and what
-/// remains after it is corrected up to as much (docs/method.md 2.8)
+/// Largest motion of a resting board against still surfaces between states: meters, and radians.
+/// tuned: still surfaces brought states together within 3 mm in shared/bags, and errors up to
+/// as much are corrected afterwards (docs/method.md 2.8)
 const MOVED: [f64; 2] = [0.010, 0.02];
-/// A board tilted further than this against the plane that the object stands on is said, radians.
+/// Tilt of a board against the plane under the object from which there is a warning, radians.
 /// chosen: normals of a plane by depth with a warp of 0.4 % of the range, over a third of it
 const TILTED_RAD: f64 = 0.035;
-/// ... and one that is tilted further stands on its own, against a wall or on a slope, radians.
+/// ... and tilt from which the board stands on its own, against a wall or on a slope, radians.
 /// chosen: nobody calls 20 deg level
 const STANDS_RAD: f64 = 0.35;
-/// The same against what is up in the images, which are held level to tens of degrees, radians.
-/// chosen: about two deviations of that
+/// The same against the upward direction by images, held level to tens of degrees; radians.
+/// chosen: about two deviations of this direction
 const STANDS_BY_IMAGES_RAD: f64 = 1.0;
 
 /// Where the maps of states lie on boards; `None` where no state shows one often enough.
@@ -40,7 +42,7 @@ pub(super) fn places(tracked: &[TrackedState], stop: &Stop) -> Result<Option<Pla
     Ok(of_state.iter().any(Option::is_some).then_some(Places { of_state, scale }))
 }
 
-/// The views of a state that show the paper that most of them show.
+/// The views of a state with its most frequent paper.
 fn in_view(state: &TrackedState) -> Vec<BoardInView<'_>> {
     let posed = state.track.poses.iter().zip(&state.boards);
     let views: Vec<BoardInView<'_>> = posed
@@ -48,8 +50,8 @@ fn in_view(state: &TrackedState) -> Vec<BoardInView<'_>> {
             Some(BoardInView { map_from_camera: (*pose)?, sighting: board.as_ref()? })
         })
         .collect();
-    let count = |paper: Paper| views.iter().filter(|v| v.sighting.paper == paper).count();
-    let most = views.iter().map(|v| v.sighting.paper).max_by_key(|p| (count(*p), std::cmp::Reverse(*p)));
+    let papers = views.iter().map(|v| v.sighting.paper);
+    let most = papers.clone().max_by_key(|p| (papers.clone().filter(|q| q == p).count(), Reverse(*p)));
     views.into_iter().filter(|v| Some(v.sighting.paper) == most).collect()
 }
 
@@ -57,15 +59,34 @@ fn in_view(state: &TrackedState) -> Vec<BoardInView<'_>> {
 pub(super) struct Places {
     /// Of every state; `None` where it shows no board often enough.
     of_state: Vec<Option<BoardPlace>>,
-    /// Lengths on the board over those of the maps, and the standard deviation of that.
+    /// Lengths on the board over those of the maps, and the standard deviation of this ratio.
     scale: [f64; 2],
 }
 
-/// The world of the board, or one upright with its length, and what is said of it. `aligned` says of every
-/// state but the first how it lies in that one's map.
+impl Places {
+    /// Takes the map of a state, stretched by `scale`, onto the board; `None` where the state shows no board.
+    fn board_from_map(&self, state: usize, scale: f64) -> Option<Pose> {
+        Some(pose_scaled(&self.of_state[state].as_ref()?.board_from_map, scale / self.scale[0]))
+    }
+}
+
+/// Takes the map of a later state, stretched by `scale`, into the first one's map.
+fn first_from_map(
+    aligned: &[Result<(Pose, f64), Unaligned>],
+    state: usize,
+    scale: f64,
+) -> Result<Pose, CaptureError> {
+    match &aligned[state - 1] {
+        Ok((first_from_map, _)) => Ok(pose_scaled(first_from_map, scale)),
+        Err(why) => Err(unaligned(state, why)),
+    }
+}
+
+/// The world of the board, or one upright with its length; adds notes and warnings. `aligned` holds of every
+/// state but the first its pose in the first one's map.
 ///
 /// # Errors
-/// [`CaptureError::StatesUnaligned`] where a state shows no board and nothing that stands still.
+/// [`CaptureError::StatesUnaligned`] where a state shows neither a board nor still surfaces.
 pub(super) fn board_worlds(
     tracked: &[TrackedState],
     places: &Places,
@@ -80,26 +101,21 @@ pub(super) fn board_worlds(
     }
     notes.extend(trusted.then(|| length(&places.scale)));
     warnings.extend((!trusted).then(|| doubtful(places.scale[0])));
-    let on_board = |state: usize| {
-        Some(pose_scaled(&places.of_state[state].as_ref()?.board_from_map, scale / places.scale[0]))
-    };
     let mut on_its_place: Vec<bool> = places.of_state.iter().map(Option::is_some).collect();
-    let Some((reference, board_from_map)) = (0..tracked.len()).find_map(|s| Some((s, on_board(s)?))) else {
+    let Some((reference, board_from_map)) =
+        (0..tracked.len()).find_map(|s| Some((s, places.board_from_map(s, scale)?)))
+    else {
         return Ok(Worlds::of_maps(vec![Pose::identity(); tracked.len()]));
     };
     let world_from_board = upright(&tracked[reference], &board_from_map, scale, warnings);
-    let in_first = |state: usize| match &aligned[state - 1] {
-        Ok((first_from_map, _)) => Ok(pose_scaled(first_from_map, scale)),
-        Err(why) => Err(unaligned(state, why)),
-    };
-    let first = match on_board(0) {
+    let first = match places.board_from_map(0, scale) {
         Some(board_from_map) => world_from_board * board_from_map,
-        None => world_from_board * board_from_map * in_first(reference)?.inverse(),
+        None => world_from_board * board_from_map * first_from_map(aligned, reference, scale)?.inverse(),
     };
     let mut from_maps = vec![first];
     for state in 1..tracked.len() {
-        let by_surroundings = in_first(state).map(|p| first * p);
-        let world = match (on_board(state), by_surroundings) {
+        let by_surroundings = first_from_map(aligned, state, scale).map(|p| first * p);
+        let world = match (places.board_from_map(state, scale), by_surroundings) {
             (Some(on_board), Ok(expected)) => {
                 let moved = expected * (world_from_board * on_board).inverse();
                 // At the board's middle.
@@ -122,7 +138,7 @@ pub(super) fn board_worlds(
     Ok(Worlds { from_maps, scale, board: Some(board) })
 }
 
-/// The world in which a board lies level, or the upright one where it does not.
+/// The world with a level board, or the upright one of a tilted board.
 fn upright(tracked: &TrackedState, board_from_map: &Pose, scale: f64, warnings: &mut Vec<Note>) -> Pose {
     let Upright { world_from_map: upright_from_map, by, .. } = tracked.track.upright_world();
     let normal = board_from_map.inverse() * nalgebra::Vector3::z();

@@ -1,8 +1,8 @@
-//! The stage `capture`: from paths to frames that stand in one world and show the object.
+//! The stage `capture`: from paths to frames of the object in one world.
 //!
 //! Its steps, a file each: `read` the recordings, `track` the camera where they hold no poses, `place` its
 //! ways in one world, correct the `poses`, isolate and put right the `object`. Every step asks whether to
-//! stop and counts the views that went through it.
+//! stop and counts its finished views.
 
 mod ahead;
 mod board_world;
@@ -32,16 +32,16 @@ use io::{Source, open_keyframes, open_start_end};
 
 pub use ahead::work_ahead;
 
-/// Steps that kept frames go through once they are decoded.
+/// Steps of kept frames after decoding.
 const STEPS_OF_FRAMES: usize = 4;
 
 /// Opens paths: a bag a state, a folder with `state0`, `state1`, ..., one bag with both states, or a dataset
 /// folder. Every frame of the result has a mask, and each state has at least one frame with depth on the
-/// object. `seed` is that of the run; the search for background planes draws from it. What was worked out
+/// object. `seed` is the run's; the search for background planes draws from it. Work done
 /// `ahead` changes the time alone.
 ///
 /// # Errors
-/// [`CaptureError`]; see its variants. What is merely degraded stands in [`Capture::warnings`].
+/// [`CaptureError`]; see its variants. Degradations stand in [`Capture::warnings`].
 pub fn open(
     sources: &[PathBuf],
     config: &CaptureConfig,
@@ -64,14 +64,14 @@ pub fn open(
         Source::StartEnd(path) => open_start_end(path, config, &steps.stop)?,
     };
     capture.name = source.object_name();
-    // What can be refused at once is, before the costly steps.
+    // Recordings that can be refused at once are refused before the costly steps.
     read::check_depth(&capture, config)?;
     read::check_states_differ(&capture)?;
     let frames = capture.states.iter().map(Vec::len).sum();
     steps.expects(STEPS_OF_FRAMES * frames);
     // The noise first (2.8): all gates behind it are multiples of it.
     measure_noise(&mut capture, config, &steps.stop)?;
-    // Poses before isolation, which puts the points of all frames together.
+    // Poses before isolation: it puts the points of all frames together.
     if config.refine_poses == RefinePoses::Auto {
         corrected(&mut capture, ahead, &steps.stop)?;
     }
@@ -79,7 +79,7 @@ pub fn open(
     let had_masks = capture.states.iter().flatten().all(|frame| frame.mask.is_some());
     isolated(&mut capture, config, seed, &steps.stop)?;
     steps.did(frames);
-    // Denoising last: it works on the object's pixels and hides the noise that was measured.
+    // Denoising last: it works on the object's pixels and hides the measured noise.
     if config.denoise {
         denoised(&mut capture, &steps.stop)?;
     }
@@ -95,8 +95,8 @@ pub fn open(
 /// Poses of the optical frame by stamp, nanoseconds, in the order of time.
 pub type Trajectory = Vec<(i64, Pose)>;
 
-/// The camera's way through each state as it is tracked by what it sees, whether or not poses were
-/// recorded; with what is to be said of it: notes, then warnings. Of bags, one a state.
+/// The camera's way through each state, tracked by its images, whether or not poses were
+/// recorded; and notes, then warnings, about it. Of bags, one a state.
 ///
 /// # Errors
 /// Those of [`open`].
@@ -121,11 +121,14 @@ pub fn track_camera(
     let mut capture = Capture::of_states(paths.len());
     let mut recorded = each_a_state(&paths, config, &steps.stop)?;
     posed(&mut capture, &mut recorded, config, seed, &Ahead::default(), &mut steps)?;
-    let trajectory = |recorded: &RecordedStates| -> Trajectory {
-        let views = recorded.recording.views.views.iter();
-        views.filter_map(|v| Some((v.stamp_nanos, v.world_from_camera?))).collect()
-    };
-    Ok((recorded.iter().map(trajectory).collect(), [capture.notes, capture.warnings]))
+    let trajectories = recorded.iter().map(posed_trajectory).collect();
+    Ok((trajectories, [capture.notes, capture.warnings]))
+}
+
+/// Poses of a recording's posed views.
+fn posed_trajectory(recorded: &RecordedStates) -> Trajectory {
+    let views = recorded.recording.views.views.iter();
+    views.filter_map(|v| Some((v.stamp_nanos, v.world_from_camera?))).collect()
 }
 
 #[cfg(test)]

@@ -24,7 +24,7 @@ pub(super) fn denoised(capture: &mut Capture, stop: &Stop) -> Result<(), Capture
     Ok(frames.try_for_each(|frame| denoise(frame, &noise, stop))?)
 }
 
-/// Takes depth that the sensor did not read from color, and reports it.
+/// Fills the sensor's missing depth from color, and reports it.
 pub(super) fn filled(
     capture: &mut Capture,
     config: &CaptureConfig,

@@ -1,5 +1,5 @@
-//! The views of all states with their poses in one world: those that were recorded, or those of a camera that
-//! is tracked.
+//! The views of all states with their poses in one world: the recorded ones, or those of a tracked
+//! camera.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use super::{
     board_world::{board_worlds, places},
     read::RecordedStates,
     steps::Steps,
-    track::{track, tracked_key},
+    track::{StateSeed, track, tracked_key},
     upright::upright_of,
 };
 use ::capture::{
@@ -19,7 +19,7 @@ use common::stop::{Stop, Stopped};
 use geometry::Pose;
 use io::Views;
 
-/// Tracks the camera where recordings hold no poses, and places what it saw in one world.
+/// Tracks the camera where recordings hold no poses, and places its views in one world.
 ///
 /// # Errors
 /// [`CaptureError::NotTracked`] and [`CaptureError::StatesUnaligned`]; those of the decoding.
@@ -34,15 +34,17 @@ pub(super) fn posed(
     if !recorded.iter().all(|r| r.recording.views.are_untracked()) {
         return Ok(());
     }
-    let views = |(_, of_state): &(usize, Vec<usize>)| {
-        of_state.len() + (1 + super::STEPS_OF_FRAMES) * of_state.len().min(config.frames_per_state)
-    };
-    steps.expects(recorded.iter().flat_map(|r| &r.states).map(views).sum());
+    let mut expected = 0;
+    for (_, of_state) in recorded.iter().flat_map(|r| &r.states) {
+        let kept = of_state.len().min(config.frames_per_state);
+        expected += of_state.len() + (1 + super::STEPS_OF_FRAMES) * kept;
+    }
+    steps.expects(expected);
     let mut tracked = Vec::new();
     for RecordedStates { recording, states } in recorded.iter() {
         for (state, of_state) in states {
-            let numbers = (*state, seed);
-            // What is worked out ahead is of recordings that show one state.
+            let numbers = StateSeed { state: *state, seed };
+            // Only recordings of one state are tracked ahead.
             let key = tracked_key(&recording.bag.files, config, *state, seed).filter(|_| states.len() == 1);
             tracked.push(match key.and_then(|key| ahead.take(&key)) {
                 Some(known) => known,
@@ -59,7 +61,7 @@ pub(super) fn posed(
     let mut of_states = tracked.into_iter().zip(worlds.from_maps);
     for RecordedStates { recording, states } in recorded {
         for (tracked, world) in of_states.by_ref().take(states.len()) {
-            give_poses(capture, &mut recording.views, tracked, (&world, worlds.scale));
+            give_poses(capture, &mut recording.views, tracked, &world, worlds.scale);
         }
     }
     Ok(())
@@ -70,7 +72,8 @@ fn give_poses(
     capture: &mut Capture,
     views: &mut Views,
     tracked: TrackedState,
-    (world_from_map, scale): (&Pose, f64),
+    world_from_map: &Pose,
+    scale: f64,
 ) {
     let TrackedState { track, views: seen, boards, notes, warnings } = tracked;
     let mut sightings = BTreeMap::new();
@@ -88,13 +91,13 @@ fn give_poses(
     capture.warnings.extend(warnings);
 }
 
-/// Where the maps of states lie in the world in which the twin stands.
+/// Where the maps of states lie in the world of the twin.
 pub(super) struct Worlds {
     /// From every state's map at its length in the world.
     pub from_maps: Vec<Pose>,
     /// Lengths in the world over those of the maps, and over those of depth.
     pub scale: f64,
-    /// The board that the world is of.
+    /// The board of this world.
     pub board: Option<BoardInWorld>,
 }
 
@@ -105,7 +108,7 @@ impl Worlds {
     }
 }
 
-/// The error of a state that what stands still does not bring into the world.
+/// The error of a state that no still surfaces bring into the world.
 pub(super) fn unaligned(state: usize, why: &Unaligned) -> CaptureError {
     let reason = match why {
         Unaligned::NothingAlike => "nothing looks alike in both".to_owned(),
@@ -116,7 +119,7 @@ pub(super) fn unaligned(state: usize, why: &Unaligned) -> CaptureError {
     CaptureError::StatesUnaligned { state, reason }
 }
 
-/// The world in which the twin stands: a board's, where one is seen often enough, or state 0's, upright.
+/// The world of the twin: a board's, where one is seen often enough, or state 0's, upright.
 ///
 /// # Errors
 /// [`CaptureError::StatesUnaligned`] where nothing stands still between states.

@@ -2,14 +2,12 @@
 
 use std::fmt::Display;
 
-use ::capture::{
-    Capture, CaptureError, PoseAgreement, PoseCorrection, PoseFindings, RgbdFrame, cameras, refine_poses,
-};
+use ::capture::{Capture, CaptureError, PoseAgreement, PoseFindings, RgbdFrame, cameras, refine_poses};
 use common::ahead::Ahead;
 use common::note::{Note, NoteCode};
 use common::stop::Stop;
 
-/// Corrects the camera poses of each state, and places tracked frames on their board by what was corrected.
+/// Corrects the camera poses of each state, and places tracked frames on their board by the correction.
 pub(super) fn corrected(capture: &mut Capture, ahead: &Ahead, stop: &Stop) -> Result<(), CaptureError> {
     let tracked = !capture.tracking.is_empty();
     capture.poses = refine_poses(&mut capture.states, &capture.noise, tracked, ahead, stop)?;
@@ -21,7 +19,7 @@ pub(super) fn corrected(capture: &mut Capture, ahead: &Ahead, stop: &Stop) -> Re
     );
     capture.warnings.extend(beyond_expected(&capture.poses));
     capture.warnings.extend(several_sensors(&capture.states));
-    // State 0 is what the others' worlds are corrected to.
+    // The worlds of the others are corrected to that of state 0.
     for (state, world) in (1..).zip(&capture.poses.worlds) {
         capture.notes.extend(world.iter().map(|found| poses_checked(state, found)));
     }
@@ -32,51 +30,12 @@ pub(super) fn corrected(capture: &mut Capture, ahead: &Ahead, stop: &Stop) -> Re
     Ok(())
 }
 
-/// What goes beyond what errors of poses and sensors explain.
+/// Warnings about more than the expected errors of poses and sensors.
 fn beyond_expected(poses: &PoseFindings) -> Vec<Note> {
-    let far = |(state, found): (usize, &Option<PoseCorrection>)| {
-        found.as_ref().filter(|f| f.beyond_expected())?;
-        Some(Note::new(
-            NoteCode::PosesFarOff,
-            format!(
-                "state {state}: camera poses err by as much as is looked for at most: 3 mm or 0.29 deg from \
-                 one view to the next; check that poses and images are of one clock and of one camera"
-            ),
-        ))
-    };
-    let agreement = |(state, found): (usize, &Option<PoseAgreement>)| {
-        let found = found.as_ref()?;
-        let share = 100.0 * found.share;
-        if let Some([delay_s, with_delay]) = found.delay {
-            return Some(Note::new(
-                NoteCode::PosesLate,
-                format!(
-                    "state {state}: camera poses seem {:.2} s {} than the images: by their stamps {share:.0} \
-                     % of the features that frames share lie where the poses say, with that delay {:.0} %{}; \
-                     give both one clock, or set capture.pose_delay_secs={delay_s:.3}",
-                    delay_s.abs(),
-                    older(delay_s),
-                    100.0 * with_delay,
-                    match found.certain_delay_s() {
-                        Some(_) => "; poses between those of the kept frames are used",
-                        None => "",
-                    },
-                ),
-            ));
-        }
-        found.contradicts().then(|| {
-            Note::new(
-                NoteCode::PosesContradict,
-                format!(
-                    "state {state}: camera poses contradict the images: {share:.0} % of the features that \
-                     frames share lie where the poses say, and no delay of the poses explains it; check the \
-                     frame of the poses (capture.pose_frame), the camera's calibration, and that the \
-                     tracking was not lost"
-                ),
-            )
-        })
-    };
-    let agreement = poses.agreement.iter().enumerate().filter_map(agreement);
+    let mut notes = Vec::new();
+    for (state, found) in poses.agreement.iter().enumerate() {
+        notes.extend(found.as_ref().and_then(|found| disagreement(state, found)));
+    }
     let lag = poses.sensor.as_ref().filter(|s| s.has_late_poses()).map(|s| {
         let [lag_s, sigma_s] = s.pose_lag_s;
         Note::new(
@@ -101,15 +60,63 @@ fn beyond_expected(poses: &PoseFindings) -> Vec<Note> {
             ),
         )
     });
-    let states = poses.states.iter().enumerate().filter_map(far);
-    agreement.chain(lag).chain(states).chain(sensor).collect()
+    notes.extend(lag);
+    for (state, found) in poses.states.iter().enumerate() {
+        notes.extend(found.as_ref().filter(|f| f.beyond_expected()).map(|_| far_off(state)));
+    }
+    notes.extend(sensor);
+    notes
+}
+
+/// The note of a state with poses as far off as the search for their correction goes.
+fn far_off(state: usize) -> Note {
+    Note::new(
+        NoteCode::PosesFarOff,
+        format!(
+            "state {state}: camera poses err by as much as is looked for at most: 3 mm or 0.29 deg from \
+             one view to the next; check that poses and images are of one clock and of one camera"
+        ),
+    )
+}
+
+/// The note of a state with poses of another time or another scene than its images; `None` where they agree.
+fn disagreement(state: usize, found: &PoseAgreement) -> Option<Note> {
+    let share = 100.0 * found.share;
+    if let Some([delay_s, with_delay]) = found.delay {
+        return Some(Note::new(
+            NoteCode::PosesLate,
+            format!(
+                "state {state}: camera poses seem {:.2} s {} than the images: by their stamps {share:.0} \
+                 % of the features that frames share lie where the poses say, with that delay {:.0} %{}; \
+                 give both one clock, or set capture.pose_delay_secs={delay_s:.3}",
+                delay_s.abs(),
+                older(delay_s),
+                100.0 * with_delay,
+                match found.certain_delay_s() {
+                    Some(_) => "; poses between those of the kept frames are used",
+                    None => "",
+                },
+            ),
+        ));
+    }
+    found.contradicts().then(|| {
+        Note::new(
+            NoteCode::PosesContradict,
+            format!(
+                "state {state}: camera poses contradict the images: {share:.0} % of the features that \
+                 frames share lie where the poses say, and no delay of the poses explains it; check the \
+                 frame of the poses (capture.pose_frame), the camera's calibration, and that the \
+                 tracking was not lost"
+            ),
+        )
+    })
 }
 
 fn older(delay_s: f64) -> &'static str {
     if delay_s > 0.0 { "older" } else { "younger" }
 }
 
-/// Where frames come from several cameras, which share no errors.
+/// A warning about frames of several cameras: these share no errors.
 fn several_sensors(states: &[Vec<RgbdFrame>]) -> Option<Note> {
     let cameras = cameras(states.iter().flatten());
     (cameras.len() > 1).then(|| {

@@ -8,7 +8,7 @@ use common::note::{Note, NoteCode};
 use common::stop::Stop;
 use io::{Decoded, Recording, Source, views_kept};
 
-/// A recording, and the states that it shows: their numbers, and the numbers of their views.
+/// A recording with its states: their numbers, and the numbers of their views.
 pub(super) struct RecordedStates {
     pub recording: Recording,
     pub states: Vec<(usize, Vec<usize>)>,
@@ -67,7 +67,7 @@ pub(super) fn each_a_state(
     Ok(recorded)
 }
 
-/// Decodes the frames of the views that are kept.
+/// Decodes the frames of kept views.
 ///
 /// # Errors
 /// Frames that take too much memory or cannot be used; states in other worlds than state 0.
@@ -141,21 +141,28 @@ fn push_frame(capture: &mut Capture, state: usize, mut frame: RgbdFrame) {
     capture.states[state].push(frame);
 }
 
-/// Refuses one recording given for two states: noise makes images of two recordings differ. Poses that were
-/// tracked differ by what brings the states together.
+/// Refuses one recording given for two states: noise makes images of two recordings differ. Tracked
+/// poses differ by the motion between the states.
 pub(super) fn check_states_differ(capture: &Capture) -> Result<(), CaptureError> {
     let tracked = !capture.tracking.is_empty();
-    let same = |(a, b): (&RgbdFrame, &RgbdFrame)| {
-        let posed_alike = tracked || a.world_from_camera == b.world_from_camera;
-        posed_alike && a.depth_m == b.depth_m && a.rgb == b.rgb
-    };
-    let twice = |a: &[RgbdFrame], b: &[RgbdFrame]| a.len() == b.len() && a.iter().zip(b).all(same);
     let states = &capture.states;
-    let mut pairs = (0..states.len()).flat_map(|second| (0..second).map(move |first| (first, second)));
-    match pairs.find(|&(first, second)| twice(&states[first], &states[second])) {
-        Some((first, second)) => Err(CaptureError::SameRecording { first, second }),
-        None => Ok(()),
+    for second in 0..states.len() {
+        for first in 0..second {
+            if are_same_frames(&states[first], &states[second], tracked) {
+                return Err(CaptureError::SameRecording { first, second });
+            }
+        }
     }
+    Ok(())
+}
+
+/// Whether two states have the same images and depth, and the same poses unless these were `tracked`.
+fn are_same_frames(a: &[RgbdFrame], b: &[RgbdFrame], tracked: bool) -> bool {
+    a.len() == b.len()
+        && a.iter().zip(b).all(|(a, b)| {
+            let posed_alike = tracked || a.world_from_camera == b.world_from_camera;
+            posed_alike && a.depth_m == b.depth_m && a.rgb == b.rgb
+        })
 }
 
 /// Scales the noise model to the recording.

@@ -3,7 +3,7 @@
 use crate::{Event, Monitor};
 use common::stop::Stop;
 
-/// The views that went through the stage's steps, of all that will.
+/// Views that went through the stage's steps, out of all.
 pub(super) struct Steps<'a> {
     monitor: &'a Monitor,
     pub stop: Stop,

@@ -11,7 +11,7 @@ use std::{
 };
 
 use super::{
-    track::{track, tracked_key},
+    track::{StateSeed, track, tracked_key},
     *,
 };
 use crate::Event;
@@ -166,7 +166,9 @@ fn the_way_of_a_camera_is_found_ahead_once() {
     assert!(ahead.knows(&key(3)) && !ahead.knows(&key(4)));
     let all = recording.all();
     let none = Ahead::default();
-    let again = track(&recording, &all, &config, (0, 3), &none, &Stop::never(), &mut || {}).unwrap();
+    let again =
+        track(&recording, &all, &config, StateSeed { state: 0, seed: 3 }, &none, &Stop::never(), &mut || {})
+            .unwrap();
     let found: TrackedState = ahead.take(&key(3)).unwrap();
     assert_eq!((found.track.poses, found.views), (again.track.poses, again.views));
     assert!(!ahead.knows(&key(3)));

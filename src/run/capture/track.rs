@@ -5,8 +5,8 @@ use std::{fs, path::PathBuf};
 use rayon::prelude::*;
 
 use ::capture::{
-    CaptureConfig, CaptureError, Lost, NoiseConfig, Observation, RgbdFrame, TrackedState, Tracker, UseBoard,
-    find_board, noise_of, stamp_secs,
+    BoardSighting, CaptureConfig, CaptureError, Lost, NoiseConfig, Observation, RgbdFrame, TrackedState,
+    Tracker, UseBoard, find_board, noise_of, stamp_secs,
 };
 use common::ahead::Ahead;
 use common::fingerprint::{Fingerprint, Key};
@@ -28,6 +28,15 @@ pub(super) fn tracked_key(files: &[PathBuf], config: &CaptureConfig, state: usiz
     Some(facts.key(&format!("track/state{state}")))
 }
 
+/// A state with the seed of the run.
+#[derive(Clone, Copy)]
+pub(super) struct StateSeed {
+    /// Number of the state.
+    pub state: usize,
+    /// Seed of the run.
+    pub seed: u64,
+}
+
 /// Tracks the camera through some views of a recording, in the order of time; `passed` hears of every view.
 ///
 /// # Errors
@@ -36,7 +45,7 @@ pub(super) fn track(
     recording: &Recording,
     of_state: &[usize],
     config: &CaptureConfig,
-    (state, seed): (usize, u64),
+    StateSeed { state, seed }: StateSeed,
     ahead: &Ahead,
     stop: &Stop,
     passed: &mut dyn FnMut(),
@@ -54,13 +63,11 @@ pub(super) fn track(
             None => noise_of(frames.iter().map(|(_, f)| f), config, stop)?,
         };
         known_noise = Some(noise);
-        let look = |(view, frame): (usize, RgbdFrame)| {
-            stop.check()?;
-            let board = if config.board == UseBoard::Auto { find_board(&frame) } else { None };
-            Ok((view, board, Observation::of_frame(frame, &noise, ahead)))
-        };
-        let observations: Vec<_> = frames.into_par_iter().map(look).collect::<Result<_, Stopped>>()?;
-        for (view, board, observation) in observations {
+        let looked_at: Vec<LookedAt> = frames
+            .into_par_iter()
+            .map(|(view, frame)| look(view, frame, config, &noise, ahead, stop))
+            .collect::<Result<_, Stopped>>()?;
+        for LookedAt { view, board, observation } in looked_at {
             stop.check()?;
             seen.push(view);
             boards.push(board);
@@ -78,21 +85,44 @@ pub(super) fn track(
     }
     track.measured_up = views.accelerometer.as_ref().map(|a| track.up_of(a));
     let notes = vec![Note::new(NoteCode::CameraTracked, format!("state {state}: {}", track.findings))];
-    let stretch = |[first, last]: &[usize; 2]| {
-        let why = Lost::most_frequent_reason(&reasons[*first..=*last]);
-        let stamp = |v: usize| stamp_secs(views.views[seen[v]].stamp_nanos);
+    let mut warnings = Vec::new();
+    for &[first, last] in track.findings.lost.iter().take(NAMED) {
+        let why = Lost::most_frequent_reason(&reasons[first..=last]);
+        let [from_s, to_s] = [first, last].map(|v| stamp_secs(views.views[seen[v]].stamp_nanos));
+        let count = last - first + 1;
         let text = format!(
-            "state {state}: the camera was lost from {:.3} to {:.3} s ({} views), which are not used: {why}",
-            stamp(*first),
-            stamp(*last),
-            last - first + 1
+            "state {state}: the camera was lost from {from_s:.3} to {to_s:.3} s ({count} views), which are \
+             not used: {why}"
         );
-        Note::new(NoteCode::ViewsLost, text)
-    };
-    let mut warnings: Vec<Note> = track.findings.lost.iter().take(NAMED).map(stretch).collect();
+        warnings.push(Note::new(NoteCode::ViewsLost, text));
+    }
     if let Some(more) = track.findings.lost.len().checked_sub(NAMED).filter(|n| *n > 0) {
         let text = format!("state {state}: the camera was lost in {more} more stretches");
         warnings.push(Note::new(NoteCode::ViewsLost, text));
     }
     Ok(TrackedState { track, views: seen, boards, notes, warnings })
+}
+
+/// A view as the tracker sees it.
+struct LookedAt {
+    view: usize,
+    board: Option<BoardSighting>,
+    observation: Observation,
+}
+
+/// Looks for the board and the features of a view.
+///
+/// # Errors
+/// [`Stopped`].
+fn look(
+    view: usize,
+    frame: RgbdFrame,
+    config: &CaptureConfig,
+    noise: &NoiseConfig,
+    ahead: &Ahead,
+    stop: &Stop,
+) -> Result<LookedAt, Stopped> {
+    stop.check()?;
+    let board = if config.board == UseBoard::Auto { find_board(&frame) } else { None };
+    Ok(LookedAt { view, board, observation: Observation::of_frame(frame, noise, ahead) })
 }

@@ -1,12 +1,11 @@
-//! What is said of the direction upwards of a tracked recording.
+//! Notes on the direction upwards of a tracked recording.
 
 use ::capture::{Track, UpBy, Upright};
 use common::note::{Note, NoteCode};
 
-/// The world of a tracked state, with what is to be said of its direction upwards: notes, then warnings.
+/// The world of a tracked state, with notes, then warnings, about its direction upwards.
 pub(super) fn upright_of(track: &Track, notes: &mut Vec<Note>, warnings: &mut Vec<Note>) -> Upright {
     let upright = track.upright_world();
-    let deg = |rad: f64| rad.to_degrees();
     match &track.measured_up {
         Some(Err(why)) => {
             let text = format!("accelerations do not say which way is up: {why}");
@@ -19,12 +18,12 @@ pub(super) fn upright_of(track: &Track, notes: &mut Vec<Note>, warnings: &mut Ve
             };
             let beside = upright.apart_rad.map_or_else(
                 || "no plane was found to check that by".to_owned(),
-                |apart| format!("gravity and that plane's normal are {:.2} deg apart", deg(apart)),
+                |apart| format!("gravity and that plane's normal are {:.2} deg apart", apart.to_degrees()),
             );
             let text = format!(
                 "up is by {by}: known to {:.2} deg (one standard deviation); {beside}; a bias of {:.2} m/s² \
                  was taken off the accelerations",
-                deg(upright.sigma_rad.unwrap_or(f64::NAN)),
+                upright.sigma_rad.unwrap_or(f64::NAN).to_degrees(),
                 measured.bias.norm()
             );
             notes.push(Note::new(NoteCode::GravityMeasured, text));
@@ -35,7 +34,7 @@ pub(super) fn upright_of(track: &Track, notes: &mut Vec<Note>, warnings: &mut Ve
         let text = format!(
             "gravity by the accelerations and the normal of what the object stands on are {:.1} deg apart, \
              more than both err by: the support is not level, or /tf_static has the IMU's axes wrong",
-            deg(apart)
+            apart.to_degrees()
         );
         warnings.push(Note::new(NoteCode::UprightContradicted, text));
     }
