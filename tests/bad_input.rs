@@ -366,7 +366,7 @@ fn a_bag_of_another_type() {
 fn a_bag_in_sqlite3_storage() {
     let folder = tempfile::tempdir().unwrap();
     for state in 0..2 {
-        let bag = folder.path().join(&format!("old/state{state}"));
+        let bag = folder.path().join(format!("old/state{state}"));
         std::fs::create_dir_all(&bag).unwrap();
         std::fs::write(bag.join(format!("state{state}_0.db3")), b"SQLite format 3\0").unwrap();
     }

@@ -494,7 +494,7 @@ fn devices_and_pipes_in_place_of_files() {
     assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
     let told = "device, pipe or socket";
     for (kind, odd) in [("zero", Path::new("/dev/zero")), ("pipe", &pipe)] {
-        let data = folder.path().join(&format!("data_{kind}"));
+        let data = folder.path().join(format!("data_{kind}"));
         write_keyframes(&data);
         for file in ["cam_K.txt", "init_keyframes.yml", "depth_filtered/0_0001.png"] {
             let path = data.join(file);

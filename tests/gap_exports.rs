@@ -60,7 +60,7 @@ const USD: &str = "#usda 1.0\n\
 fn diagnose(folder: &TempDir, scale: f64, options: &[&str]) -> (serde_json::Value, String) {
     let twin = twin(folder, INERTIAL);
     let write = |run: usize| {
-        let path = folder.path().join(&format!("run_{run}.mcap"));
+        let path = folder.path().join(format!("run_{run}.mcap"));
         let mut bag = BagWriter::create(&path, None, 100_000);
         for s in door(run, 10.0, 0.0, DAMPING + HIDDEN) {
             let nanos = START + (s.time_s * 1e9).round() as i64;

@@ -26,7 +26,7 @@ fn write(folder: &TempDir, name: &str, samples: &[Sample]) -> PathBuf {
 
 /// With the positions that a servo was given, where there are any.
 fn write_commanded(folder: &TempDir, name: &str, samples: &[Sample], commands: &[f64]) -> PathBuf {
-    let path = folder.path().join(&format!("{name}.mcap"));
+    let path = folder.path().join(format!("{name}.mcap"));
     let mut bag = BagWriter::create(&path, None, 100_000);
     for (k, s) in samples.iter().enumerate() {
         let nanos = START + (s.time_s * 1e9).round() as i64;

@@ -52,7 +52,7 @@ fn world_from_door(q: f64, off_m: f64) -> Pose {
 }
 
 fn write(folder: &TempDir, run: usize, samples: &[Sample], how: Recorded) -> PathBuf {
-    let path = folder.path().join(&format!("run_{run}.mcap"));
+    let path = folder.path().join(format!("run_{run}.mcap"));
     let mut bag = BagWriter::create(&path, None, 100_000);
     for s in samples {
         let nanos = START + (s.time_s * 1e9).round() as i64;

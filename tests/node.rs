@@ -126,7 +126,7 @@ fn session(bag: &Path, domain: u16, raw: bool, cancel: bool) -> Result<(), Missi
 
     // The recordings of the session and its settings give the same twin without the node, byte for byte.
     let again = folder.path().join("again");
-    let sources = [0, 1].map(|s| folder.path().join(&format!("node/session/state{s}")));
+    let sources = [0, 1].map(|s| folder.path().join(format!("node/session/state{s}")));
     let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_artitwin"));
     command.arg("reconstruct").args(&sources).arg("--out").arg(&again).args(["--name", "drawer", "--config"]);
     let ended = end(command.arg(folder.path().join("node/session/settings.yaml")));
@@ -307,7 +307,7 @@ fn a_camera_without_transforms_is_followed_and_its_poses_come_back() -> Result<(
         assert!(number(&found["moved_m"]) < 0.015 && number(&found["turned_rad"]) < 0.03, "{told}");
         // z up from the floor: the camera is above it, by no more than it is away.
         assert!(number(&found["lowest_m"]) > 0.05 && number(&found["highest_m"]) < 2.0, "{told}");
-        let recorded = io::inspect(&folder.path().join(&format!("node/session/state{state}")));
+        let recorded = io::inspect(&folder.path().join(format!("node/session/state{state}")));
         let recorded = recorded.unwrap().to_text();
         assert!(recorded.contains("camera poses: none recorded"), "{recorded}");
     }
@@ -565,7 +565,7 @@ fn states_are_found_without_a_call() -> Result<(), Missing> {
     let phases: Vec<u64> = told["phases"].as_array().unwrap().iter().map(|p| p.as_u64().unwrap()).collect();
     assert!(phases.contains(&1) && phases.last() == Some(&3), "{phases:?}\n{log}");
     for state in 0..2 {
-        assert!(folder.path().join(&format!("node/session/state{state}/metadata.yaml")).is_file(), "{log}");
+        assert!(folder.path().join(format!("node/session/state{state}/metadata.yaml")).is_file(), "{log}");
     }
     Ok(())
 }

@@ -207,7 +207,7 @@ fn two_things_that_changed_are_asked_about() {
         let cameras: Vec<Pose> = views.iter().map(|v| pose(&v["world_from_camera"])).collect();
         let y_m = [b[4] + 0.35, b[1] - 0.35][state];
         let at = Point3::new(0.5 * (b[0] + b[3]), y_m, b[2] + radius_m);
-        let bag = folder.path().join(&format!("state{state}"));
+        let bag = folder.path().join(format!("state{state}"));
         Ball { at, radius_m }.paint(&intrinsics, &cameras, &door().join(format!("state{state}")), &bag);
         bag
     });

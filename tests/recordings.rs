@@ -122,7 +122,7 @@ fn every_compression_is_read() {
 fn zstd_by_message_and_by_file_is_read() {
     let folder = tempfile::tempdir().unwrap();
     for state in 0..2 {
-        let bag = folder.path().join(&format!("state{state}"));
+        let bag = folder.path().join(format!("state{state}"));
         write_state(&bag, state, &Options::default());
         let name = format!("state{state}.mcap");
         let plain = std::fs::read(bag.join(&name)).unwrap();
@@ -339,7 +339,7 @@ fn other_things_are_refused() {
 
     // A bag of another kind altogether.
     for state in 0..2 {
-        let mut writer = BagWriter::create(&folder.path().join(&format!("state{state}.mcap")), None, 1000);
+        let mut writer = BagWriter::create(&folder.path().join(format!("state{state}.mcap")), None, 1000);
         writer.message("/chatter", "std_msgs/msg/String", START, &"hello");
         writer.finish();
     }
@@ -432,7 +432,7 @@ fn without_masks_the_floor_goes_and_both_boxes_stay() {
 fn states_in_different_places_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     for state in 0..2 {
-        write_state(&folder.path().join(&format!("state{state}")), state, &Options::default());
+        write_state(&folder.path().join(format!("state{state}")), state, &Options::default());
     }
     // State 1 again, with the camera's poses shifted by a meter.
     let plain = std::fs::read(folder.path().join("state1/state1.mcap")).unwrap();

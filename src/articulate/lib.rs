@@ -53,7 +53,6 @@ pub use part_surface::contradicted::{OtherState, contradicted_points};
 pub use part_surface::label_grid::label_grid;
 pub use parts::config::{RegisterConfig, RegisterMethod};
 pub use parts::difference::register_by_difference;
-#[cfg(test)]
 pub use parts::error::RegisterError;
 pub use parts::evidence_curve::EvidencePoint;
 pub use parts::register::Registration;
@@ -63,4 +62,4 @@ pub use parts::registrar::register;
 pub use parts::states::{StatePair, United, unite};
 pub use samples::mesh_samples::mesh_samples;
 pub use world::standing::standing_share;
-pub use world::state_alignment::{AlignedBy, StateAlignment, align_states};
+pub use world::state_alignment::{AlignedBy, AlignmentError, StateAlignment, align_states};

@@ -63,7 +63,7 @@ pub use stereo::{UseColorDepth, fill_from_color};
 pub use sync::{nearest_stamp, pair};
 pub use tf::{MAX_TF_FRAMES, TfBuffer};
 pub use tracking::{
-    Accelerometer, LiveTracker, LiveView, Lost, Observation, Track, TrackCamera, TrackedState, Tracker,
-    TrackingFindings, Unaligned, UpBy, Upright, align_tracks,
+    Accelerometer, LiveTracker, LiveView, Lost, MeasuredUp, NoGravity, Observation, Track, TrackCamera,
+    TrackedState, Tracker, TrackingFindings, Unaligned, UpBy, Upright, align_tracks,
 };
 pub use undistort::{Distortion, UndistortMap};

@@ -43,7 +43,7 @@ fn check_regular(metadata: &Metadata) -> io::Result<()> {
 /// The whole of a file.
 ///
 /// # Errors
-/// As [`open`]; a file beyond the limit.
+/// As [`open_regular`]; a file beyond the limit.
 pub fn read_limited(path: &Path, limit: FileLimit) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     // One byte beyond the limit shows a too large file, also one growing while it is read.
@@ -60,7 +60,7 @@ pub fn read_limited(path: &Path, limit: FileLimit) -> io::Result<Vec<u8>> {
 /// The whole of a text file.
 ///
 /// # Errors
-/// As [`read`]; text other than UTF-8.
+/// As [`read_limited`]; text other than UTF-8.
 pub fn read_text(path: &Path, limit: FileLimit) -> io::Result<String> {
     String::from_utf8(read_limited(path, limit)?)
         .map_err(|e| io::Error::new(ErrorKind::InvalidData, format!("not UTF-8 text: {e}")))

@@ -43,7 +43,7 @@ impl Layers {
     /// Adds a preset of `launch_configs/` by name.
     ///
     /// # Errors
-    /// If there is none of this name, or as [`Self::text`].
+    /// If there is none of this name, or as [`Self::add_text`].
     pub fn add_preset(&mut self, name: &str) -> Result<(), ConfigError> {
         let (path, text) = preset(name)?;
         self.add_text(&path, text)
@@ -52,7 +52,7 @@ impl Layers {
     /// Adds a YAML file, bounded by `limits::CONFIG`.
     ///
     /// # Errors
-    /// If it cannot be read, is too large, or as [`Self::text`].
+    /// If it cannot be read, is too large, or as [`Self::add_text`].
     pub fn add_file(&mut self, path: &Path) -> Result<(), ConfigError> {
         let bytes = files::read_limited(path, CONFIG).map_err(|source| match source.kind() {
             ErrorKind::FileTooLarge => ConfigError::TooLarge { path: path.to_owned() },
@@ -83,7 +83,7 @@ impl Layers {
     /// Adds `group.key=value`; the value is YAML.
     ///
     /// # Errors
-    /// If it has another form, or as [`Self::text`].
+    /// If it has another form, or as [`Self::add_text`].
     pub fn add_setting(&mut self, assignment: &str) -> Result<(), ConfigError> {
         let malformed = || ConfigError::Assignment { text: assignment.to_owned() };
         // At the first `=`: a value may hold others.
@@ -98,7 +98,7 @@ impl Layers {
     /// Adds the value of an option in place of a key.
     ///
     /// # Errors
-    /// As [`Self::text`].
+    /// As [`Self::add_text`].
     pub fn add_option(&mut self, option: &str, key: &str, value: Value) -> Result<(), ConfigError> {
         if key.split('.').count() > MAX_DEPTH {
             return Err(ConfigError::Syntax {

@@ -286,7 +286,7 @@ fn arrows_svg(arrows: &[Arrow], width: usize, height: usize) -> String {
     out
 }
 
-/// Arrows along the joint axes of a model in a state ([`axis_line`]), as a camera sees them. An axis with an
+/// Arrows along the joint axes of a model in a state (`axis_line`), as a camera sees them. An axis with an
 /// end behind the camera is left out; nothing hides an axis.
 #[must_use]
 pub fn axis_arrows(

@@ -28,7 +28,7 @@ const DIGITS: usize = 10;
 /// The contents of `report.json`. Meters, radians, seconds and kilograms unless the key says otherwise.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// [`REPORT_FORMAT`].
+    /// `REPORT_FORMAT`.
     pub format: String,
     /// Name of the object.
     pub name: String,

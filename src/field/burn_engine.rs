@@ -19,7 +19,7 @@ use super::{Layer, VIEW_COEFFICIENTS};
 ///
 /// A GPU sums table gradients with atomics, so repeated runs differ in the last bits; on the CPU device they
 /// do not. When the device fails in a method of [`FieldEngine`], the losses are NaN from then on,
-/// [`FieldEngine::failure`] returns the error, and [`FieldEngine::state`] the last state read: another engine
+/// [`FieldEngine::failure`] returns the error, and [`FieldEngine::training_state`] the last state read: another engine
 /// can go on from its `steps`.
 pub struct BurnEngine {
     device: Device,
@@ -117,7 +117,7 @@ impl BurnEngine {
         agree(&found, &expected).map_err(|e| EngineError::Unavailable { message: e.to_string() })
     }
 
-    /// As [`FieldEngine::step`].
+    /// As [`FieldEngine::train_step`].
     ///
     /// # Errors
     /// [`EngineError::Failed`]; the engine is of no use afterwards.
@@ -138,7 +138,7 @@ impl BurnEngine {
         })
     }
 
-    /// As [`FieldEngine::gradient`].
+    /// As [`FieldEngine::loss_gradient`].
     ///
     /// # Errors
     /// [`EngineError::Failed`].
@@ -149,7 +149,7 @@ impl BurnEngine {
         })
     }
 
-    /// As [`FieldEngine::state`].
+    /// As [`FieldEngine::training_state`].
     ///
     /// # Errors
     /// [`EngineError::Failed`].

@@ -69,7 +69,7 @@ impl CpuEngine {
         &self.learner.params
     }
 
-    /// As [`FieldEngine::step`]; `after` is called with every phase once it is done.
+    /// As [`FieldEngine::train_step`]; `after` is called with every phase once it is done.
     pub fn step_by_phases(
         &mut self,
         batch: &SampleBatch,

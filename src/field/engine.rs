@@ -27,7 +27,7 @@ pub enum SdfTarget {
         /// Loss weight.
         weight: f32,
     },
-    /// On a ray past the object: `weight * (s - value)^2` where `s < value`; `value` is [`BACKGROUND_TSDF`]
+    /// On a ray past the object: `weight * (s - value)^2` where `s < value`; `value` is `BACKGROUND_TSDF`
     /// ("background free space").
     Background {
         /// Lowest TSDF of unfilled space.
@@ -106,7 +106,7 @@ pub trait FieldEngine: Send {
     /// Everything a checkpoint needs.
     fn training_state(&self) -> EngineState;
 
-    /// Why the engine stopped working, if it did: its losses are NaN from then on and [`Self::state`] is of
+    /// Why the engine stopped working, if it did: its losses are NaN from then on and [`Self::training_state`] is of
     /// no use.
     fn failure(&self) -> Option<&EngineError> {
         None

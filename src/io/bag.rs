@@ -51,6 +51,35 @@ struct Metadata {
     relative_file_paths: Vec<String>,
 }
 
+/// Messages of a file that could not be decompressed.
+#[derive(Default)]
+struct Undecodable {
+    count: usize,
+    /// Why the first could not.
+    first: String,
+}
+
+impl Undecodable {
+    /// Visits a message as it is without its own compression, or counts it.
+    fn visit_unpacked(
+        &mut self,
+        message: &RawMessage,
+        budget: &mut Expansion,
+        visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>,
+    ) -> Result<(), CaptureError> {
+        match unpack_message(message.data, budget) {
+            Ok(data) => visit(&RawMessage { data: &data, ..*message }),
+            Err(why) => {
+                if self.count == 0 {
+                    self.first = why.to_string();
+                }
+                self.count += 1;
+                Ok(())
+            }
+        }
+    }
+}
+
 impl Bag {
     /// Whether a path can be a bag: an MCAP file, or a folder with bag files or metadata in it.
     #[must_use]
@@ -222,23 +251,15 @@ impl Bag {
         // compressed again.
         let mut of_messages = expansion;
         for path in &self.files {
-            let mut undecodable = 0;
-            let mut first = None;
-            let mut unpacking = |message: &RawMessage| match unpack_message(message.data, &mut of_messages) {
-                Ok(data) => visit(&RawMessage { data: &data, ..*message }),
-                Err(why) => {
-                    undecodable += 1;
-                    first.get_or_insert(why.to_string());
-                    Ok(())
-                }
-            };
+            let mut undecodable = Undecodable::default();
+            let mut unpacking =
+                |message: &RawMessage| undecodable.visit_unpacked(message, &mut of_messages, visit);
             let visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError> =
                 if self.compressed_messages { &mut unpacking } else { visit };
             let mut report = read_file(path, &mut expansion, visit)?;
-            if undecodable > 0 && report.stopped.is_none() {
-                let first = first.unwrap_or_default();
-                report.stopped =
-                    Some(format!("{undecodable} messages could not be decompressed (first: {first})"));
+            if undecodable.count > 0 && report.stopped.is_none() {
+                let Undecodable { count, first } = undecodable;
+                report.stopped = Some(format!("{count} messages could not be decompressed (first: {first})"));
             }
             reports.push((path.clone(), report));
         }

@@ -54,11 +54,11 @@ pub struct BagWriter {
     folder: PathBuf,
     file: PathBuf,
     writer: mcap::Writer<BufWriter<File>>,
-    channels: BTreeMap<String, Channel>,
+    channels: BTreeMap<String, WrittenChannel>,
     facts: BagFacts,
 }
 
-struct Channel {
+struct WrittenChannel {
     id: u16,
     sequence: u32,
     /// Its place in the facts.
@@ -149,7 +149,7 @@ impl BagWriter {
         topic: &str,
         type_name: &str,
         qos: OfferedQos,
-    ) -> Result<Channel, BagWriteError> {
+    ) -> Result<WrittenChannel, BagWriteError> {
         let definition = definition(type_name).ok_or_else(|| BagWriteError::Type(type_name.to_owned()))?;
         let failed = |source| BagWriteError::Mcap { path: self.file.clone(), source };
         let facts = TopicFacts {
@@ -168,7 +168,7 @@ impl BagWriter {
             self.writer.add_schema(type_name, "ros2msg", definition.text.as_bytes()).map_err(failed)?;
         let id = self.writer.add_channel(schema, topic, "cdr", &metadata).map_err(failed)?;
         self.facts.topics.push(facts);
-        Ok(Channel { id, sequence: 0, place: self.facts.topics.len() - 1 })
+        Ok(WrittenChannel { id, sequence: 0, place: self.facts.topics.len() - 1 })
     }
 
     /// Puts everything written so far on the disk.

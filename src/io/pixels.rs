@@ -216,9 +216,8 @@ impl Decoder<'_> {
         compressed: fn(&CompressedImage) -> Result<Raster<T>, ImageError>,
     ) -> Result<Raster<T>, FrameError> {
         let topic = self.payloads.topics[key.0].as_deref().unwrap_or_default();
-        let broken = |why: String| {
-            FrameError::Frame(format!("{topic} at {:.6} s: {why}", capture::stamp_secs(view.stamp_nanos)))
-        };
+        let seconds = capture::stamp_secs(view.stamp_nanos);
+        let broken = |why: String| FrameError::Frame(format!("{topic} at {seconds:.6} s: {why}"));
         let (data, is_compressed) = match self.payloads.found.get(&key) {
             Some(Some(Ok(payload))) => payload,
             Some(Some(Err(why))) => return Err(broken(why.to_string())),

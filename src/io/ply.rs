@@ -285,10 +285,9 @@ fn parse_header(header: &str) -> Result<(&str, Vec<Element>), PlyError> {
     if elements.iter().filter(|e| e.name == "vertex").count() > 1 {
         return Err(PlyError::Twice);
     }
-    let has = |name: &str, property: &str| {
-        elements.iter().any(|e| e.name == name && e.properties.iter().any(|p| p.name == property))
-    };
-    if ["x", "y", "z"].iter().any(|axis| !has("vertex", axis)) {
+    let vertex = elements.iter().find(|e| e.name == "vertex");
+    let has = |axis: &str| vertex.is_some_and(|v| v.properties.iter().any(|p| p.name == axis));
+    if !["x", "y", "z"].into_iter().all(has) {
         return Err(PlyError::NoVertices);
     }
     Ok((format, elements))

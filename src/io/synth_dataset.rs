@@ -135,7 +135,7 @@ fn opengl(frame: &SynthFrame) -> [[f64; 4]; 4] {
 }
 
 #[derive(Serialize)]
-struct Keyframe {
+struct WrittenKeyframe {
     cam_in_ob: Vec<f64>,
     time: usize,
 }
@@ -144,7 +144,7 @@ fn put_keyframes(
     folder: &RunDir,
     state: usize,
     recording: &SynthState,
-    keyframes: &mut BTreeMap<String, Keyframe>,
+    keyframes: &mut BTreeMap<String, WrittenKeyframe>,
 ) -> Result<(), SynthError> {
     let k = &recording.intrinsics;
     let rows = matrix(k, 0.0).map(|row| row.map(|x| x.to_string()).join(" "));
@@ -159,7 +159,7 @@ fn put_keyframes(
             &png(ImageBuffer::from_raw(k.width as u32, k.height as u32, mask).map(DynamicImage::ImageLuma8))?,
         )?;
         let cam_in_ob = opengl(frame).concat();
-        keyframes.insert(format!("frame_{id}"), Keyframe { cam_in_ob, time: state });
+        keyframes.insert(format!("frame_{id}"), WrittenKeyframe { cam_in_ob, time: state });
     }
     Ok(())
 }

@@ -79,7 +79,7 @@ fn quoted_value(rest: &str) -> Option<String> {
 /// The twin of a URDF's text.
 ///
 /// # Errors
-/// [`UrdfFault`].
+/// `UrdfFault`.
 pub fn twin_of(text: &str, gravity: [f64; 3]) -> Result<TwinTree, UrdfFault> {
     twin_tree(Description::parse(text)?, gravity)
 }

@@ -146,7 +146,8 @@ impl Outputs {
                 }
                 _ = slow.tick() => {
                     let snapshot = shared.snapshot();
-                    let report = diagnostics.status_array(self.clock.stamp_now(), last_report.elapsed(), &snapshot);
+                    let report =
+                        diagnostics.status_array(self.clock.stamp_now(), last_report.elapsed(), &snapshot);
                     last_report = Instant::now();
                     log_failure(self.diagnostics.async_publish(report).await, "/diagnostics");
                     let done = twins.borrow().is_some();

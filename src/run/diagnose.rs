@@ -1,9 +1,7 @@
 //! The diagnosis: twin and runs in, verdict, updated twin and report out.
 
-use std::{
-    collections::BTreeMap,
-    path::{Path, PathBuf},
-};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 

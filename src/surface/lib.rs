@@ -66,7 +66,7 @@ pub use components::{connected_components, keep_components};
 pub use config::{SurfaceConfig, SurfaceSource};
 pub use convex::{ConvexConfig, ConvexSolid, Hidden, Plane, SolidFit, Walls, convex_hull, few_triangles};
 pub use difference::{Difference, differences};
-pub use distance::{DistanceOptions, signed_distance};
+pub use distance::{DistanceError, DistanceOptions, signed_distance};
 pub use inertia::ShellInertia;
 pub use light::Light;
 pub use lighting::{Lighting, Shown};

@@ -27,7 +27,7 @@ pub(crate) fn harmonics(n: &Vector3<f64>) -> SVector<f64, TERMS> {
 /// over the photos' samples: textures keep their brightness as a whole.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Light {
-    /// Factors of [`harmonics`], a column for each channel.
+    /// Factors of `harmonics`, a column for each channel.
     pub terms: SMatrix<f64, TERMS, 3>,
     /// Mean of the series over the photos' samples.
     pub mean: Vector3<f64>,

@@ -97,7 +97,7 @@ pub struct TsdfView<'a> {
 
 impl<'a> TsdfView<'a> {
     /// A view with pixels of these weights, e.g. of [`capture::pixel_weights`], and roles, e.g. of
-    /// [`object_roles`]. `volume_from_world` moves it before it is fused: the identity, or the motion of a
+    /// `object_roles`. `volume_from_world` moves it before it is fused: the identity, or the motion of a
     /// part from the frame's state to the volume's.
     ///
     /// # Panics

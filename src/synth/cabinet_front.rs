@@ -29,7 +29,7 @@ struct Slab {
 }
 
 impl Slab {
-    fn to_solid(&self, material: &Material) -> Solid {
+    fn as_solid(&self, material: &Material) -> Solid {
         Solid::box_between([self.x[0], self.y[0], self.z[0]], [self.x[1], self.y[1], self.z[1]], material)
     }
 }
@@ -123,7 +123,7 @@ fn hinged_part(
         axis,
         origin,
         HINGE_LIMITS_RAD,
-        vec![slab.to_solid(material), handle],
+        vec![slab.as_solid(material), handle],
     )
 }
 
@@ -145,7 +145,7 @@ fn drawer_part(
     let z0 = cell.z[0] + 2.0 * GAP_M;
     let z1 = cell.z[0] + uniform_in(rng, 0.5, 0.85) * cell.height();
     let solids = vec![
-        slab.to_solid(material),
+        slab.as_solid(material),
         Solid::box_between([x0, y0, z0], [x1, y1, z0 + WALL_M], material),
         Solid::box_between([x0, y0, z0 + WALL_M], [x1, y0 + WALL_M, z1], material),
         Solid::box_between([x0, y1 - WALL_M, z0 + WALL_M], [x1, y1, z1], material),
@@ -201,7 +201,7 @@ fn sliding_part(
         trim,
     );
     let limits = [0.0, cell.width() - width - 2.0 * GAP_M];
-    let solids = vec![slab.to_solid(material), grip];
+    let solids = vec![slab.as_solid(material), grip];
     Part::moving_on(
         format!("panel_{number}"),
         0,

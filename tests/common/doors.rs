@@ -40,7 +40,7 @@ pub fn write(folder: &TempDir, runs: usize, seconds: f64) -> (PathBuf, Vec<PathB
 
 /// Both doors under pushes of three frequencies and a weak spring, with noise of a milliradian.
 fn write_run(folder: &TempDir, run: usize, seconds: f64) -> PathBuf {
-    let path = folder.path().join(&format!("push_{run}.mcap"));
+    let path = folder.path().join(format!("push_{run}.mcap"));
     let mut bag = BagWriter::create(&path, None, 100_000);
     let mut noise = Noise(run as u64 + 1);
     let (mut angle, mut speed) = ([0.3f64, 0.5], [0.0f64; 2]);

@@ -1,6 +1,6 @@
 //! How the code reads, counted: closures, tuple lets, names, relative pronouns.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, fmt};
 
 use super::reader::{Kind, Source, kinds, sources};
 
@@ -18,6 +18,65 @@ pub struct Gauges {
     /// Words of comments.
     pub words: usize,
     pub relative_pronouns: usize,
+}
+
+impl Gauges {
+    pub fn named_closures_per_thousand_lines(&self) -> f64 {
+        1e3 * share(self.named_closures, self.lines)
+    }
+
+    pub fn tuple_lets_per_thousand_lines(&self) -> f64 {
+        1e3 * share(self.tuple_lets, self.lines)
+    }
+
+    pub fn percent_of_one_word(&self) -> f64 {
+        1e2 * share(self.one_word_functions, self.functions)
+    }
+
+    pub fn percent_with_tuple_parameters(&self) -> f64 {
+        1e2 * share(self.tuple_parameters, self.functions)
+    }
+
+    pub fn pronouns_per_thousand_words(&self) -> f64 {
+        1e3 * share(self.relative_pronouns, self.words)
+    }
+}
+
+impl fmt::Display for Gauges {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} lines; a thousand lines: {:.1} named closures, {:.1} tuple lets; {} functions: {:.0} % of one \
+             word, {:.1} % with a tuple parameter; {:.0} relative pronouns a thousand words",
+            self.lines,
+            self.named_closures_per_thousand_lines(),
+            self.tuple_lets_per_thousand_lines(),
+            self.functions,
+            self.percent_of_one_word(),
+            self.percent_with_tuple_parameters(),
+            self.pronouns_per_thousand_words(),
+        )
+    }
+}
+
+fn share(count: usize, of: usize) -> f64 {
+    count as f64 / of.max(1) as f64
+}
+
+/// The gauges of several crates together.
+pub fn total<'a>(all: impl Iterator<Item = &'a Gauges>) -> Gauges {
+    let mut total = Gauges::default();
+    for gauges in all {
+        total.lines += gauges.lines;
+        total.named_closures += gauges.named_closures;
+        total.tuple_lets += gauges.tuple_lets;
+        total.functions += gauges.functions;
+        total.one_word_functions += gauges.one_word_functions;
+        total.tuple_parameters += gauges.tuple_parameters;
+        total.words += gauges.words;
+        total.relative_pronouns += gauges.relative_pronouns;
+    }
+    total
 }
 
 /// The gauges of every crate, by its name.
@@ -66,7 +125,10 @@ pub fn repeated_types() -> Vec<String> {
             for (at, _) in source.code.match_indices(keyword) {
                 let stands_alone = at == 0 || source.code[..at].ends_with([' ', '\n']);
                 let name = word_at(&source.code[at + keyword.len()..]);
-                if stands_alone && name.starts_with(char::is_uppercase) {
+                // One without values stands in for a type of a feature.
+                let is_stand_in =
+                    source.code[at + keyword.len() + name.len()..].trim_start().starts_with("{}");
+                if stands_alone && !is_stand_in && name.starts_with(char::is_uppercase) {
                     *counts.entry((source.layer().to_owned(), name.to_owned())).or_default() += 1;
                 }
             }

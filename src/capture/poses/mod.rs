@@ -29,6 +29,7 @@ pub(super) mod sensor_sums;
 mod solve;
 pub(super) mod surfels;
 mod trajectory;
+mod window_planes;
 pub(super) mod world;
 
 use std::iter;

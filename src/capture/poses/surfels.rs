@@ -1,9 +1,14 @@
 //! Surfels: small flat patches of surface in a frame, where averaging leaves the depth with least noise.
 
-use nalgebra::{IsometryMatrix3, Matrix3, Point3, Vector3};
+use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use rayon::prelude::*;
 
-use super::{depth_warp::Bend, pose_noise::PoseNoise, sensor_errors::SensorErrors};
+use super::{
+    depth_warp::Bend,
+    pose_noise::PoseNoise,
+    sensor_errors::SensorErrors,
+    window_planes::{WindowPlanes, plane_about_pixel},
+};
 use crate::{
     GRAZING_COSINE, NoiseConfig, RgbdFrame,
     window::{R, READINGS, WindowPlane},
@@ -13,9 +18,6 @@ use geometry::{Intrinsics, Pose};
 /// Fewest pixels from one surfel to the next, along both sides, and most surfels in a row.
 const LEAST_STEP: usize = 4;
 const COLUMNS: usize = 160;
-/// Largest scatter of a plane's readings, in standard deviations of the noise.
-/// chosen: four times the variance is beyond chance
-const MISFIT: f64 = 2.0;
 /// Independent readings of a window: stereo noise is correlated over about two pixels.
 /// chosen: a patch of two by two pixels is one
 const INDEPENDENT: f64 = READINGS as f64 / 4.0;
@@ -26,9 +28,6 @@ const PLACE_PX: f64 = 0.6;
 /// chosen: 37 deg, beyond the error of any used normal
 const SAME_COSINE: f64 = 0.8;
 
-/// Cells on each side for the normal of one, and the least number of them.
-const AROUND: i64 = 2;
-const LEAST_AROUND: usize = 8;
 /// Facings of a surfel: the camera, left, right, up, down.
 pub(crate) const FACINGS: usize = 5;
 /// A surfel faces aside where its normal has a larger component along the image. chosen: 24 deg
@@ -150,11 +149,12 @@ impl Surfels {
         let columns = count(k.width);
         let rows = count(k.height);
         let place = |i: usize| [R + i % columns * step, R + i / columns * step];
-        let plane = |[x, y]: [usize; 2]| {
-            if wanted(y * k.width + x) { plane_about_pixel(frame, noise, x, y) } else { None }
-        };
-        let planes =
-            WindowPlanes { columns, rows, step, all: (0..columns * rows).map(|i| plane(place(i))).collect() };
+        let mut all = Vec::with_capacity(columns * rows);
+        for [x, y] in (0..columns * rows).map(place) {
+            let is_wanted = wanted(y * k.width + x);
+            all.push(if is_wanted { plane_about_pixel(frame, noise, x, y) } else { None });
+        }
+        let planes = WindowPlanes { columns, rows, step, all };
         let cells: Vec<Option<Surfel>> = (0..columns * rows)
             .map(|i| surfel_of_plane(&k, noise, place(i), &planes.all[i]?, planes.smoothed_slopes(i)?))
             .collect();
@@ -420,57 +420,6 @@ impl Landmark {
     /// Standard deviation of its place across the ray, meters.
     fn place_m(&self, k: &Intrinsics) -> f64 {
         PLACE_PX * self.point.z / k.fx.min(k.fy)
-    }
-}
-
-/// The plane about a pixel; `None` where its readings scatter.
-fn plane_about_pixel(frame: &RgbdFrame, noise: &NoiseConfig, x: usize, y: usize) -> Option<WindowPlane> {
-    let plane = WindowPlane::fit_with_holes(frame, x, y)?;
-    (plane.reading_sigma_m() < MISFIT * noise.sigma_m(plane.mean_depth_m)).then_some(plane)
-}
-
-/// The planes of all cells.
-struct WindowPlanes {
-    columns: usize,
-    rows: usize,
-    step: usize,
-    all: Vec<Option<WindowPlane>>,
-}
-
-impl WindowPlanes {
-    /// Slopes of inverse depth at a cell, by the cells about it on its plane, 1/(meter pixel). Slopes of one
-    /// window are noisy, and noise of normals looks like information about undetermined motions.
-    fn smoothed_slopes(&self, cell: usize) -> Option<[f64; 2]> {
-        let own = self.all[cell].as_ref()?;
-        let x = (cell % self.columns) as i64;
-        let y = (cell / self.columns) as i64;
-        let gate = own.variance.sqrt();
-        let mut moments = Matrix3::zeros();
-        let mut right = Vector3::zeros();
-        let mut count = 0;
-        for (dx, dy) in (-AROUND..=AROUND).flat_map(|dy| (-AROUND..=AROUND).map(move |dx| (dx, dy))) {
-            let column = x + dx;
-            let row = y + dy;
-            if column < 0 || row < 0 || column >= self.columns as i64 || row >= self.rows as i64 {
-                continue;
-            }
-            let Some(there) = &self.all[row as usize * self.columns + column as usize] else { continue };
-            let at = Vector3::new(1.0, (dx * self.step as i64) as f64, (dy * self.step as i64) as f64);
-            // Neighbors on another plane would tilt this one.
-            let residual = there.inverse - own.inverse - own.slopes[0] * at.y - own.slopes[1] * at.z;
-            if residual.abs() <= 3.0 * gate {
-                moments += at * at.transpose();
-                right += at * residual;
-                count += 1;
-            }
-        }
-        // A few cells, or cells in a row, give no better normal than the window.
-        let change = if count > LEAST_AROUND {
-            moments.try_inverse().map_or_else(Vector3::zeros, |m| m * right)
-        } else {
-            Vector3::zeros()
-        };
-        Some([own.slopes[0] + change.y, own.slopes[1] + change.z])
     }
 }
 

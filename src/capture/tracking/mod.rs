@@ -26,7 +26,7 @@ use serde::{Deserialize, Serialize};
 pub use self::{
     between::{Unaligned, align_tracks},
     gravity::{UpBy, Upright},
-    imu::Accelerometer,
+    imu::{Accelerometer, MeasuredUp, NoGravity},
     live::{LiveTracker, LiveView},
     lost::Lost,
     observation::Observation,

@@ -40,7 +40,7 @@ pub fn with_declaration(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// The document of a text accepted by [`check_xml`].
+/// The document of a text accepted by `check_xml`.
 ///
 /// # Errors
 /// [`XmlError`].

@@ -7,9 +7,10 @@ use crate::{
         shooting::{Free, Pace, shooting_fit},
     },
     judge::{
+        breadth::Breadth,
         cross_validation::Unseen,
         proof::{Gap, windowed_rmse},
-        search::{Breadth, Candidate, Scope, Search, scored_candidate, searched_sets},
+        search::{Candidate, Scope, Search, scored_candidate, searched_sets},
         simplify::SIMPLER,
         verdict::Diagnosis,
     },

@@ -1,6 +1,7 @@
 //! Naming of effects: screening, search, verdict, proof on held-out runs, report.
 
 pub mod assess;
+pub mod breadth;
 pub mod columns;
 pub mod convention;
 pub mod cross_validation;

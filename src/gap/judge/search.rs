@@ -10,6 +10,7 @@ use crate::{
         shooting::{Fit, Free, MAX_FIT_FREE, Pace, shooting_fit},
     },
     judge::{
+        breadth::Breadth,
         exchange::exchanged_sets,
         regression::regressed_sets,
         screen::{Hit, Screen},
@@ -35,27 +36,6 @@ impl Candidate {
     #[must_use]
     pub fn effects(&self) -> Vec<usize> {
         self.fit.model.effect_indices()
-    }
-}
-
-/// How wide the search is.
-#[derive(Clone, Copy, Debug)]
-pub struct Breadth {
-    /// Effects fitted alone.
-    pub singles: usize,
-    /// Grown sets of each size.
-    pub grown: usize,
-    /// Effects tried beside each of them.
-    pub partners: usize,
-    /// Largest set.
-    pub largest: usize,
-    /// Largest regressed set, where whole windows are predicted.
-    pub regressed: usize,
-}
-
-impl Default for Breadth {
-    fn default() -> Self {
-        Self { singles: 9, grown: 3, partners: 5, largest: 3, regressed: 4 }
     }
 }
 

@@ -10,6 +10,7 @@ use crate::{
         shooting::{Fit, Free, Pace, shooting_fit},
     },
     judge::{
+        breadth::Breadth,
         cross_validation::{model_richness, predicted_weights, predictive_set},
         finding::{Finding, ParameterEstimate, findings_of_model, weight_and_alternatives},
         given::given_set,
@@ -18,7 +19,7 @@ use crate::{
         offset::with_offset,
         refined::refined_model,
         screen::Screen,
-        search::{Breadth, Candidate, Scope, Search, searched_sets},
+        search::{Candidate, Scope, Search, searched_sets},
         simplify::{refitted_set, simplified_set},
         spread::Spread,
         sure::is_surely_there,

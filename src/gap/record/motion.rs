@@ -53,12 +53,11 @@ impl SmoothMotion {
 
     /// The likeliest motion.
     fn likeliest_motion(time_s: &[f64], position: &[f64], variances: &[f64], expected: &[f64]) -> Self {
-        let of = |level| {
-            filter_positions(time_s, position, variances, jerk_of_level(position, variances, level), expected)
-        };
-        let best = (0..LEVELS).map(|i| (of(i).1, i)).max_by(|a, b| a.0.total_cmp(&b.0));
+        let jerk = |level| jerk_of_level(position, variances, level);
+        let filtered = |level| filter_positions(time_s, position, variances, jerk(level), expected);
+        let best = (0..LEVELS).map(|i| (filtered(i).1, i)).max_by(|a, b| a.0.total_cmp(&b.0));
         let level = best.map_or(0, |b| b.1);
-        let (passed, _) = of(level);
+        let (passed, _) = filtered(level);
         let mut state: Vec<Vector3<f64>> = passed.iter().map(|p| p.updated.0).collect();
         // Backward pass of Rauch, Tung and Striebel.
         for k in (0..state.len().saturating_sub(1)).rev() {

@@ -146,11 +146,8 @@ impl FrameView<'_> {
         };
         let predicted_m = f64::from(self.image.depth_m[i]);
         let off_m = measured_m - predicted_m;
-        let conflict = |kind| Sample::Conflict {
-            kind,
-            point: self.world_point(i, measured_m),
-            part: Some(item as usize),
-        };
+        let part = Some(item as usize);
+        let conflict = |kind| Sample::Conflict { kind, point: self.world_point(i, measured_m), part };
         let kind = if off_m < 0.0 { Conflict::Nearer } else { Conflict::Farther };
         let normal = self.predicted_normal(i);
         let ray = self.pixel_ray(i);

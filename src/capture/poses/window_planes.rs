@@ -1,0 +1,70 @@
+//! Planes about the pixels of a grid of cells.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::{NoiseConfig, RgbdFrame, window::WindowPlane};
+
+/// Largest scatter of a plane's readings, in standard deviations of the noise.
+/// chosen: four times the variance is beyond chance
+const MISFIT: f64 = 2.0;
+/// Cells on each side for the normal of one, and the least number of them.
+const AROUND: i64 = 2;
+const LEAST_AROUND: usize = 8;
+
+/// The plane about a pixel; `None` where its readings scatter.
+pub(super) fn plane_about_pixel(
+    frame: &RgbdFrame,
+    noise: &NoiseConfig,
+    x: usize,
+    y: usize,
+) -> Option<WindowPlane> {
+    let plane = WindowPlane::fit_with_holes(frame, x, y)?;
+    (plane.reading_sigma_m() < MISFIT * noise.sigma_m(plane.mean_depth_m)).then_some(plane)
+}
+
+/// The planes of all cells.
+pub(super) struct WindowPlanes {
+    pub columns: usize,
+    pub rows: usize,
+    /// Pixels from one cell to the next.
+    pub step: usize,
+    /// Row by row.
+    pub all: Vec<Option<WindowPlane>>,
+}
+
+impl WindowPlanes {
+    /// Slopes of inverse depth at a cell, by the cells about it on its plane, 1/(meter pixel). Slopes of one
+    /// window are noisy, and noise of normals looks like information about undetermined motions.
+    pub fn smoothed_slopes(&self, cell: usize) -> Option<[f64; 2]> {
+        let own = self.all[cell].as_ref()?;
+        let x = (cell % self.columns) as i64;
+        let y = (cell / self.columns) as i64;
+        let gate = own.variance.sqrt();
+        let mut moments = Matrix3::zeros();
+        let mut right = Vector3::zeros();
+        let mut count = 0;
+        for (dx, dy) in (-AROUND..=AROUND).flat_map(|dy| (-AROUND..=AROUND).map(move |dx| (dx, dy))) {
+            let column = x + dx;
+            let row = y + dy;
+            if column < 0 || row < 0 || column >= self.columns as i64 || row >= self.rows as i64 {
+                continue;
+            }
+            let Some(there) = &self.all[row as usize * self.columns + column as usize] else { continue };
+            let at = Vector3::new(1.0, (dx * self.step as i64) as f64, (dy * self.step as i64) as f64);
+            // Neighbors on another plane would tilt this one.
+            let residual = there.inverse - own.inverse - own.slopes[0] * at.y - own.slopes[1] * at.z;
+            if residual.abs() <= 3.0 * gate {
+                moments += at * at.transpose();
+                right += at * residual;
+                count += 1;
+            }
+        }
+        // A few cells, or cells in a row, give no better normal than the window.
+        let change = if count > LEAST_AROUND {
+            moments.try_inverse().map_or_else(Vector3::zeros, |m| m * right)
+        } else {
+            Vector3::zeros()
+        };
+        Some([own.slopes[0] + change.y, own.slopes[1] + change.z])
+    }
+}
