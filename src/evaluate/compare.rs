@@ -82,7 +82,7 @@ pub struct MeshRow {
 /// Measures one run.
 ///
 /// # Errors
-/// More than `MAX_PARTS` movable parts.
+/// If there are more than `MAX_PARTS` movable parts.
 pub fn compare_run(
     name: &str,
     truth: &Truth,

@@ -61,7 +61,7 @@ impl Default for EvaluateOptions {
 /// Reads the truth in a folder: a `truth.json`, or a published dataset's `trans.json`.
 ///
 /// # Errors
-/// A missing or damaged file, named in the error.
+/// If a file is missing or damaged; the error names it.
 pub fn read_truth(folder: &Path) -> Result<Truth, EvaluateError> {
     match published_truth::find_transforms(folder).filter(|_| !folder.join("truth.json").exists()) {
         Some(path) => published_truth::read_transforms(&path),

@@ -28,7 +28,7 @@ const MOST_NOISES: f64 = 40.0;
 pub struct SeenStretch {
     /// Position, rad or m.
     pub position: f64,
-    /// Velocity.
+    /// Velocity, rad/s or m/s.
     pub velocity: f64,
     /// The twin's inertia times the acceleration, N m or N.
     pub inertial: f64,

@@ -190,8 +190,8 @@ impl Moving {
     }
 
     /// Updates the sensitivities where a contact begins and the acceleration jumps by `leap`: the time of
-    /// contact depends on the joint's position and on the contact's, parameter `column`. See docs/method.md
-    /// (14.9).
+    /// contact depends on the joint's position and on the contact's, parameter `column`.
+    /// See docs/method.md (14.9).
     fn meet_contact<const W: usize>(&mut self, column: usize, leap: f64) {
         let rate = leap / self.v;
         for c in 0..W {

@@ -18,7 +18,7 @@ pub struct Observed<'a> {
     pub window: usize,
     /// Position of the joint, rad or m.
     pub q: f64,
-    /// Velocity.
+    /// Velocity, rad/s or m/s.
     pub v: f64,
     /// Acceleration of the model. The acceleration of the recorded motion has the errors of its positions,
     /// and a plot over it would follow these.

@@ -54,7 +54,7 @@ pub struct Screen<'p, 'c> {
 pub struct Middle {
     /// Position.
     pub position: Vec<f64>,
-    /// Velocity.
+    /// Velocity, rad/s or m/s.
     pub velocity: Vec<f64>,
     /// Effort of the actuator.
     pub effort: Vec<f64>,

@@ -29,7 +29,7 @@ pub const GAIN_DEVIATION: f64 = 0.03;
 /// A servo, before the gain is applied.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Servo {
-    /// N m/rad or N/m.
+    /// Stiffness, N m/rad or N/m.
     pub stiffness: f64,
     /// Largest effort, N m or N; infinite if unlimited.
     pub limit: f64,
@@ -38,7 +38,7 @@ pub struct Servo {
 /// Effort of an actuator with its derivatives.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Acted {
-    /// N m or N.
+    /// Effort, N m or N.
     pub effort: f64,
     /// Derivative with respect to the position of the joint.
     pub q: f64,

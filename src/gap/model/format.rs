@@ -74,7 +74,7 @@ impl NearestEffect {
 /// A spring.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Spring {
-    /// N m/rad or N/m.
+    /// Stiffness, N m/rad or N/m.
     pub stiffness: f64,
     /// Stiffness growing with the square of the deflection, N m/rad^3 or N/m^3.
     pub cubic: f64,
@@ -89,9 +89,9 @@ pub struct Stop {
     pub is_upper: bool,
     /// Position, rad or m.
     pub position: f64,
-    /// N m/rad or N/m.
+    /// Stiffness, N m/rad or N/m.
     pub stiffness: f64,
-    /// N m s/rad or N s/m.
+    /// Damping, N m s/rad or N s/m.
     pub damping: f64,
     /// Share of the other efforts absorbed by the stop.
     pub impedance: f64,

@@ -11,9 +11,9 @@ use crate::{
 /// See docs/method.md (14.3).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plant {
-    /// kg m^2 or kg.
+    /// Inertia, kg m^2 or kg.
     pub inertia: f64,
-    /// N m s/rad or N s/m.
+    /// Viscous damping, N m s/rad or N s/m.
     pub damping: f64,
     /// Coulomb friction, N m or N.
     pub friction: f64,

@@ -112,14 +112,14 @@ impl Drive {
         drive
     }
 
-    /// Mean from a sample to the next.
+    /// Mean signal from a sample to the next.
     #[must_use]
     pub fn mean_after(&self, sample: usize) -> f64 {
         let steps = sample * self.steps..(sample + 1) * self.steps;
         self.signal[steps].iter().sum::<f64>() / self.steps as f64
     }
 
-    /// Mean from each sample to the next; the last sample has no interval and gets `last`.
+    /// Mean signal from each sample to the next; the last sample has no interval and gets `last`.
     #[must_use]
     pub fn means_by_sample(&self, last: Option<f64>) -> Vec<f64> {
         (0..self.signal.len() / self.steps.max(1)).map(|k| self.mean_after(k)).chain(last).collect()

@@ -1,4 +1,4 @@
-//! Depth readings are too long by a share of the depth: `reading = scale * depth`.
+//! Depth readings are too long in proportion to the depth: `reading = scale * depth`.
 //!
 //! Signature: a residual along the ray proportional to the depth, on every part, in every state.
 

@@ -1,4 +1,4 @@
-//! Variance components: unnamed errors of the twin, of the camera's poses, and of single patches.
+//! Variance components: errors not named as effects, of the twin, of the camera's poses, and of patches.
 
 use crate::{
     camera::model::scales::{GATE, Scales},

@@ -19,7 +19,7 @@ use numeric::statistics::{SIGMAS_PER_MAD, median};
 const LEAST_NORMAL: f64 = 1e-6;
 /// Fewest pixels of a patch in a frame.
 const MIN_PIXELS: usize = 4;
-/// Side of a patch over the size of the object.
+/// Side of a patch as a share of the object's size.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 const PATCH: f64 = 0.2;

@@ -1,5 +1,5 @@
-//! Selects the effects explaining the residuals: sets of trials, judged by their evidence. See docs/method.md
-//! 15.7.
+//! Selects the effects explaining the residuals: sets of trials, judged by their evidence.
+//! See docs/method.md 15.7.
 
 use crate::camera::{
     fit::{

@@ -1,5 +1,7 @@
-//! Fits the parameters of all joints of a chain together, by shooting over windows; see docs/method.md
-//! (14.11). Derivatives are difference quotients: windows are short, and models hold friction of any kind.
+//! Fits the parameters of all joints of a chain together, by shooting over windows.
+//! See docs/method.md (14.11).
+//!
+//! Derivatives are difference quotients: windows are short, and models hold friction of any kind.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
