@@ -31,7 +31,7 @@ const SERVO_LAG_S: f64 = 0.01;
 const MIN_EFFORT_NOISE: f64 = 1.0 / 16_777_216.0;
 
 /// Largest phase angle of a servo's oscillation in one step, rad.
-/// chosen: the frequency error of a leapfrog is the square over 24: a ten thousandth, as low as the noise of
+/// chosen: the frequency error of a leapfrog is the square over 24: a ten-thousandth, as low as the noise of
 /// a good encoder over an oscillation.
 const MAX_TURN: f64 = 0.05;
 /// Most steps between two samples for a servo.

@@ -98,7 +98,7 @@ impl FormatModel {
     }
 }
 
-/// The joint in each format. `updated` is the twin with the joint's lasting effects, `gap` their proof.
+/// The joint in each format. `updated` is the twin with the effects other than pushes, `gap` their proof.
 #[must_use]
 pub fn format_models(
     problem: &Problem,

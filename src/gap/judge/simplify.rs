@@ -71,7 +71,7 @@ fn special_term(problem: &Problem, term: &Term, name: &str) -> Option<Term> {
     Some(Term { effect, p })
 }
 
-/// Replaces term `i` of a model by another effect and fits shortly from the start states of a fit.
+/// Replaces term `i` of a model by another effect and refits it from the start states of a fit.
 #[must_use]
 pub fn fit_with_replacement(problem: &Problem, model: &JointModel, i: usize, other: Term, from: &Fit) -> Fit {
     let mut model = model.clone();

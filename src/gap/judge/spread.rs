@@ -28,8 +28,8 @@ impl Spread {
         half_width(self.fewest_witnesses(shown.map(|i| first + i)) - 1.0) * variance.max(0.0).sqrt()
     }
 
-    /// Distance of the parameters from `first` on when changed by `off`, jointly: 1 is the border of their 95
-    /// % region. For a single parameter it is in half widths of its interval.
+    /// Distance of the parameters from `first` on when changed by `off`, jointly: 1 is the border of their
+    /// 95 % region. For a single parameter it is in half widths of its interval.
     #[must_use]
     pub fn distance_in_region(&self, first: usize, off: &[f64]) -> f64 {
         let n = off.len();
