@@ -21,7 +21,7 @@ use surface::TriangleMesh;
 const FLOOR_PER_M2: f64 = 0.0637;
 /// Number of samples this constant holds for. derived: that of the published evaluation
 const FLOOR_SAMPLES: f64 = 10_000.0;
-/// Only every so many of the seen points are measured.
+/// Stride through the seen points to be measured.
 const SEEN_STRIDE: usize = 4;
 
 /// All measurements of one run.

@@ -104,7 +104,7 @@ impl TwinTree {
         acceleration: &[f64],
         with_gravity: bool,
     ) -> Vec<f64> {
-        // A root accelerating upwards causes the same efforts as gravity, so no link needs an own term.
+        // A root accelerating upwards causes the same efforts as gravity, so no link needs a gravity term.
         let start = if with_gravity { -self.gravity } else { Vector3::zeros() };
         let rest =
             LinkMotion { pose: Pose::identity(), w: Vector3::zeros(), dw: Vector3::zeros(), acc: start };

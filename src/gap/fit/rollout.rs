@@ -49,7 +49,7 @@ pub struct Start {
     pub play: f64,
 }
 
-/// Number of columns for so many free parameters: start state, parameters, and one for the caller.
+/// Number of columns for `free` parameters: start state, parameters, and one for the caller.
 #[must_use]
 pub fn column_count(free: usize) -> usize {
     (3 + free).next_multiple_of(4).min(MAX_COLUMNS)

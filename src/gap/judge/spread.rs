@@ -49,7 +49,7 @@ impl Spread {
     }
 }
 
-/// Widens a covariance by an error common to all n witnesses. Each witness has an own error of variance n C,
+/// Widens a covariance by an error common to all n witnesses. Each witness has its own error of variance n C,
 /// with C the variance of their mean. A common error is not visible in their differences and is assumed as
 /// large: C + n C. See docs/method.md 14.11.
 #[must_use]

@@ -116,8 +116,8 @@ impl Diagnosis {
         }
     }
 
-    /// Takes over the weights of sets of the same size from another search, if this contains the own set. No
-    /// other set is counted heavier than the own one.
+    /// Takes over the weights of sets of the same size from another search, if it contains the set found. No
+    /// other set gets more weight than this one.
     pub fn weigh_as(&mut self, catalogue: &Catalogue, weighed: &[(Vec<usize>, f64)]) {
         let mut own: Vec<usize> = self.findings.iter().map(|f| f.index).collect();
         own.sort_unstable();

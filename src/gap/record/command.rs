@@ -118,7 +118,7 @@ pub enum EffortUnit {
 /// Known properties of a position controller.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ToldServo {
-    /// Name of the joint; `None` for all joints without an own entry.
+    /// Name of the joint; `None` for all joints without an entry of their own.
     pub joint: Option<String>,
     /// Stiffness, N m/rad or N/m.
     pub stiffness: Option<f64>,

@@ -1,5 +1,5 @@
-//! Gravity load missing in the twin, from a tilted axis or another center of mass: `effort = s sin(q) + c
-//! cos(q)`.
+//! Gravity load missing in the twin, from a tilted axis or another center of mass:
+//! `effort = s sin(q) + c cos(q)`.
 
 use crate::model::format::{Expression, Format, JointNumbers, NearestEffect};
 use crate::model::plant::Plant;

@@ -51,8 +51,7 @@ impl Effect for Cogging {
 
     fn start_shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         let range = coverage.position.1 - coverage.position.0;
-        // From two to a hundred periods over the range, wide if a run drifted away, with a spacing of a third
-        // of a period.
+        // From two to a hundred periods over the range (a runaway widens it), a third of a period apart.
         (0..295).map(|i| vec![0.0, 0.0, (2.0 + f64::from(i) / 3.0) * std::f64::consts::TAU / range]).collect()
     }
 
