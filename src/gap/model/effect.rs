@@ -276,7 +276,7 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
     fn is_of_damping(&self) -> bool {
         false
     }
-    /// Whether its effort depends on the position alone, with a shape parameter.
+    /// Whether its effort depends on the position alone, with a shape of its own.
     fn is_of_position(&self) -> bool {
         false
     }
