@@ -1,6 +1,6 @@
-//! The optional terms of the neural method, left out one at a time.
+//! Ablations of the neural method: its optional terms are left out one at a time.
 
-/// Name of every ablation and its settings beside the preset `paper`.
+/// Name of each ablation, with its settings on top of the preset `paper`.
 pub const ABLATIONS: [(&str, &[&str]); 8] = [
     ("visibility", &["articulation.unseen_weight=1"]),
     ("consistency", &["articulation.weights.sdf=0", "articulation.weights.color=0"]),
@@ -9,7 +9,7 @@ pub const ABLATIONS: [(&str, &[&str]); 8] = [
     ("occupancy", &["articulation.weights.occupancy=0"]),
     ("free_space", &["train.empty_weight=0", "train.background=off"]),
     ("surface", &["train.surface_weight=0"]),
-    // Without the published start, the identity, the registration's is left.
+    // Without the published start (the identity), the registration is the start.
     ("start", &["run.init=registration", "articulation.refine=true"]),
 ];
 

@@ -1,6 +1,6 @@
-//! Unusable values are refused by their key before any work.
+//! Unusable values are refused, with their key, before any work.
 //!
-//! Groups with rules of their own check themselves; the rest are ranges, listed here.
+//! Groups with special rules check themselves; the ranges of all other values are listed here.
 
 use super::{Config, Engine, Method, error::ConfigError};
 use articulate::TrainerError;
@@ -17,13 +17,13 @@ impl Config {
     /// [`ConfigError::Unusable`] with the key of the first one.
     pub fn check(&self) -> Result<(), ConfigError> {
         self.run.check()?;
-        // Before the run: it would be found out only when frames are matched.
+        // Checked here, since otherwise the error would only appear when frames are matched.
         if self.matching.onnx.is_some() && !cfg!(feature = "onnx") {
             let reason = "this binary was built without ONNX models; build it with `cargo build --release \
                 --features onnx`";
             return Err(unusable("matching.onnx", reason));
         }
-        // Groups with rules of their own give the reason; here it gets its key.
+        // Groups with special rules give the reason; the key is added here.
         self.capture.check().map_err(|error| match error {
             CaptureError::Setting { key, reason } => unusable(key, reason),
             other => unusable("capture", other),
@@ -68,7 +68,7 @@ fn outside(key: &str, value: f64, low: f64, high: f64) -> ConfigError {
     unusable(key, format!("{value}; give {low} to {high}"))
 }
 
-/// Key, value, least and greatest of every number without a check in its group.
+/// Key, value, minimum and maximum of every number not checked by its group.
 fn ranges(config: &Config) -> Vec<(&'static str, f64, f64, f64)> {
     [
         capture(config),
@@ -89,7 +89,7 @@ fn capture(config: &Config) -> Ranges {
     vec![
         ("capture.noise.constant_m", noise.constant_m, 0.0, 1.0),
         ("capture.noise.quadratic_per_m", noise.quadratic_per_m, 0.0, 1.0),
-        // Without any noise all weights are infinite.
+        // Without any noise all weights would be infinite.
         (
             "capture.noise.constant_m + capture.noise.quadratic_per_m",
             noise.constant_m + noise.quadratic_per_m,

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::origins::Origins;
 use common::limits::CONFIG;
 
-/// Why a configuration was refused; every message has the place and a remedy.
+/// Why a configuration was refused; every message names the place and a remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// No preset has this name.
@@ -21,7 +21,7 @@ pub enum ConfigError {
     Read {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The system's error.
         source: std::io::Error,
     },
     /// The file is larger than [`CONFIG`].
@@ -35,10 +35,10 @@ pub enum ConfigError {
     Syntax {
         /// File or option.
         origin: String,
-        /// The fault.
+        /// What is wrong.
         reason: String,
     },
-    /// Two objects of one command would get one name.
+    /// Two objects of one command would get the same name.
     #[error(
         "{first} and {second} would both be named {name}; rename one, or reconstruct them into different \
          folders"
@@ -46,9 +46,9 @@ pub enum ConfigError {
     SameName {
         /// The name.
         name: String,
-        /// One recording.
+        /// The first recording.
         first: String,
-        /// The other.
+        /// The second recording.
         second: String,
     },
     /// Not of the form `group.key=value`.
@@ -57,27 +57,27 @@ pub enum ConfigError {
         /// The given text.
         text: String,
     },
-    /// Nobody reads this key.
+    /// The key does not exist.
     #[error("{origin}: unknown key {key}; {hint}")]
     UnknownKey {
         /// File and line, or option.
         origin: String,
         /// Path of the key.
         key: String,
-        /// The nearest valid key.
+        /// The nearest valid key, as advice.
         hint: String,
     },
-    /// A group of keys was given one value.
+    /// A group of keys was given a single value.
     #[error("{origin}: {key} is a group of keys, not a value; it has: {keys}")]
     Group {
         /// File and line, or option.
         origin: String,
         /// Path of the group.
         key: String,
-        /// Its keys.
+        /// Keys of the group.
         keys: String,
     },
-    /// The value does not fit its key.
+    /// The value has the wrong form for its key.
     #[error("{origin}: {key} = {value}: {reason}")]
     Value {
         /// File and line, or option.
@@ -86,21 +86,21 @@ pub enum ConfigError {
         key: String,
         /// The given value.
         value: String,
-        /// The fault.
+        /// What is wrong.
         reason: String,
     },
-    /// No run can use the value.
+    /// The value is outside the usable range.
     #[error("{key}: {reason}")]
     Unusable {
         /// Path of the key.
         key: String,
-        /// The fault, and accepted values.
+        /// What is wrong, and which values are accepted.
         reason: String,
     },
 }
 
 impl ConfigError {
-    /// The same, with the origin of an unusable value, where it is known.
+    /// Adds the origin of an unusable value to the message, if it is known.
     #[must_use]
     pub fn with_origin(self, origins: &Origins) -> Self {
         match self {

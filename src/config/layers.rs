@@ -1,4 +1,4 @@
-//! Merging of layers, and the origin of every value.
+//! Merging of configuration layers, with the origin of every value.
 
 use std::{collections::BTreeMap, fmt::Write as _, io::ErrorKind, path::Path};
 
@@ -9,7 +9,7 @@ use super::{error::ConfigError, lines::key_lines, nearest, origins::Origins, pre
 use common::files;
 use common::limits::{CONFIG, YamlError, parse_yaml};
 
-/// Groups within groups; deeper nesting is refused.
+/// Deepest nesting of groups; deeper nesting is refused.
 const MAX_DEPTH: usize = 8;
 
 /// Layers merged so far. Values stay YAML until [`Self::resolve`].
@@ -31,10 +31,10 @@ pub struct Resolved<T> {
 }
 
 impl Layers {
-    /// The lowest layer: the defaults; their keys are the valid ones.
+    /// Starts with the lowest layer, the defaults; their keys are the valid ones.
     ///
     /// # Errors
-    /// If they cannot be written as YAML.
+    /// If the defaults cannot be written as YAML.
     pub fn new(defaults: &impl Serialize) -> Result<Self, ConfigError> {
         let defaults = to_value(defaults)?;
         Ok(Self { merged: defaults.clone(), defaults, origins: BTreeMap::new() })
@@ -43,7 +43,7 @@ impl Layers {
     /// Adds a preset of `launch_configs/` by name.
     ///
     /// # Errors
-    /// If there is none of this name, or as [`Self::add_text`].
+    /// If there is no preset of this name, or as [`Self::add_text`].
     pub fn add_preset(&mut self, name: &str) -> Result<(), ConfigError> {
         let (path, text) = preset(name)?;
         self.add_text(&path, text)
@@ -66,13 +66,13 @@ impl Layers {
         self.add_text(&name, text)
     }
 
-    /// Adds YAML text; `name` stands for it in messages.
+    /// Adds YAML text; messages call it `name`.
     ///
     /// # Errors
     /// If it is not YAML, or holds an unknown key or a group in place of a value.
     pub fn add_text(&mut self, name: &str, text: &str) -> Result<(), ConfigError> {
         let layer: Value = parse_yaml(text).map_err(|error| syntax_error(name.to_owned(), &error))?;
-        // The parser gives no places of values, so keys are looked up in the text.
+        // The parser gives no positions of values, so keys are looked up in the text.
         let lines = key_lines(text);
         self.add_layer(layer, &|key| match nearest_ancestor(&lines, key) {
             Some(line) => format!("{name}:{line}"),
@@ -86,7 +86,7 @@ impl Layers {
     /// If it has another form, or as [`Self::add_text`].
     pub fn add_setting(&mut self, assignment: &str) -> Result<(), ConfigError> {
         let malformed = || ConfigError::Assignment { text: assignment.to_owned() };
-        // At the first `=`: a value may hold others.
+        // Split at the first `=`: the value may contain more.
         let (key, text) = assignment.split_once('=').ok_or_else(malformed)?;
         if key.trim().is_empty() || text.trim().is_empty() {
             return Err(malformed());
@@ -95,7 +95,7 @@ impl Layers {
         self.add_option("--set", key.trim(), value)
     }
 
-    /// Adds the value of an option in place of a key.
+    /// Adds the value of a command-line option that sets a key.
     ///
     /// # Errors
     /// As [`Self::add_text`].
@@ -116,31 +116,31 @@ impl Layers {
     /// Turns the merged values into a configuration.
     ///
     /// # Errors
-    /// [`ConfigError::Value`] with key and origin of an unfit value.
+    /// [`ConfigError::Value`] with key and origin of a value of the wrong form.
     pub fn resolve<T: Serialize + DeserializeOwned>(self) -> Result<Resolved<T>, ConfigError> {
-        // Once, from all layers: an explicit default stays explicit.
+        // Converted once from all layers, so a value explicitly set to its default counts as set.
         let config: T = serde_norway::from_value(self.merged.clone())
             .map_err(|error| self.value_error::<T>(&error.to_string()))?;
         let values = to_value(&config)?;
         let mut origins = BTreeMap::new();
         for (key, _) in leaf_values(&values) {
-            // A list or an optional group is set as a whole, so its entries have the origin of the whole.
+            // A list or an optional group is set as a whole, so its entries share its origin.
             let origin = nearest_ancestor(&self.origins, &key).map_or("default", String::as_str).to_owned();
             origins.insert(key, origin);
         }
         Ok(Resolved { config, origins: Origins(origins), values })
     }
 
-    /// Merges a layer; `origin` gives the place of a key of it.
+    /// Merges a layer; `origin` returns the place of one of its keys.
     fn add_layer(&mut self, layer: Value, origin: &dyn Fn(&str) -> String) -> Result<(), ConfigError> {
         let Self { defaults, merged, origins } = self;
         let valid = || all_keys(defaults);
         merge_layer(&mut Target { origins, origin, valid: &valid }, "", defaults, merged, layer)
     }
 
-    /// The value with which alone the defaults are unreadable, else the reason without its place.
+    /// Finds the value that cannot be read even alone on the defaults; otherwise the error has no place.
     fn value_error<T: DeserializeOwned>(&self, reason: &str) -> ConfigError {
-        // The parser names no key: each given value is tried alone on the defaults.
+        // The parser does not name the key, so each given value is tried alone on the defaults.
         for (key, origin) in &self.origins {
             let Some(value) = get(&self.merged, key) else { continue };
             let mut alone = self.defaults.clone();
@@ -157,7 +157,7 @@ impl Layers {
 }
 
 impl<T> Resolved<T> {
-    /// The configuration as YAML for `--config`.
+    /// The configuration as YAML, as accepted by `--config`.
     ///
     /// # Errors
     /// If it cannot be written as YAML.
@@ -165,7 +165,7 @@ impl<T> Resolved<T> {
         serde_norway::to_string(&self.values).map_err(unwritable_error)
     }
 
-    /// One line a leaf: `group.key = value   # origin`.
+    /// One line per leaf: `group.key = value   # origin`.
     #[must_use]
     pub fn to_lines_with_origins(&self) -> String {
         let lines: Vec<(String, &str)> = leaf_values(&self.values)
@@ -190,15 +190,15 @@ fn syntax_error(origin: String, error: &YamlError) -> ConfigError {
     ConfigError::Syntax { origin, reason: error.to_string() }
 }
 
-/// State of a merge on its way down.
+/// State of a recursive merge.
 struct Target<'a> {
     origins: &'a mut BTreeMap<String, String>,
     origin: &'a dyn Fn(&str) -> String,
     valid: &'a dyn Fn() -> Vec<String>,
 }
 
-/// Puts `layer` over `merged` at `path`; `schema` is the default there. Groups merge, anything else is
-/// replaced whole.
+/// Merges `layer` into `merged` at `path`; `schema` is the default there. Groups are merged, anything else is
+/// replaced as a whole.
 fn merge_layer(
     target: &mut Target,
     path: &str,
@@ -214,9 +214,9 @@ fn merge_layer(
         *merged = layer;
         return Ok(());
     };
-    // A group in the defaults: each of its keys has a default of its own.
+    // In the defaults this is a group, so each of its keys has its own default.
     let given = match layer {
-        // A group without entries, `train:` alone, is null in YAML.
+        // A group without entries, such as `train:` alone, is null in YAML.
         Value::Null => return Ok(()),
         Value::Mapping(given) => given,
         _ if path.is_empty() => {
@@ -251,7 +251,7 @@ fn merge_layer(
 fn check_leaf(origin: &str, key: &str, value: &Value, depth: usize) -> Result<(), ConfigError> {
     let reason = match value {
         _ if depth > MAX_DEPTH => "nested too deeply",
-        // YAML has `.nan` and `.inf`: they pass as any number.
+        // YAML's `.nan` and `.inf` are numbers.
         Value::Number(n) if n.as_f64().is_some_and(|v| !v.is_finite()) => "not a finite number",
         Value::Sequence(items) => {
             return items.iter().try_for_each(|v| check_leaf(origin, key, v, depth + 1));
@@ -305,7 +305,7 @@ fn put_value(value: &mut Value, path: &str, new: Value) -> Option<()> {
     Some(())
 }
 
-/// The entry of a path, or else of the nearest group around it.
+/// The entry of a path, or else of the innermost group around it.
 fn nearest_ancestor<'a, V>(map: &'a BTreeMap<String, V>, path: &str) -> Option<&'a V> {
     let mut path = path;
     loop {
@@ -316,7 +316,7 @@ fn nearest_ancestor<'a, V>(map: &'a BTreeMap<String, V>, path: &str) -> Option<&
     }
 }
 
-/// A value on one line. Single-precision settings read back as written: `0.1`, not `0.10000000149011612`.
+/// A value on one line. Single-precision settings are printed as written: `0.1`, not `0.10000000149011612`.
 fn one_line(value: &Value) -> String {
     match value {
         Value::Sequence(items) => format!("[{}]", items.iter().map(one_line).collect::<Vec<_>>().join(", ")),
@@ -331,7 +331,7 @@ fn one_line(value: &Value) -> String {
             )
         }
         Value::Number(n) if n.is_f64() => match n.as_f64() {
-            // Single precision widens to digits nobody wrote.
+            // Converting single precision to double adds digits nobody wrote.
             Some(v) if f64::from(v as f32).to_bits() == v.to_bits() => format!("{:?}", v as f32),
             _ => n.to_string(),
         },

@@ -1,11 +1,11 @@
 //! Layered YAML configuration with the origin of every value.
 //!
-//! Layers, later wins: [`Config::default`], a preset of `launch_configs/`, a file, `--set` and flags. Every
-//! layer holds differences only. Values are merged as YAML and turned into a [`Config`] once, so an unknown
-//! key is refused with its place and the nearest valid key. There are no environment variables.
+//! Layers, later ones win: [`Config::default`], a preset of `launch_configs/`, a file, `--set` and flags.
+//! Every layer holds differences only. Values are merged as YAML and turned into a [`Config`] once; an
+//! unknown key is refused with its place and the nearest valid key. Environment variables are not read.
 //!
-//! Each group belongs to the layer of its code, the only home of its defaults. Every key is serialized
-//! (no `skip_serializing_if`): the serialized default is the list of valid keys.
+//! Each group is defined in the crate using it, the only place of its defaults. Every key is serialized (no
+//! `skip_serializing_if`), since the serialized default is the list of valid keys.
 //!
 //! ```
 //! let mut config = config::Config::preset("preview")?;
@@ -49,7 +49,7 @@ pub struct Config {
     pub capture: CaptureConfig,
     /// Object fields: shape, samples, schedule.
     pub train: TrainConfig,
-    /// Radiance fields of the parts, where the method is theirs.
+    /// Radiance fields of the parts, for the method based on them.
     pub radiance: RadianceConfig,
     /// Surfaces and distance fields.
     pub surface: SurfaceConfig,
@@ -57,15 +57,15 @@ pub struct Config {
     pub matching: MatchConfig,
     /// Registration of matches and surfaces.
     pub register: RegisterConfig,
-    /// Consistency between the states.
+    /// Parts and motions from consistency between the states.
     pub articulation: ArticulationConfig,
-    /// Joints.
+    /// Fits of joints.
     pub joint: JointConfig,
     /// Assumptions no camera measures: density, thickness, effort.
     pub model: ModelConfig,
     /// Visual meshes and textures.
     pub look: LookConfig,
-    /// How the files say it.
+    /// What is written to the files, and how.
     pub export: ExportConfig,
 }
 
@@ -73,15 +73,15 @@ impl Config {
     /// The settings of a built-in preset, such as `default` or `preview`.
     ///
     /// # Errors
-    /// If there is none of this name.
+    /// If there is no preset of this name.
     pub fn preset(name: &str) -> Result<Self, ConfigError> {
         let mut layers = Layers::new(&Self::default())?;
-        // By the same way as on the command line: both give the same settings.
+        // As on the command line, so both give the same settings.
         layers.add_preset(name)?;
         Ok(layers.resolve()?.config)
     }
 
-    /// The configuration of all layers.
+    /// Merges all layers into a configuration.
     ///
     /// # Errors
     /// If a value cannot be used, with its origin: the file and line, or the option.
@@ -91,13 +91,13 @@ impl Config {
         Ok(resolved)
     }
 
-    /// Whether parts and motions are sought by consistency between the states' fields (docs/method.md 12.8).
+    /// Whether parts and motions are found by consistency between the states' fields (docs/method.md 12.8).
     #[must_use]
     pub fn seeks_consistency(&self) -> bool {
         self.run.method == Method::Surfaces && (self.articulation.refine || self.run.init == Init::Identity)
     }
 
-    /// Whether the run is defined for two states alone.
+    /// Whether the run is defined for two states only.
     #[must_use]
     pub fn takes_two_states(&self) -> bool {
         self.run.method == Method::Radiance
@@ -108,7 +108,7 @@ impl Config {
     /// Whether the run needs neural fields.
     #[must_use]
     pub fn trains_fields(&self) -> bool {
-        // For surfaces, or for the consistency between states.
+        // For surfaces, or for consistency between the states.
         self.run.method == Method::Surfaces
             && (self.surface.source == SurfaceSource::Field || self.seeks_consistency())
     }

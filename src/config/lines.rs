@@ -1,18 +1,18 @@
-//! Where in a YAML file a key stands.
+//! Finds the line of each key in a YAML file.
 
 use std::collections::BTreeMap;
 
-/// Line (from 1) of every key in block style, by its path. Keys inside braces are not found: they stand where
-/// the nearest key around them does.
+/// Line (from 1) of every key in block style, by its path. Keys inside braces are not found; they get the
+/// line of the nearest key around them.
 pub(crate) fn key_lines(text: &str) -> BTreeMap<String, usize> {
     let mut lines = BTreeMap::new();
     let mut open: Vec<(usize, String)> = Vec::new();
     for (number, line) in text.lines().enumerate() {
         let content = line.trim_start();
-        // By lines, without a parser: a missed key has the place of the group around it.
+        // Line by line, without a parser: a missed key gets the line of the group around it.
         let Some(key) = key_of_line(content) else { continue };
         let indent = line.len() - content.len();
-        // Block style: a line indented no further than a group ends it.
+        // In block style, a line indented no further than a group ends it.
         while open.last().is_some_and(|(i, _)| *i >= indent) {
             open.pop();
         }
@@ -25,12 +25,12 @@ pub(crate) fn key_lines(text: &str) -> BTreeMap<String, usize> {
 
 /// The key at the start of a line.
 fn key_of_line(content: &str) -> Option<&str> {
-    // Comments, entries of lists and flow style: no key of a block.
+    // Comments, list entries and flow style do not start a key of a block.
     if content.starts_with(['#', '-', '{', '[']) {
         return None;
     }
     let (key, rest) = content.split_once(':')?;
-    // A colon without a space is part of a value, as in a time or a path.
+    // A colon not followed by a space is part of a value, as in a time or a path.
     (rest.is_empty() || rest.starts_with([' ', '\t'])).then(|| key.trim().trim_matches(['"', '\'']))
 }
 

@@ -1,20 +1,20 @@
-//! The most likely valid key in place of a mistyped one.
+//! Suggests the most likely valid key for a mistyped one.
 
-/// Longer keys are no mistyped ones; an edit distance costs the product of both lengths.
+/// Longest key to be corrected: an edit distance costs the product of both lengths.
 const MAX_KEY: usize = 128;
 
-/// Advice in place of `key`: the nearest of `valid` by edit distance, or where to look.
+/// Advice for a wrong `key`: the nearest of `valid` by edit distance, or where to look.
 pub(crate) fn nearest_hint(key: &str, valid: &[String]) -> String {
     let near = valid.iter().filter(|_| key.len() <= MAX_KEY);
     match near.map(|v| (key_distance(key, v), v)).min() {
-        // Two slips, or a third of a long key; a farther key is no slip.
+        // Two typos, or a third of a long key; anything farther is not a typo.
         Some((d, nearest)) if d <= 2.max(key.len() / 3) => format!("did you mean {nearest}?"),
         _ => "`artitwin config show` lists the valid ones".to_owned(),
     }
 }
 
-/// Edit distance of two keys. A right key in the wrong group, or without one, is nearer than by its whole
-/// path.
+/// Edit distance of two keys. The right key in a wrong group, or without a group, counts as nearer than the
+/// edit distance of the whole paths.
 fn key_distance(key: &str, candidate: &str) -> usize {
     let of_path = strsim::osa_distance(key, candidate);
     of_path.min(1 + strsim::osa_distance(last_part(key), last_part(candidate)))

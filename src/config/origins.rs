@@ -1,10 +1,10 @@
-//! Where the values of a configuration came from.
+//! Where the values of a configuration come from.
 
 use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-/// Where every value came from: key path to `file:line`, an option or `default`.
+/// Origin of every value, by key path: `file:line`, an option or `default`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[serde(transparent)]
 pub struct Origins(pub BTreeMap<String, String>);

@@ -1,9 +1,9 @@
-//! The presets of `launch_configs/`, built in.
+//! The presets of `launch_configs/`, compiled into the program.
 
 use super::error::ConfigError;
 
 /// Name and text of every preset.
-// Built in: the program needs no files beside it.
+// Built in, so the program needs no files beside it.
 pub(crate) const PRESETS: [(&str, &str); 7] = [
     ("default", include_str!("../../launch_configs/default.yaml")),
     ("fields", include_str!("../../launch_configs/fields.yaml")),
@@ -14,8 +14,8 @@ pub(crate) const PRESETS: [(&str, &str); 7] = [
     ("paris-depth-multi", include_str!("../../launch_configs/paris-depth-multi.yaml")),
 ];
 
-/// Cost of a preset in accuracy, as measured on rendered recordings (docs/figures.md); `None` for other
-/// names.
+/// Loss of accuracy with a preset, in words, measured on rendered recordings (docs/figures.md); `None` for
+/// other names.
 #[must_use]
 pub fn preset_cost(name: &str) -> Option<&'static str> {
     match name {
@@ -39,7 +39,7 @@ pub fn preset_cost(name: &str) -> Option<&'static str> {
     }
 }
 
-/// Path, for messages, and text of a preset.
+/// Path (for messages) and text of a preset.
 pub(super) fn preset(name: &str) -> Result<(String, &'static str), ConfigError> {
     match PRESETS.iter().find(|(n, _)| *n == name) {
         Some((name, text)) => Ok((format!("launch_configs/{name}.yaml"), text)),

@@ -4,24 +4,24 @@ use serde::{Deserialize, Serialize};
 
 use super::error::ConfigError;
 
-/// Most parts of an object in the settings.
+/// Largest number of parts in the settings.
 pub(crate) const MAX_PARTS: usize = 16;
 
 /// Settings of the run as a whole.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RunConfig {
-    /// Name of the preset at the base of the settings, for the report.
+    /// Name of the preset the settings are based on, for the report.
     pub preset: String,
     /// Seed of every random choice.
     pub seed: u64,
-    /// Number of rigid parts, the static one included; null: found by evidence.
+    /// Number of rigid parts, the static one included; null: determined from the data.
     pub parts: Option<usize>,
-    /// Engine for the training of fields.
+    /// Engine for training the fields.
     pub engine: Engine,
     /// Start of the part motions.
     pub init: Init,
-    /// Method for parts and motions.
+    /// Method to find parts and motions.
     pub method: Method,
 }
 
@@ -38,7 +38,7 @@ impl Default for RunConfig {
     }
 }
 
-/// Engine for the training of fields.
+/// Engine for training the fields.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Engine {
@@ -51,32 +51,32 @@ pub enum Engine {
     Gpu,
 }
 
-/// Method for parts and motions.
+/// Method to find parts and motions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Method {
-    /// Surfaces of the states, matched, registered and compared.
+    /// Surfaces of the states are matched, registered and compared.
     #[default]
     Surfaces,
-    /// Images alone, explained by radiance fields of the parts (docs/method.md 12.11).
+    /// Images only: radiance fields of the parts explain them (docs/method.md 12.11).
     Radiance,
 }
 
-/// Where the part motions start from.
+/// Initial part motions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Init {
-    /// Robust registration of lifted matches and geometry.
+    /// Robust registration of matches lifted to 3D and of geometry.
     #[default]
     Registration,
-    /// No motion, as published.
+    /// The identity, as published.
     Identity,
 }
 
 impl RunConfig {
     pub(super) fn check(&self) -> Result<(), ConfigError> {
         match self.parts {
-            // One part has no joint: an object at rest is found by evidence.
+            // A single part has no joint: an object at rest is found from the data, with `parts` null.
             Some(parts) if !(2..=MAX_PARTS).contains(&parts) => Err(ConfigError::Unusable {
                 key: "run.parts".to_owned(),
                 reason: format!("{parts} parts; give 2 to {MAX_PARTS}, the static part included"),

@@ -1,4 +1,4 @@
-//! One run against the truth.
+//! Evaluation of one run against the truth.
 
 use std::collections::BTreeMap;
 
@@ -19,12 +19,12 @@ use surface::TriangleMesh;
 /// Expected Chamfer distance (1e-3 m^2) of two samplings of the same surface, per square meter and 10,000
 /// samples (`1000 * 2 A / (pi N)`; docs/method.md 13.2). derived: that formula
 const FLOOR_PER_M2: f64 = 0.0637;
-/// Samples of this constant. derived: that of the published evaluation
+/// Number of samples this constant holds for. derived: that of the published evaluation
 const FLOOR_SAMPLES: f64 = 10_000.0;
-/// Every so many of the seen points are measured.
+/// Stride through the seen points to be measured.
 const SEEN_STRIDE: usize = 4;
 
-/// Everything measured on one run.
+/// All measurements of one run.
 #[derive(Clone, Debug, Serialize)]
 pub struct Evaluation {
     /// Folder of the run.
@@ -34,16 +34,16 @@ pub struct Evaluation {
     pub failed: Option<String>,
     /// Parts of the true object, the static one included.
     pub parts_true: usize,
-    /// Parts of the run.
+    /// Number of parts found by the run.
     pub parts_found: usize,
-    /// Every movable true part.
+    /// One row for every movable true part.
     pub joints: Vec<JointRow>,
-    /// Surfaces by `state<k>/<part>`, where the part is `static`, a name or `whole`.
+    /// Surfaces by `state<k>/<part>`, where `<part>` is `static`, a part's name or `whole`.
     pub mesh: BTreeMap<String, MeshRow>,
 }
 
 impl Evaluation {
-    /// A run without a twin: every part is missing.
+    /// The evaluation of a run without a twin: every part is missing.
     pub(super) fn failed(run: &str, truth: &Truth, why: String) -> Self {
         let joints = truth.parts.iter().filter_map(|p| Some(JointRow::missing(&p.name, p.joint.as_ref()?)));
         Self {
@@ -57,16 +57,16 @@ impl Evaluation {
     }
 }
 
-/// One surface in one state; numbers without a measurement are left out.
+/// One surface in one state; numbers not measured are left out.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct MeshRow {
-    /// Published Chamfer distance, 1e-3 m^2.
+    /// Chamfer distance as published, 1e-3 m^2.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cd: Option<f64>,
-    /// The same between two samplings of the true surface.
+    /// The same between two samplings of the true surface, 1e-3 m^2.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cd_floor: Option<f64>,
-    /// Expected value of the floor: `0.0637 A` for 10,000 samples.
+    /// Expected value of this floor, 1e-3 m^2: `0.0637 A` for 10,000 samples.
     pub cd_floor_expected: f64,
     /// Area of the true surface, square meters.
     pub area_m2: f64,
@@ -82,7 +82,7 @@ pub struct MeshRow {
 /// Measures one run.
 ///
 /// # Errors
-/// More than `MAX_PARTS` movable parts.
+/// If there are more than `MAX_PARTS` movable parts.
 pub fn compare_run(
     name: &str,
     truth: &Truth,
@@ -114,7 +114,7 @@ pub fn compare_run(
     for (&i, &k) in &found {
         surfaces.push((wanted[i].0.name.clone(), Some(wanted[i].0), run.parts[k + 1].clone()));
     }
-    // The whole surface too: it does not depend on how parts were found and matched.
+    // The whole surface is compared too: it does not depend on how parts were found and matched.
     surfaces.push(("whole".into(), None, run.parts.concat()));
     let mut mesh = BTreeMap::new();
     for state in [0, 1] {
@@ -124,7 +124,7 @@ pub fn compare_run(
             mesh.insert(key, row);
         }
     }
-    // Links without a mesh are half of a screw, no parts.
+    // Links without a mesh are the intermediate links of screws, not parts.
     let parts_found =
         run.parts.iter().filter(|p| p.iter().any(|&l| !run.tree.links[l].visual.is_empty())).count();
     Ok(Evaluation {
@@ -137,10 +137,10 @@ pub fn compare_run(
     })
 }
 
-/// Mean displacement of a true part under the motion of every found movable part over all states of both run
-/// and truth, meters.
+/// Mean displacement of a true part under the motion of each found movable part, meters, over all states
+/// present in both run and truth.
 fn matching_costs(part: &TruePart, joint: &TrueJoint, run: &RunFiles) -> Vec<f64> {
-    // By the effect of the motions on the true part: found shapes need not be good for it.
+    // Motions are compared by their effect on the true part, so badly found shapes do not matter.
     let points = &part.meshes[0].vertices;
     let mut costs = Vec::new();
     for found in 1..run.parts.len() {
@@ -163,7 +163,7 @@ fn mesh_row(
 ) -> MeshRow {
     let true_mesh = part.map_or(&truth.whole[state], |p| &p.meshes[state]);
     let stage = format!("evaluate/{key}");
-    // A stream for each drawing: the samples of one surface do not depend on those of another.
+    // A random stream for each drawing: samples of one surface do not depend on those of another.
     let stream = |k: u64| stage_rng(options.seed, &stage, k);
     let count = options.samples;
     let samples = sample_surface(found, count, &mut stream(0));
@@ -175,7 +175,7 @@ fn mesh_row(
     let area_m2 = true_mesh.area_m2();
     MeshRow {
         cd: chamfer_distance(&samples, &first),
-        // The distance by sampling alone (13.3), measured.
+        // The measured distance due to sampling alone (13.3).
         cd_floor: chamfer_distance(&second, &third),
         cd_floor_expected: FLOOR_PER_M2 * area_m2 * FLOOR_SAMPLES / options.samples as f64,
         area_m2,

@@ -2,12 +2,12 @@
 
 use surface::{TriangleMesh, connected_components, drop_unused_vertices, welded_mesh};
 
-/// The mesh without components of less than `share` times the area of the largest one. The released
-/// evaluation counts triangles of marching cubes, alike in size; those of a simplified mesh are not.
-/// Triangles are connected by common vertices; vertices at the same position are one.
+/// The mesh without components smaller than `share` times the area of the largest one. The released
+/// evaluation counts triangles instead, which are of similar size in marching cubes but not in a simplified
+/// mesh. Triangles are connected by common vertices; vertices at the same position are one.
 #[must_use]
 pub(crate) fn large_components(mesh: &TriangleMesh, share: f64) -> TriangleMesh {
-    // Textures split vertices at their seams: by position they are one.
+    // Textures split vertices at their seams; welding joins those at the same position.
     let welded = welded_mesh(mesh, 0.0);
     let (labels, sizes) = connected_components(&welded);
     let mut area_m2 = vec![0.0; sizes.len()];

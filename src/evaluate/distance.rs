@@ -4,26 +4,27 @@ use nalgebra::{Point3, Vector3};
 
 use surface::TriangleMesh;
 
-/// Triangles in a leaf at most.
+/// Most triangles in a leaf.
 const LEAF: usize = 4;
 
 struct Node {
     lower: Point3<f64>,
     upper: Point3<f64>,
-    /// First triangle of a leaf, else the node of the second half; the first half follows its parent.
+    /// First triangle of a leaf; for an inner node the index of its second half. The first half follows the
+    /// node directly.
     next: usize,
-    /// Triangles of a leaf; 0 for an inner node.
+    /// Number of triangles in a leaf; 0 for an inner node.
     count: usize,
 }
 
-/// Boxes around boxes around triangles.
+/// Tree of bounding boxes over the triangles of a mesh.
 pub(crate) struct MeshDistance {
     nodes: Vec<Node>,
     triangles: Vec<[Point3<f64>; 3]>,
 }
 
 impl MeshDistance {
-    /// The tree of a mesh with triangles.
+    /// Builds the tree of a mesh.
     #[must_use]
     pub(crate) fn new(mesh: &TriangleMesh) -> Self {
         let mut triangles: Vec<_> =
@@ -52,7 +53,7 @@ impl MeshDistance {
             return;
         }
         let mut halves = [index + 1, node.next].map(|i| (self.gap_squared(i, point), i));
-        // The nearer half first: its distance mostly spares the other.
+        // The nearer half first: its distance usually rules out the other.
         halves.sort_by(|a, b| a.0.total_cmp(&b.0));
         for (gap, half) in halves {
             if gap < *best {
@@ -80,17 +81,17 @@ fn build_nodes(nodes: &mut Vec<Node>, triangles: &mut [[Point3<f64>; 3]], first:
     let axis = (upper - lower).imax();
     let middle = triangles.len() / 2;
     let key = |t: &[Point3<f64>; 3]| t.iter().map(|p| p[axis]).sum::<f64>();
-    // At the median: the depth stays logarithmic for any mesh.
+    // Split at the median: the depth is logarithmic for any mesh.
     triangles.select_nth_unstable_by(middle, |a, b| key(a).total_cmp(&key(b)));
     let (left, right) = triangles.split_at_mut(middle);
-    // No leaf after all: the first half follows at once, the second at `next`.
+    // Now an inner node: the first half follows directly, the second starts at `next`.
     nodes[index].count = 0;
     build_nodes(nodes, left, first);
     nodes[index].next = nodes.len();
     build_nodes(nodes, right, first + middle);
 }
 
-/// Closest point of a triangle (Ericson, Real-Time Collision Detection, 5.1.5).
+/// Closest point on a triangle (Ericson, Real-Time Collision Detection, 5.1.5).
 fn closest_on_triangle([a, b, c]: &[Point3<f64>; 3], p: &Point3<f64>) -> Point3<f64> {
     // By the region of the point's projection: corner a, corner b, edge ab, corner c, edge ac, edge bc,
     // inside.
@@ -127,7 +128,7 @@ fn closest_on_triangle([a, b, c]: &[Point3<f64>; 3], p: &Point3<f64>) -> Point3<
         return b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)));
     }
     let sum = va + vb + vc;
-    // A triangle without area has no inside.
+    // A triangle without area has no interior.
     if sum > 0.0 { a + ab * (vb / sum) + ac * (vc / sum) } else { *a }
 }
 

@@ -13,10 +13,10 @@ pub enum EvaluateError {
     /// No run was given.
     #[error("there is no run to evaluate: name at least one output folder")]
     NoRun,
-    /// The number of samples cannot be used.
+    /// The number of samples is out of range.
     #[error("{0} samples per surface cannot be drawn: choose 1 to {MAX_SAMPLES}")]
     Samples(usize),
-    /// The disk refused.
+    /// A file or folder could not be read.
     #[error("cannot read {path}: {source}")]
     Disk {
         /// The file or folder.
@@ -24,7 +24,7 @@ pub enum EvaluateError {
         /// The system's error.
         source: std::io::Error,
     },
-    /// The folder is no run.
+    /// The folder does not hold a run.
     #[error(
         "{path} holds {count} .urdf files, one is needed: name the folder with <name>.urdf and report.json \
          in it"
@@ -35,7 +35,7 @@ pub enum EvaluateError {
         /// Number of `.urdf` files in it.
         count: usize,
     },
-    /// A JSON file has a wrong form.
+    /// A JSON file does not have the expected form.
     #[error("{path}: {source}")]
     Json {
         /// The file.
@@ -43,7 +43,7 @@ pub enum EvaluateError {
         /// The parser's error.
         source: serde_json::Error,
     },
-    /// A file of the truth or the run has impossible content.
+    /// A file of the truth or the run has invalid content.
     #[error("{path}: {problem}")]
     Invalid {
         /// The file.
@@ -51,12 +51,12 @@ pub enum EvaluateError {
         /// The problem.
         problem: String,
     },
-    /// Matching parts would take too long.
+    /// There are too many parts to match.
     #[error("{count} movable parts; {limit} are the limit")]
     TooManyParts {
-        /// Parts on the larger side.
+        /// Number of parts on the larger side.
         count: usize,
-        /// Most matched parts.
+        /// Largest number of parts that can be matched.
         limit: usize,
     },
     /// The URDF of the run could not be read.

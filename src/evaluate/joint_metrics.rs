@@ -6,43 +6,44 @@ use serde::Serialize;
 use super::{run_files::RunFiles, surface_metrics::mean_of, truth::TrueJoint};
 use geometry::{Pose, line_distance_m, rotation_angle_rad};
 
-/// One movable part against the truth. Numbers without a meaning for the true joint's type are left out, and
-/// all of them where the part was not found.
+/// One movable part against the truth. Numbers meaningless for the true joint's type are left out, and all
+/// numbers if the part was not found.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct JointRow {
     /// Name of the true part.
     pub part: String,
     /// True type: `revolute`, `prismatic` or `screw`.
     pub type_true: String,
-    /// Set where no found part was left for this one.
+    /// Whether no found part was matched with this one.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub missing: bool,
     /// Name of the matched joint.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub joint: Option<String>,
-    /// Type in the file.
+    /// Type of the matched joint in the run's file.
     #[serde(rename = "type", skip_serializing_if = "Option::is_none")]
     pub kind: Option<String>,
-    /// Whether both types are the same.
+    /// Whether the found type is the true one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub type_right: Option<bool>,
-    /// Angle between the axes, sign ignored, degrees.
+    /// Angle between the axes regardless of sign, degrees.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub axis_deg: Option<f64>,
     /// Mean displacement of the true part's vertices between the found and the true motion, over all states,
     /// millimeters.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error_mm: Option<f64>,
-    /// Revolute and screw: distance of the two axes as lines, millimeters; parallel lines keep their gap.
+    /// For revolute and screw joints: distance between the axes as lines, millimeters; parallel lines keep
+    /// their distance.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub axis_mm: Option<f64>,
-    /// Revolute and screw: angle of the rotation between the found and the true motion to state 1, degrees.
+    /// For revolute and screw joints: angle between the found and the true rotation to state 1, degrees.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub motion_deg: Option<f64>,
-    /// Prismatic: length of the difference of the translations to state 1, millimeters.
+    /// For prismatic joints: length of the difference of the translations to state 1, millimeters.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub motion_mm: Option<f64>,
-    /// The same for the further states of both run and truth, degrees or millimeters.
+    /// The same for further states present in both run and truth, degrees or millimeters.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub further_motions: Vec<f64>,
 }
@@ -59,7 +60,7 @@ impl JointRow {
     pub fn matched(part: &str, truth: &TrueJoint, run: &RunFiles, found: usize, error_m: f64) -> Self {
         let kind = run.kind(found);
         let axis = run.axis(found);
-        // By the true type, as in the tables: a wrong type shows in `type_right`, not in the set of numbers.
+        // By the true type, as in the tables: a wrong type only shows in `type_right`.
         let turns = truth.kind != "prismatic";
         let mut motions = Vec::new();
         for (k, t) in truth.motions().take(run.states.len() - 1).enumerate() {
@@ -70,7 +71,7 @@ impl JointRow {
                 1000.0 * (m.translation.vector - t.translation.vector).norm()
             });
         }
-        // docs/method.md (13.1) by atan2: the arccosine loses small angles to rounding.
+        // docs/method.md (13.1) by atan2: the arccosine loses precision at small angles.
         let axis_rad =
             axis.as_ref().map(|(d, _)| d.cross(&truth.axis).norm().atan2(d.dot(&truth.axis).abs()));
         let axis_m = axis.map(|(d, p)| line_distance_m(&p, &d, &truth.origin, &truth.axis));
@@ -91,7 +92,7 @@ impl JointRow {
     }
 }
 
-/// Mean displacement in meters between two motions of the same points; `None` without points.
+/// Mean displacement of points between two motions, meters; `None` without points.
 #[must_use]
 pub(crate) fn displacement_m(points: &[Point3<f32>], a: &Pose, b: &Pose) -> Option<f64> {
     let distances: Vec<f64> =

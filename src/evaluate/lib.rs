@@ -1,8 +1,8 @@
-//! Metrics of a finished run against ground truth (docs/method.md 13), from the files for a simulator.
+//! Metrics of a finished run against ground truth (docs/method.md 13), from its files for simulators.
 //!
-//! Beside the published metrics stand plain ones: the joint type is taken from the file and may be wrong,
-//! lines keep their distance also where they are parallel, surfaces are measured in millimeters, and each
-//! Chamfer distance comes with its floor by sampling alone.
+//! In addition to the published metrics there are plain ones: the joint type is read from the file and may be
+//! wrong, parallel lines keep their distance, surfaces are measured in millimeters, and each Chamfer distance
+//! comes with the floor due to sampling.
 //!
 //! ```
 //! use evaluate::EvaluateOptions;
@@ -36,18 +36,18 @@ pub use run_files::RunFiles;
 pub use trial_table::{TrialCost, TrialTable};
 pub use truth::Truth;
 
-/// Least share of a component in the largest one, as in the published evaluation.
+/// Smallest component kept in the published evaluation, as a share of the largest.
 /// derived: the published one
 pub const PUBLISHED_MIN_COMPONENT: f64 = 0.1;
 
-/// How to measure.
+/// Options of an evaluation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EvaluateOptions {
-    /// Samples per surface; 10,000 are the published number.
+    /// Samples per surface; published evaluations use 10,000.
     pub samples: usize,
     /// Seed of the samples.
     pub seed: u64,
-    /// Drop components of the found meshes with less than this share of the largest one's area, e.g.
+    /// Drops components of the found meshes smaller than this share of the largest one's area, e.g.
     /// [`PUBLISHED_MIN_COMPONENT`].
     pub min_component: Option<f64>,
 }
@@ -58,10 +58,10 @@ impl Default for EvaluateOptions {
     }
 }
 
-/// The truth in a folder: a `truth.json`, or a published dataset's `trans.json`.
+/// Reads the truth in a folder: a `truth.json`, or a published dataset's `trans.json`.
 ///
 /// # Errors
-/// A missing or damaged file, named in the error.
+/// If a file is missing or damaged; the error names it.
 pub fn read_truth(folder: &Path) -> Result<Truth, EvaluateError> {
     match published_truth::find_transforms(folder).filter(|_| !folder.join("truth.json").exists()) {
         Some(path) => published_truth::read_transforms(&path),
@@ -73,8 +73,8 @@ pub fn read_truth(folder: &Path) -> Result<Truth, EvaluateError> {
 /// or a published dataset with its `trans.json`.
 ///
 /// # Errors
-/// No run; a file of the truth, or of every run, missing, damaged or beyond a limit, named in the error. Of
-/// several runs unreadable ones are failed trials.
+/// If there is no run, or if a file of the truth, or of every run, is missing, damaged or beyond a limit; the
+/// error names the file. Among several runs an unreadable one counts as a failed trial.
 pub fn evaluate_runs(
     runs: &[PathBuf],
     truth: &Path,
@@ -86,7 +86,7 @@ pub fn evaluate_runs(
     if !(1..=MAX_SAMPLES).contains(&options.samples) {
         return Err(EvaluateError::Samples(options.samples));
     }
-    // Once for all trials.
+    // Read once for all trials.
     let known = read_truth(truth)?;
     let measured = runs.iter().map(|folder| evaluate_run(folder, &known, options)).collect::<Vec<_>>();
     let trials = if measured.iter().any(Result::is_ok) {
@@ -106,13 +106,13 @@ pub fn evaluate_runs(
     })
 }
 
-/// Measures trials of one object; an unreadable one is a failed trial.
+/// Measures trials of one object; an unreadable run counts as a failed trial.
 #[must_use]
 pub fn evaluate_trials(runs: &[PathBuf], truth: &Truth, options: &EvaluateOptions) -> Vec<Evaluation> {
     runs.iter().map(|folder| or_failed(evaluate_run(folder, truth, options), folder, truth)).collect()
 }
 
-/// One run against the truth; only its numbers stay in memory.
+/// Measures one run; only the numbers are kept in memory.
 fn evaluate_run(
     folder: &Path,
     truth: &Truth,

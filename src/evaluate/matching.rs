@@ -1,10 +1,10 @@
 //! Matching of found parts to true parts.
 
-/// Most parts on either side.
+/// Most parts on either side of a matching.
 pub(crate) const MAX_PARTS: usize = 20;
 
-/// The one-to-one pairs (row, column) of a cost table with the smallest sum; as many as there are of the
-/// fewer side. Exact, by dynamic programming over the sets of the larger side. Rows in rising order; `None`
+/// One-to-one pairs (row, column) of a cost table with the smallest sum, as many as the smaller side allows.
+/// Exact, by dynamic programming over subsets of the larger side. Returned with increasing rows; `None`
 /// beyond [`MAX_PARTS`].
 #[must_use]
 pub(crate) fn cheapest_pairs(cost: &[Vec<f64>], columns: usize) -> Option<Vec<(usize, usize)>> {
@@ -15,7 +15,8 @@ pub(crate) fn cheapest_pairs(cost: &[Vec<f64>], columns: usize) -> Option<Vec<(u
     let transposed = rows > columns;
     let (few, many) = if transposed { (columns, rows) } else { (rows, columns) };
     let at = |a: usize, b: usize| if transposed { cost[b][a] } else { cost[a][b] };
-    // best[set]: least cost of giving the first |set| of the fewer side to the members of the set.
+    // best[set]: least cost of matching the first |set| members of the smaller side with the members of the
+    // set.
     let mut best = vec![f64::INFINITY; 1 << many];
     let mut last = vec![usize::MAX; 1 << many];
     best[0] = 0.0;
@@ -28,7 +29,7 @@ pub(crate) fn cheapest_pairs(cost: &[Vec<f64>], columns: usize) -> Option<Vec<(u
             }
         }
     }
-    // Every set with as many members as the fewer side is an assignment; the cheapest one is read backwards.
+    // Every set of the smaller side's size is a full assignment; the cheapest one is traced back.
     let full = (0..best.len()).filter(|s| s.count_ones() as usize == few);
     let mut set = full.min_by(|a, b| best[*a].total_cmp(&best[*b]))?;
     let mut pairs = Vec::with_capacity(few);

@@ -1,8 +1,8 @@
 //! The published metrics in their printed units, over trials (docs/method.md 13).
 //!
-//! The definitions are those of the tables, with one exception: the axis position of parallel lines is their
-//! gap, where a released tool prints zero. As in the tables the true joint type decides about the numbers of
-//! a joint; right types are counted apart from them.
+//! The definitions are those of the published tables, with one exception: the axis position of parallel lines
+//! is their distance, where a released tool prints zero. As in the tables, the true joint type determines the
+//! numbers of a joint; correct types are counted separately.
 
 use serde::Serialize;
 
@@ -11,24 +11,24 @@ use super::{compare::Evaluation, surface_metrics::mean_of};
 /// One published metric over all trials.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PublishedRow {
-    /// Name as printed in the tables, with the part where there are several.
+    /// Name as printed in the tables, followed by the part if there are several.
     pub metric: String,
     /// Unit of the printed numbers.
     pub unit: &'static str,
-    /// Value of every trial; `None` where it failed.
+    /// Value of every trial; `None` if it failed.
     pub trials: Vec<Option<f64>>,
-    /// Failed trials.
+    /// Number of failed trials.
     pub failed: usize,
-    /// Mean over the other trials.
+    /// Mean over the trials with a value.
     pub mean: Option<f64>,
-    /// Standard deviation over them (population).
+    /// Population standard deviation over the trials with a value.
     pub std: Option<f64>,
     /// Value of the best trial.
     pub best: Option<f64>,
 }
 
 impl PublishedRow {
-    /// Printed digits of its numbers behind the point.
+    /// Number of decimal places printed.
     pub(super) fn decimal_places(&self) -> usize {
         if self.unit == "m" { 4 } else { 3 }
     }
@@ -39,7 +39,7 @@ impl PublishedRow {
 pub struct Published {
     /// Index of the best trial: the one with the most smallest values (docs/method.md 13.3).
     pub best_trial: usize,
-    /// Trials without a twin, or with a missing part.
+    /// Number of trials without a twin, or with a missing part.
     pub failed_trials: usize,
     /// Rows in the order of the tables; Chamfer distances in the start state (0) and the end state (1).
     pub rows: Vec<PublishedRow>,
@@ -49,14 +49,14 @@ impl Published {
     /// The published metrics of some trials of the same object; `None` without trials.
     #[must_use]
     pub fn of_trials(trials: &[Evaluation]) -> Option<Self> {
-        // All trials have the same rows, as these follow from the truth.
+        // All trials have the same rows, determined by the truth.
         let names: Vec<(String, &'static str)> =
             published_numbers(trials.first()?).into_iter().map(|(n, u, _)| (n, u)).collect();
         let table: Vec<Vec<Option<f64>>> =
             trials.iter().map(|t| published_numbers(t).into_iter().map(|(_, _, v)| v).collect()).collect();
         let columns: Vec<Vec<Option<f64>>> =
             (0..names.len()).map(|i| table.iter().map(|t| t[i]).collect()).collect();
-        // Each surface votes once: the released evaluation has one state, the start.
+        // Each surface counts once: the released evaluation has one state, the start.
         let votes: Vec<Vec<Option<f64>>> =
             names.iter().zip(&columns).filter(|((n, _), _)| !is_of_end(n)).map(|(_, c)| c.clone()).collect();
         let best_trial = best_trial(&votes, trials.len());
@@ -66,13 +66,15 @@ impl Published {
             let failed = trials.iter().filter(|v| v.is_none()).count();
             rows.push(PublishedRow { metric, unit, mean, std, failed, best: trials[best_trial], trials });
         }
-        // A trial without a part has no numbers for it: means leave it out, and the count shows it.
+        // A trial missing a part has no numbers for it: means leave it out, and the count of failed trials
+        // shows it.
         let failed_trials = trials.iter().filter(|t| t.joints.iter().any(|j| j.missing)).count();
         Some(Self { best_trial, failed_trials, rows })
     }
 }
 
-/// Name, unit and printed value of every published metric of one trial. The list depends on the truth alone.
+/// Name, unit and printed value of every published metric of one trial. Names and units depend on the truth
+/// only.
 fn published_numbers(trial: &Evaluation) -> Vec<(String, &'static str, Option<f64>)> {
     let mut out = Vec::new();
     for joint in &trial.joints {
@@ -98,12 +100,12 @@ fn published_numbers(trial: &Evaluation) -> Vec<(String, &'static str, Option<f6
     out
 }
 
-/// Whether a metric is of a surface in the end state.
+/// Whether a metric belongs to a surface in the end state.
 fn is_of_end(metric: &str) -> bool {
     metric.starts_with("CD") && metric.split(' ').nth(1) == Some("end")
 }
 
-/// Mean and population standard deviation of the existing values.
+/// Mean and population standard deviation of the values present.
 fn mean_std(values: &[Option<f64>]) -> (Option<f64>, Option<f64>) {
     let values: Vec<f64> = values.iter().flatten().copied().collect();
     let Some(m) = mean_of(&values) else { return (None, None) };
@@ -111,16 +113,16 @@ fn mean_std(values: &[Option<f64>]) -> (Option<f64>, Option<f64>) {
     (Some(m), mean_of(&squared).map(f64::sqrt))
 }
 
-/// The trial with the smallest value of most metrics. Among equals the smallest value of the metric with the
-/// largest variance decides, then the next; then the first trial.
+/// Index of the trial with the smallest value in most metrics. Ties are decided by the smallest value of the
+/// metric with the largest variance, then of the next one; then by the order of the trials.
 fn best_trial(columns: &[Vec<Option<f64>>], trials: usize) -> usize {
     let mut order: Vec<usize> = (0..columns.len()).collect();
     let variance: Vec<f64> = columns.iter().map(|c| mean_std(c).1.unwrap_or(0.0)).collect();
-    // Metrics of the largest variance between trials decide most (docs/method.md 13.3).
+    // Metrics varying most between trials come first (docs/method.md 13.3).
     order.sort_by(|&a, &b| variance[b].total_cmp(&variance[a]));
     let least: Vec<f64> =
         columns.iter().map(|column| column.iter().flatten().copied().fold(f64::INFINITY, f64::min)).collect();
-    // Number of smallest values, then the metrics of these.
+    // For each trial: number of smallest values, and in which metrics.
     let mut scores: Vec<(usize, Vec<bool>)> = Vec::with_capacity(trials);
     for trial in 0..trials {
         let attains: Vec<bool> = order.iter().map(|&m| columns[m][trial] == Some(least[m])).collect();

@@ -1,5 +1,6 @@
-//! Ground truth in the form of the published datasets: `trans.json` with the joints between the start and the
-//! end state, and meshes of the whole, the static and the moving parts in both. The world is the cameras'.
+//! Ground truth in the form of the published datasets: `trans.json` with the joints between start and end
+//! state, and meshes of the whole, the static and the moving parts in both states, in the cameras' world
+//! frame.
 
 use std::path::{Path, PathBuf};
 
@@ -14,16 +15,16 @@ use geometry::{Pose, Screw};
 use io::{JointTransform, JointTransforms, MeshFileError, STATES, read_mesh};
 use surface::TriangleMesh;
 
-/// The `trans.json` of a folder: of the dataset itself, of its `gt` or of its `textured_objs`.
+/// Path of a folder's `trans.json`: in the folder itself, in `gt` or in `textured_objs`.
 pub(super) fn find_transforms(folder: &Path) -> Option<PathBuf> {
     let places = ["gt", "", "textured_objs"].map(|place| folder.join(place).join("trans.json"));
     places.into_iter().find(|path| path.is_file())
 }
 
-/// Reads a `trans.json` and the meshes beside it, or beside its folder.
+/// Reads a `trans.json`, and the meshes in its folder or in the folder above.
 ///
 /// # Errors
-/// A missing or damaged file, or an impossible joint.
+/// If a file is missing or damaged, or a joint is impossible.
 pub(super) fn read_transforms(path: &Path) -> Result<Truth, EvaluateError> {
     let text = read_text(path, TRUTH)?;
     let file: JointTransforms = serde_json::from_str(&text)
@@ -47,14 +48,14 @@ pub(super) fn read_transforms(path: &Path) -> Result<Truth, EvaluateError> {
     Ok(Truth { parts, whole: read_both(meshes, "")?, seen: [Vec::new(), Vec::new()] })
 }
 
-/// Meshes of a part in the start and the end state; `part` is its place in the names of the files.
+/// Meshes of a part in the start and the end state; `part` is its part of the file names.
 fn read_both(folder: &Path, part: &str) -> Result<[TriangleMesh; 2], MeshFileError> {
     let [start, end] =
         STATES.map(|state| read_mesh(&folder.join(state).join(format!("{state}{part}_rotate.ply"))));
     Ok([start?, end?])
 }
 
-/// The joint of a transform: about or along its axis from `l` to `r`.
+/// The joint of a transform: about or along its axis, from position `l` to `r`.
 fn joint_of_transform(transform: &JointTransform) -> Result<TrueJoint, &'static str> {
     let direction = Unit::try_new(Vector3::from(transform.axis.d), 1e-9).filter(|d| d.norm() > 0.5);
     let axis = direction.ok_or("its axis has no length")?;

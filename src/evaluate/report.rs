@@ -10,7 +10,7 @@ use super::{
     published::Published,
 };
 
-/// The evaluation of one or several runs (trials) of the same object.
+/// The evaluation of one or several runs (trials) of one object.
 #[derive(Clone, Debug, Serialize)]
 pub struct EvaluationReport {
     /// Folder of the truth.
@@ -19,19 +19,19 @@ pub struct EvaluationReport {
     pub samples: usize,
     /// Seed of the samples.
     pub seed: u64,
-    /// Share of the largest component below which components were dropped; `None`: all were kept.
+    /// Components smaller than this share of the largest one were dropped; `None`: all were kept.
     pub min_component: Option<f64>,
-    /// Every run.
+    /// Evaluation of every run.
     pub trials: Vec<Evaluation>,
     /// The published metrics over all runs.
     pub published: Option<Published>,
 }
 
 impl EvaluationReport {
-    /// The report as indented JSON. A run's entry has the keys of the reference tool and some more.
+    /// The report as indented JSON. An entry of a run has the keys of the reference tool, and more.
     #[must_use]
     pub fn to_json(&self) -> String {
-        // Maps with text keys and finite or missing numbers always serialize.
+        // Maps with text keys and finite or missing numbers can always be serialized.
         serde_json::to_string_pretty(self).unwrap_or_default()
     }
 
@@ -70,7 +70,7 @@ fn push_trial(out: &mut String, trial: &Evaluation) {
     table(out, &std::iter::once(head.to_vec()).chain(rows).collect::<Vec<_>>());
 }
 
-/// Motions to all states beside state 0.
+/// Motions from state 0 to all other states, as text.
 fn motions_text(first: f64, row: &JointRow) -> String {
     let all = std::iter::once(first).chain(row.further_motions.iter().copied());
     all.map(|m| format!("{m:.3}")).collect::<Vec<_>>().join(" / ")
@@ -105,7 +105,7 @@ fn push_published(out: &mut String, published: &Published, trials: usize) {
     let mut rows = vec![["metric", "unit", "mean", "std", "best", "trials"].map(String::from).to_vec()];
     for row in &published.rows {
         let places = row.decimal_places();
-        // F, as the tables print a failed trial.
+        // F, as the tables print failed trials.
         let failed = |v: Option<f64>| v.map_or("F".into(), |v| format!("{v:.places$}"));
         rows.push(vec![
             row.metric.clone(),
@@ -136,7 +136,7 @@ fn cell(value: Option<f64>) -> String {
     value.map_or("-".into(), |v| format!("{v:.3}"))
 }
 
-/// Columns as wide as their widest cell, two blanks apart; the first flush left, the others right.
+/// Columns as wide as their widest cell, two blanks apart; the first left-aligned, the others right-aligned.
 fn table(out: &mut String, rows: &[Vec<String>]) {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let width = |c: usize| rows.iter().filter_map(|r| r.get(c)).map(|s| s.chars().count()).max().unwrap_or(0);

@@ -1,4 +1,4 @@
-//! A finished reconstruction, read from its files alone.
+//! A finished reconstruction, read from its files only.
 
 use std::{
     collections::BTreeMap,
@@ -16,22 +16,22 @@ use io::read_urdf;
 use model::{JointType, Tree};
 use surface::{TriangleMesh, merged_mesh};
 
-/// Input of a simulator from a run: a tree and the joint positions of the observed states.
+/// Files of a run for a simulator: a tree, and the joint positions of the observed states.
 pub struct RunFiles {
-    /// Links and joints; the root frame is the world.
+    /// Links and joints; the frame of the root link is the world.
     pub tree: Tree,
-    /// Joint positions by name in every state, two at least; an unnamed joint is at 0.
+    /// Joint positions by name, for each state (at least two); joints not named are at 0.
     pub states: Vec<BTreeMap<String, f64>>,
-    /// Links of each rigid part; the first holds the root.
+    /// Links of each rigid part; the first part holds the root.
     pub parts: Vec<Vec<usize>>,
 }
 
 impl RunFiles {
-    /// Reads the one `.urdf` of a folder (`.ros.urdf` aside) and `report.json` beside it. Components with
-    /// less than `min_component` times the area of the largest are dropped from each link's mesh.
+    /// Reads the only `.urdf` of a folder (`.ros.urdf` excluded) and the `report.json` beside it. Components
+    /// smaller than `min_component` times the area of the largest one are dropped from each link's mesh.
     ///
     /// # Errors
-    /// A missing or damaged file, named in the error.
+    /// If a file is missing or damaged; the error names it.
     pub fn read(folder: &Path, min_component: Option<f64>) -> Result<Self, EvaluateError> {
         let mut tree = read_urdf(&the_urdf(folder)?)?;
         if let Some(share) = min_component {
@@ -54,7 +54,7 @@ impl RunFiles {
         Ok(Self { tree, states, parts })
     }
 
-    /// The surface of some links in the world in a state.
+    /// Surface of some links in one state, world frame.
     #[must_use]
     pub fn surface(&self, links: &[usize], state: usize) -> TriangleMesh {
         let world_from = |link: usize| self.tree.world_from_link(link, &self.states[state]);
@@ -63,17 +63,16 @@ impl RunFiles {
         merged_mesh(&placed.iter().collect::<Vec<_>>())
     }
 
-    /// Motion of a part in the world from state 0 to another state.
+    /// Motion of a part from state 0 to another state, world frame.
     #[must_use]
     pub fn motion(&self, part: usize, state: usize) -> Pose {
         let head = self.parts[part][0];
         self.tree.world_from_link(head, &self.states[state])
-            // In the world: how a link's frame is placed in its part does not matter.
+            // In the world frame the placement of a link's frame in its part does not matter.
             * self.tree.world_from_link(head, &self.states[0]).inverse()
     }
 
-    /// Axis of a part's joint in the world in state 0: direction and a point; `None` for the part of the
-    /// root.
+    /// Axis of a part's joint in state 0, world frame: direction and a point; `None` for the root's part.
     #[must_use]
     pub fn axis(&self, part: usize) -> Option<(Unit<Vector3<f64>>, Point3<f64>)> {
         let joint = self.tree.joint_of(self.parts[part][0])?;
@@ -82,13 +81,13 @@ impl RunFiles {
         Some((direction, world_from_joint.translation.vector.into()))
     }
 
-    /// `revolute`, `prismatic` or `screw`, which is a turning link on a sliding one without a mesh or the
-    /// reverse; `fixed` for the part of the root.
+    /// `revolute`, `prismatic` or `screw` (a revolute and a prismatic joint with a link without a mesh
+    /// between them, in either order); `fixed` for the root's part.
     #[must_use]
     pub fn kind(&self, part: usize) -> &'static str {
         let Some(joint) = self.tree.joint_of(self.parts[part][0]) else { return "fixed" };
         let kind = kind_name(joint.kind);
-        // A screw may be written as a pair of joints with a link between them that has no mesh.
+        // A screw may be written as a pair of joints, with a meshless link between them.
         let carrier =
             self.tree.joint_of(joint.parent).filter(|_| self.tree.links[joint.parent].visual.is_empty());
         match (kind, carrier.map(|c| kind_name(c.kind))) {
@@ -115,7 +114,7 @@ fn the_urdf(folder: &Path) -> Result<PathBuf, EvaluateError> {
     let mut found: Vec<PathBuf> = entries.flatten().map(|e| e.path()).filter(is_urdf).collect();
     match (found.pop(), found.len()) {
         (Some(path), 0) => Ok(path),
-        // None, or several: the right one cannot be known.
+        // None or several: the right one is unknown.
         (last, rest) => {
             Err(EvaluateError::NotARun { path: folder.to_owned(), count: rest + usize::from(last.is_some()) })
         }

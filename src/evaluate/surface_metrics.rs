@@ -9,7 +9,7 @@ use geometry::NearestPoints;
 use numeric::random::unit_uniform;
 use surface::TriangleMesh;
 
-/// `count` points drawn uniformly by area from a mesh; empty for a mesh without area.
+/// `count` points drawn uniformly by area from a mesh; empty if the mesh has no area.
 #[must_use]
 pub(crate) fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> Vec<Point3<f64>> {
     let mut sum = 0.0;
@@ -29,7 +29,7 @@ pub(crate) fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl R
         let [a, b, c] = mesh.corners(triangle).map(|p| p.cast::<f64>());
         let mut u = unit_uniform(rng);
         let mut v = unit_uniform(rng);
-        // The other half of the parallelogram is folded back: the density stays even.
+        // The other half of the parallelogram is folded back, so the density is uniform.
         if u + v > 1.0 {
             (u, v) = (1.0 - u, 1.0 - v);
         }
@@ -38,8 +38,8 @@ pub(crate) fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl R
     points
 }
 
-/// The published Chamfer distance of two point sets, 1e-3 m^2: mean squared distance from `a` to the nearest
-/// of `b`, plus the same from `b` to `a`, times 1000: docs/method.md (13.2). `None` where a set is empty.
+/// Chamfer distance as published, 1e-3 m^2: mean squared distance from `a` to the nearest point of `b`, plus
+/// the same from `b` to `a`, times 1000: docs/method.md (13.2). `None` if a set is empty.
 #[must_use]
 pub(crate) fn chamfer_distance(a: &[Point3<f64>], b: &[Point3<f64>]) -> Option<f64> {
     Some(1000.0 * (mean_squared_m2(a, b)? + mean_squared_m2(b, a)?))
@@ -47,7 +47,7 @@ pub(crate) fn chamfer_distance(a: &[Point3<f64>], b: &[Point3<f64>]) -> Option<f
 
 fn mean_squared_m2(from: &[Point3<f64>], to: &[Point3<f64>]) -> Option<f64> {
     let tree = NearestPoints::new(to);
-    // In parallel, then summed in order: the sum does not depend on the number of threads.
+    // Computed in parallel but summed in order: the sum does not depend on the number of threads.
     let squared: Option<Vec<f64>> =
         from.par_iter().map(|p| tree.nearest_one(p).map(|(_, d)| d * d)).collect();
     mean_of(&squared?)
@@ -64,7 +64,7 @@ pub(crate) fn mean_distance_mm(points: &[Point3<f64>], mesh: &TriangleMesh) -> O
     Some(1000.0 * mean_of(&distances)?)
 }
 
-/// Mean in the order of the values; `None` without values.
+/// Mean, summed in the order of the values; `None` without values.
 pub(super) fn mean_of(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }

@@ -1,5 +1,5 @@
-//! Methods side by side over trials, in the form of the published tables: mean and deviation, the best trial,
-//! failures; with time and memory.
+//! Methods side by side over trials, as in the published tables: mean and deviation, best trial, failures;
+//! also time and memory.
 
 use std::fmt::Write as _;
 
@@ -15,7 +15,7 @@ use super::{
 pub struct TrialCost {
     /// Wall time, seconds.
     pub seconds: f64,
-    /// Highest resident memory, MiB; `None` where the system does not count it.
+    /// Peak resident memory, MiB; `None` if the system does not report it.
     pub peak_mib: Option<f64>,
 }
 
@@ -26,33 +26,34 @@ pub struct MethodTrials {
     pub object: String,
     /// Name of the method.
     pub method: String,
-    /// The published metrics.
+    /// The published metrics over all trials.
     pub published: Published,
-    /// Why trials failed, by the number of the seed.
+    /// Why trials failed, each with the index of its seed.
     pub failures: Vec<(usize, String)>,
-    /// Why twins were rejected (they are measured all the same), by the number of the seed.
+    /// Why twins were rejected, each with the index of its seed; they are measured all the same.
     pub rejected: Vec<(usize, String)>,
     /// Time and memory of every trial.
     pub costs: Vec<TrialCost>,
 }
 
-/// All trials of a command.
+/// The trials of all objects and methods.
 #[derive(Clone, Debug, Serialize)]
 pub struct TrialTable {
-    /// Trials of every object and method.
+    /// Number of trials of each object and method.
     pub seeds: u64,
-    /// By object, then method.
+    /// Sorted by object, then method.
     pub trials: Vec<MethodTrials>,
 }
 
 impl TrialTable {
-    /// No trials yet, of so many seeds each.
+    /// An empty table for `seeds` trials each.
     #[must_use]
     pub fn new(seeds: u64) -> Self {
         Self { seeds, trials: Vec::new() }
     }
 
-    /// Adds the trials of a method on an object, with why their twins were rejected; nothing without trials.
+    /// Adds the trials of a method on an object, with the reasons for rejected twins; adds nothing if there
+    /// are no trials.
     pub fn add_trials(
         &mut self,
         object: &str,
@@ -76,11 +77,11 @@ impl TrialTable {
     /// The table as indented JSON.
     #[must_use]
     pub fn to_json(&self) -> String {
-        // Finite or missing numbers and text always serialize.
+        // Text and finite or missing numbers can always be serialized.
         serde_json::to_string_pretty(self).unwrap_or_default()
     }
 
-    /// A Markdown table of every object: a row a metric, a column a method.
+    /// One Markdown table per object, with a row for each metric and a column for each method.
     #[must_use]
     pub fn to_markdown(&self) -> String {
         let mut out = format!(
@@ -134,7 +135,7 @@ fn push_row(out: &mut String, name: &str, methods: &[&MethodTrials], cell: impl 
     writeln!(out, "| {} |", cells.join(" | ")).unwrap_or_default();
 }
 
-/// Mean, deviation and best trial of a metric; the number of its trials, where not all have it.
+/// Mean, deviation and best trial of a metric, and the number of trials with a value if some have none.
 fn metric_cell(row: &PublishedRow) -> String {
     let places = row.decimal_places();
     let (Some(mean), Some(std)) = (row.mean, row.std) else { return "F".into() };

@@ -12,42 +12,42 @@ use geometry::Pose;
 use io::{read_mesh, read_npy};
 use surface::TriangleMesh;
 
-/// The joint between a part and its parent, in the world as it stands in state 0.
+/// The joint between a part and its parent, in the world frame in state 0.
 #[derive(Clone, Debug)]
 pub struct TrueJoint {
     /// `revolute`, `prismatic` or `screw`.
     pub kind: String,
-    /// Direction.
+    /// Unit direction of the axis.
     pub axis: Unit<Vector3<f64>>,
-    /// A point on the axis, meters; of no meaning for a prismatic joint.
+    /// A point on the axis, meters; meaningless for a prismatic joint.
     pub origin: Point3<f64>,
-    /// Motion of the part in the world.
+    /// Motion of the part from state 0 to state 1, world frame.
     pub state1_from_state0: Pose,
-    /// The same to the states behind the first two, where there are any.
+    /// The same to each state after the first two, if there are any.
     pub further_from_state0: Vec<Pose>,
 }
 
 impl TrueJoint {
-    /// Motion of the part in the world from state 0 to each other state.
+    /// Motion of the part from state 0 to each other state, world frame.
     pub fn motions(&self) -> impl Iterator<Item = &Pose> {
         std::iter::once(&self.state1_from_state0).chain(&self.further_from_state0)
     }
 }
 
-/// A rigid part.
+/// A rigid part of the true object.
 #[derive(Clone, Debug)]
 pub struct TruePart {
     /// Number of the part in the files.
     pub index: usize,
     /// Name.
     pub name: String,
-    /// `None` for the static part.
+    /// Its joint; `None` for the static part.
     pub joint: Option<TrueJoint>,
-    /// Surface in the world in state 0 and 1.
+    /// Surface in states 0 and 1, world frame, meters.
     pub meshes: [TriangleMesh; 2],
 }
 
-/// A true surface point, seen by some camera.
+/// A point of the true surface seen by some camera.
 #[derive(Clone, Copy, Debug)]
 pub struct SeenPoint {
     /// World point, meters.
@@ -56,14 +56,14 @@ pub struct SeenPoint {
     pub part: usize,
 }
 
-/// Truth of an object.
+/// Ground truth of an object.
 #[derive(Clone, Debug)]
 pub struct Truth {
     /// Parts, in the order of the file.
     pub parts: Vec<TruePart>,
-    /// Whole surface in the world in state 0 and 1.
+    /// Whole surface in states 0 and 1, world frame, meters.
     pub whole: [TriangleMesh; 2],
-    /// Points seen by some camera, in state 0 and 1; empty where this was not recorded.
+    /// Points seen by some camera in states 0 and 1; empty if not recorded.
     pub seen: [Vec<SeenPoint>; 2],
 }
 
@@ -86,11 +86,11 @@ struct PartEntry {
 }
 
 impl Truth {
-    /// Reads `truth.json` and `truth/state{0,1}/{part_<i>,whole}.ply` and, where it exists, `seen.npy` (rows
-    /// x, y, z, part).
+    /// Reads `truth.json`, `truth/state{0,1}/{part_<i>,whole}.ply` and, if present, `seen.npy` (rows x, y, z,
+    /// part).
     ///
     /// # Errors
-    /// A missing or damaged file, named in the error.
+    /// If a file is missing or damaged; the error names it.
     pub fn read(folder: &Path) -> Result<Self, EvaluateError> {
         let path = folder.join("truth.json");
         let text = read_text(&path, TRUTH)?;
@@ -111,7 +111,7 @@ impl Truth {
                 meshes: [mesh(0, &name)?, mesh(1, &name)?],
             });
         }
-        // Motions are given in the world: one part stands still in it.
+        // Motions are given in the world, so exactly one part is static.
         if parts.iter().filter(|p| p.joint.is_none()).count() != 1 {
             return Err(EvaluateError::Invalid {
                 path,
@@ -126,12 +126,12 @@ impl Truth {
     }
 }
 
-/// Text of a file of limited size.
+/// Reads a text file of limited size.
 pub(super) fn read_text(path: &Path, limit: FileLimit) -> Result<String, EvaluateError> {
     files::read_text(path, limit).map_err(|source| EvaluateError::Disk { path: path.to_owned(), source })
 }
 
-/// A fault of a part.
+/// Why a part is invalid.
 #[derive(Debug, thiserror::Error)]
 enum PartFault {
     #[error("part '{part}' is of type '{kind}'; fixed, revolute, prismatic and screw are known")]
@@ -158,7 +158,7 @@ fn joint_of_entry(entry: &PartEntry) -> Result<Option<TrueJoint>, PartFault> {
     else {
         return Err(PartFault::Incomplete(name()));
     };
-    // The length of the largest numbers is no number.
+    // The norm of very large numbers overflows and is refused.
     let direction = Unit::try_new(Vector3::from(axis), 1e-9).filter(|a| a.norm() > 0.5);
     let axis = direction.ok_or_else(|| PartFault::NoAxis(name()))?;
     let motion = rigid_pose(&motion).ok_or_else(|| PartFault::NotRigid(name()))?;
@@ -173,11 +173,11 @@ fn joint_of_entry(entry: &PartEntry) -> Result<Option<TrueJoint>, PartFault> {
     }))
 }
 
-/// A pose from a row-major 4x4 matrix; `None` where it is not rigid.
+/// A pose from a row-major 4x4 matrix; `None` if it is not rigid.
 fn rigid_pose(rows: &[[f64; 4]; 4]) -> Option<Pose> {
     let m = Matrix4::from_fn(|r, c| rows[r][c]);
     let r: Matrix3<f64> = m.fixed_view::<3, 3>(0, 0).into();
-    // The truth has all its digits: a larger error is no rounding.
+    // The truth has full precision: a larger error is not rounding.
     let straight = (r.transpose() * r - Matrix3::identity()).norm() < 1e-6 && r.determinant() > 0.0;
     let translation: Vector3<f64> = m.fixed_view::<3, 1>(0, 3).into();
     straight.then(|| {
@@ -190,7 +190,7 @@ fn rigid_pose(rows: &[[f64; 4]; 4]) -> Option<Pose> {
 
 fn read_seen(folder: &Path) -> Result<Vec<SeenPoint>, EvaluateError> {
     let path: PathBuf = folder.join("seen.npy");
-    // Not every truth holds the points seen by cameras; completeness is left out then.
+    // Not every truth has the points seen by cameras; without them completeness is left out.
     if !path.exists() {
         return Ok(Vec::new());
     }

@@ -1,12 +1,13 @@
-//! The gap between a twin and measured motion: its places, the missing effects, and their share of it.
+//! The gap between a twin and measured motion: where it occurs, its causes, and how much each explains.
 //!
-//! Data flows `record` -> `model` -> `fit` -> `judge`: recordings become logs of one joint, a model predicts
-//! them, a fit chooses its parameters, and a verdict names effects. `camera` does the same by RGB-D frames.
+//! Data flows `record` -> `model` -> `fit` -> `judge`: recordings become logs of single joints, a model
+//! predicts them, a fit determines its parameters, and a verdict names effects. `camera` does the same for
+//! RGB-D frames.
 //!
 //! ```
 //! use gap::model::effects::catalogue;
 //!
-//! // Effects at a joint beside which no other joint was recorded.
+//! Effects for a joint recorded without other joints.
 //! let names: Vec<_> = catalogue(0).iter().map(|effect| effect.name()).collect();
 //! assert!(names.contains(&"coulomb_friction") && names.contains(&"backlash"));
 //! ```

@@ -1,16 +1,16 @@
 //! Sine and cosine for the inner loop of rollouts: polynomials on an eighth of a turn (those of Sun's
-//! fdlibm), several times as fast as the C library's, with its change of the rounding mode at every call.
+//! fdlibm), several times as fast as the C library's functions, which change the rounding mode at every call.
 
 use std::f64::consts::FRAC_2_PI;
 
-/// The first 33 bits of a quarter turn, and the rest.
+/// The first 33 bits of a quarter turn, and the rest, radians.
 /// derived: its binary digits.
 const QUARTER: (f64, f64) = (1.570_796_326_734_125_6, 6.077_100_506_506_192e-11);
-/// Added and taken away again, it leaves the nearest whole number.
+/// Adding and subtracting this rounds to the nearest integer.
 /// derived: `1.5 * 2^52`.
 const ROUNDING: f64 = 6_755_399_441_055_744.0;
-/// Angles beyond it go to the standard library, radians.
-/// chosen: below 2^20 quarters: the product with the first 33 bits is exact.
+/// Larger angles are passed to the standard library, radians.
+/// chosen: less than 2^20 quarters, so the product with the first 33 bits is exact.
 const MAX_ANGLE: f64 = 1e5;
 
 /// Coefficients of `sin(r) / r^3` and of `cos(r) / r^4` after their first terms, by even powers.
@@ -37,14 +37,14 @@ const COSINE: [f64; 6] = [
 #[inline]
 #[must_use]
 pub fn sin_cos(angle: f64) -> (f64, f64) {
-    // Negated: NaN goes to the standard library as well.
+    // Negated, so NaN is passed to the standard library too.
     if !(angle.abs() < MAX_ANGLE) {
         return angle.sin_cos();
     }
-    // The sum has no bits below one: it is rounded; its last two bits are the quadrant.
+    // The sum has no bits below one, so it is rounded; its last two bits are the quadrant.
     let shifted = angle * FRAC_2_PI + ROUNDING;
     let quarters = shifted - ROUNDING;
-    // Taken off in two parts, the first without rounding: no digits cancel.
+    // Subtracted in two parts, the first without rounding, so no digits cancel.
     let r = angle - quarters * QUARTER.0 - quarters * QUARTER.1;
     let z = r * r;
     let at = |c: &[f64; 6]| c[0] + z * (c[1] + z * (c[2] + z * (c[3] + z * (c[4] + z * c[5]))));

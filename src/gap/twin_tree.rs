@@ -1,17 +1,17 @@
-//! Tree dynamics of a twin: recursive Newton-Euler in the world frame, and its effect on one joint.
+//! Dynamics of a twin's tree (recursive Newton-Euler in the world frame), and their effect on single joints.
 
 use nalgebra::{DMatrix, Matrix3, Point3, Unit, Vector3};
 
 use geometry::Pose;
 
-/// Motion of a joint's child, as far as its dynamics go.
+/// Type of a joint's motion in the dynamics.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Motion {
-    /// Nothing.
+    /// No motion.
     Fixed,
-    /// Turns; radians and N m.
+    /// Rotation; radians and N m.
     Turn,
-    /// Slides; meters and N.
+    /// Translation; meters and N.
     Slide,
 }
 
@@ -20,7 +20,7 @@ pub enum Motion {
 pub struct TwinLink {
     /// Name.
     pub name: String,
-    /// Mass, kg; 0 where the twin gives none.
+    /// Mass, kg; 0 if not given.
     pub mass_kg: f64,
     /// Center of mass, link frame, meters.
     pub center_of_mass: Point3<f64>,
@@ -33,7 +33,7 @@ pub struct TwinLink {
 pub struct TwinJoint {
     /// Name.
     pub name: String,
-    /// Motion of its child.
+    /// How it moves its child.
     pub motion: Motion,
     /// Index of the parent link.
     pub parent: usize,
@@ -47,14 +47,14 @@ pub struct TwinJoint {
     pub damping: f64,
     /// Coulomb friction, N m or N.
     pub friction: f64,
-    /// Lowest and highest position, where the twin has limits.
+    /// Lowest and highest position, if the twin has limits.
     pub limit: Option<(f64, f64)>,
-    /// The joint follows another one and has no motion of its own.
+    /// Whether the joint follows another one.
     pub is_mimic: bool,
 }
 
 impl TwinJoint {
-    /// The child's frame at a position, in its frame at position 0.
+    /// Pose of the child's frame at a position, relative to its frame at position 0.
     #[must_use]
     pub fn motion_to(&self, position: f64) -> Pose {
         let way = self.axis.into_inner() * position;
@@ -73,7 +73,7 @@ pub struct TwinTree {
     pub name: String,
     /// Links.
     pub links: Vec<TwinLink>,
-    /// Joints, every parent link before its child.
+    /// Joints in tree order: each after the joint carrying its parent link.
     pub joints: Vec<TwinJoint>,
     /// Index of the root link.
     pub root: usize,
@@ -89,12 +89,13 @@ struct LinkMotion {
     w: Vector3<f64>,
     /// Angular acceleration.
     dw: Vector3<f64>,
-    /// Acceleration of the origin, gravity subtracted.
+    /// Acceleration of the origin minus gravity, m/s^2.
     acc: Vector3<f64>,
 }
 
 impl TwinTree {
-    /// Efforts for the accelerations (order of `joints`; fixed joints hold 0), N m or N: `M a + h(q, v)`.
+    /// Efforts producing the accelerations, N m or N: `M a + h(q, v)`, in the order of `joints`; 0 at fixed
+    /// joints.
     #[must_use]
     pub fn inverse_dynamics(
         &self,
@@ -103,26 +104,26 @@ impl TwinTree {
         acceleration: &[f64],
         with_gravity: bool,
     ) -> Vec<f64> {
-        // A root accelerating upwards makes the same efforts as gravity: no link needs a term of its own.
+        // A root accelerating upwards causes the same efforts as gravity, so no link needs a gravity term.
         let start = if with_gravity { -self.gravity } else { Vector3::zeros() };
         let rest =
             LinkMotion { pose: Pose::identity(), w: Vector3::zeros(), dw: Vector3::zeros(), acc: start };
         let mut motion = vec![rest; self.links.len()];
-        // Outward: the motion of each link from its parent's.
+        // Outward pass: the motion of each link from its parent's.
         for (j, joint) in self.joints.iter().enumerate() {
             motion[joint.child] =
                 step_out(&motion[joint.parent], joint, position[j], velocity[j], acceleration[j]);
         }
-        // Required force and moment of each link about the world's origin.
+        // Force and moment required by each link, about the world's origin.
         let mut wrench: Vec<(Vector3<f64>, Vector3<f64>)> =
             self.links.iter().zip(&motion).map(|(l, m)| newton_euler(l, m)).collect();
         let mut effort = vec![0.0; self.joints.len()];
-        // Inward: a joint carries its child's wrench and hands it on to the parent.
+        // Inward pass: a joint carries its child's wrench and passes it on to the parent.
         for (j, joint) in self.joints.iter().enumerate().rev() {
             let (force, moment) = wrench[joint.child];
             let pose = &motion[joint.child].pose;
             let axis = pose.rotation * joint.axis.into_inner();
-            // A hinge feels the moment about its own origin, not about the world's.
+            // The moment about the hinge's own origin acts on it, not about the world's.
             effort[j] = match joint.motion {
                 Motion::Fixed => 0.0,
                 Motion::Turn => axis.dot(&(moment - pose.translation.vector.cross(&force))),
@@ -134,14 +135,14 @@ impl TwinTree {
         effort
     }
 
-    /// The mass matrix over the joints, kg m^2 and kg; rows of fixed joints are zero.
+    /// The mass matrix of the joints, kg m^2 and kg; rows of fixed joints are zero.
     #[must_use]
     pub fn mass_matrix(&self, position: &[f64]) -> DMatrix<f64> {
         let n = self.joints.len();
         let zero = vec![0.0; n];
         let mut matrix = DMatrix::zeros(n, n);
         for j in (0..n).filter(|&j| self.joints[j].motion != Motion::Fixed) {
-            // At rest and without gravity, a unit acceleration of one joint needs the efforts of its
+            // At rest and without gravity, a unit acceleration of one joint requires the efforts of its
             // column.
             let mut unit = zero.clone();
             unit[j] = 1.0;
@@ -151,14 +152,14 @@ impl TwinTree {
         matrix
     }
 
-    /// Effort to hold the tree against gravity, N m or N.
+    /// Efforts holding the tree against gravity, N m or N.
     #[must_use]
     pub fn gravity_effort(&self, position: &[f64]) -> Vec<f64> {
         let zero = vec![0.0; self.joints.len()];
         self.inverse_dynamics(position, &zero, &zero, true)
     }
 
-    /// `root_from_link` of every link, with the joints at these positions (order of `joints`).
+    /// `root_from_link` of every link, for joint positions in the order of `joints`.
     #[must_use]
     pub fn link_poses(&self, position: &[f64]) -> Vec<Pose> {
         let mut poses = vec![Pose::identity(); self.links.len()];
@@ -168,8 +169,8 @@ impl TwinTree {
         poses
     }
 
-    /// Effort at a joint of a force and a moment about its origin, root's axes, N m or N; `poses` are those
-    /// of the links.
+    /// Effort at a joint, N m or N, from a force and a moment about the joint's origin, in root axes; `poses`
+    /// are the links' poses.
     #[must_use]
     pub fn effort_of(
         &self,
@@ -187,14 +188,14 @@ impl TwinTree {
         }
     }
 
-    /// The link below all fixed joints of a link, with a moving joint of its own, or the root.
+    /// The link to which a link is fixed: the nearest one moved by a joint, or the root.
     #[must_use]
     pub fn carrying_link(&self, link: usize) -> usize {
         let fixed = self.joints.iter().find(|j| j.child == link && j.motion == Motion::Fixed);
         fixed.map_or(link, |j| self.carrying_link(j.parent))
     }
 
-    /// Whether a moving joint lies between the root and a link.
+    /// Whether a link is moved by a joint.
     #[must_use]
     pub fn carries(&self, joint: usize, link: usize) -> bool {
         let above = self.joints.iter().position(|j| j.child == link);
@@ -204,7 +205,7 @@ impl TwinTree {
         })
     }
 
-    /// The other moving joints between a joint and the root, or beyond it.
+    /// The other moving joints between a joint and the root, or beyond the joint.
     #[must_use]
     pub fn chain_joints(&self, joint: usize) -> Vec<usize> {
         let moving = (0..self.joints.len()).filter(|&k| self.joints[k].motion != Motion::Fixed);
@@ -231,14 +232,14 @@ fn step_out(parent: &LinkMotion, joint: &TwinJoint, q: f64, v: f64, a: f64) -> L
     let arm = pose.translation.vector - parent.pose.translation.vector;
     let w = parent.w;
     let dw = parent.dw;
-    // Tangential and centripetal acceleration of the child's origin, carried along by the parent.
+    // Tangential and centripetal acceleration of the child's origin moving with the parent.
     let carried = parent.acc + dw.cross(&arm) + w.cross(&w.cross(&arm));
     match joint.motion {
         Motion::Fixed => LinkMotion { pose, w, dw, acc: carried },
         Motion::Turn => {
             LinkMotion { pose, w: w + axis * v, dw: dw + axis * a + w.cross(&(axis * v)), acc: carried }
         }
-        // The way of a slide turns with the parent: Coriolis.
+        // The direction of a slide rotates with the parent: Coriolis acceleration.
         Motion::Slide => LinkMotion { pose, w, dw, acc: carried + axis * a + 2.0 * w.cross(&(axis * v)) },
     }
 }
@@ -249,7 +250,7 @@ fn newton_euler(link: &TwinLink, motion: &LinkMotion) -> (Vector3<f64>, Vector3<
     let force = acc * link.mass_kg;
     let r = motion.pose.rotation.to_rotation_matrix();
     let inertia = r.matrix() * link.inertia * r.matrix().transpose();
-    // Euler's equation; moved to the world's origin, where wrenches of links add up.
+    // Euler's equation, moved to the world's origin, where the links' wrenches are summed.
     let spin = inertia * motion.dw + motion.w.cross(&(inertia * motion.w));
     (force, spin + (motion.pose.translation.vector + arm).cross(&force))
 }

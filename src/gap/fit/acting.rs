@@ -1,4 +1,4 @@
-//! Efforts on a joint at a state and bounds of the friction, with their derivatives.
+//! Efforts and friction bounds of a joint at a state, with their derivatives.
 
 use crate::model::{
     effect::{At, Effect, MAX_PARAMETERS, Place, Response},
@@ -6,27 +6,27 @@ use crate::model::{
     plant::Plant,
 };
 
-/// Columns of a sensitivity: start position, start velocity, parameters.
+/// Columns of the sensitivities: start position, start velocity, then the parameters.
 pub const MAX_COLUMNS: usize = 16;
 /// One row of sensitivities.
 pub type Row = [f64; MAX_COLUMNS];
 
-/// Efforts at a state, summed over the plant and the terms.
+/// Efforts at a state, summed over the plant and the model's terms.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct EffortSum {
-    /// Smooth effort without the actuator's.
+    /// Smooth effort, without the actuator's, N m or N.
     pub effort: f64,
-    /// Both by position.
+    /// Derivative of both smooth and actuator effort with respect to position.
     pub q: f64,
-    /// Both by velocity.
+    /// Derivative of both with respect to velocity.
     pub v: f64,
-    /// Bound of the friction.
+    /// Bound of the friction, N m or N.
     pub friction: f64,
-    /// By position.
+    /// Its derivative with respect to position.
     pub friction_q: f64,
-    /// By the measured effort.
+    /// Its derivative with respect to the measured effort.
     pub friction_u: f64,
-    /// Share of the measured effort taken off by contacts.
+    /// Share of the measured effort absorbed by contacts.
     pub taken: f64,
 }
 
@@ -39,7 +39,7 @@ pub struct Acting<'a> {
 }
 
 impl<'a> Acting<'a> {
-    /// Of a model.
+    /// Looks up the terms of a model.
     #[must_use]
     pub fn of_model(model: &'a JointModel, catalogue: &'a Catalogue) -> Self {
         let mut terms = Vec::with_capacity(model.terms.len());
@@ -51,24 +51,24 @@ impl<'a> Acting<'a> {
         Self { plant: &model.plant, terms, has_contact }
     }
 
-    /// Efforts at a state, without derivatives by parameters.
+    /// Efforts at a state, without derivatives with respect to parameters.
     #[must_use]
     pub fn efforts_at(&self, at: &At) -> EffortSum {
         self.add_up(at, &mut [0.0; MAX_COLUMNS], &mut [0.0; MAX_COLUMNS])
     }
 
-    /// The first contact reached by the joint moving at `v` for `h` seconds.
+    /// The first contact reached within `h` seconds by the joint moving at velocity `v`.
     #[inline]
     pub fn first_meeting(&self, q: f64, v: f64, h: f64) -> Option<Meeting> {
         if !self.has_contact {
             return None;
         }
-        // Columns before the terms': start position, start velocity, lag.
+        // Columns before those of the terms: start position, start velocity, lag.
         let mut first = None::<Meeting>;
         let mut column = 3;
         for (effect, _, p) in &self.terms {
             if let Some(i) = effect.contact_parameter() {
-                // At rest this is infinite or no number, and the comparisons below fail.
+                // At rest this is infinite or NaN, and the comparisons below fail.
                 let after_s = (p[i] - q) / v;
                 let enters = (v > 0.0) == effect.is_upper();
                 if enters && after_s > 0.0 && after_s < first.map_or(h, |f| f.after_s) {
@@ -80,12 +80,13 @@ impl<'a> Acting<'a> {
         first
     }
 
-    /// Adds up plant and terms at a state. `effort` and `friction` take the derivatives by the parameters.
+    /// Sums plant and terms at a state. `effort` and `friction` receive the derivatives with respect to the
+    /// parameters.
     #[inline]
     pub fn add_up(&self, at: &At, effort: &mut Row, friction: &mut Row) -> EffortSum {
         let plant = self.plant;
         let (load, slope) = plant.load_at(at.carried, at.q);
-        // An inertia changing with the motion of a chain acts as damping: d(I v)/dt = I a + dI/dt v.
+        // A change of inertia due to the motion of a chain acts as damping: d(I v)/dt = I a + dI/dt v.
         let damping = plant.damping + plant.inertia_at(at.carried).1;
         let mut sum = EffortSum {
             effort: -load - damping * at.v,
@@ -105,7 +106,7 @@ impl<'a> Acting<'a> {
                     sum.v += r.v;
                     &mut *effort
                 } else {
-                    // A bound below zero would let friction drive.
+                    // A negative bound would make friction drive the joint.
                     sum.friction += r.value.max(0.0);
                     sum.friction_q += r.q;
                     sum.friction_u += r.u;
@@ -122,7 +123,7 @@ impl<'a> Acting<'a> {
         sum
     }
 
-    /// Adds contacts up; they feel the sum of the other efforts.
+    /// Adds the contacts, which act on the sum of the other efforts.
     fn add_contacts(&self, at: &At, effort: &mut Row, sum: &mut EffortSum) {
         let at = At { load: at.u + sum.effort, ..*at };
         let mut column = 3;
@@ -138,7 +139,7 @@ impl<'a> Acting<'a> {
             sum.q += r.q + r.load * sum.q;
             sum.v += r.v + r.load * sum.v;
             sum.taken -= r.load;
-            // A contact takes the same share off the efforts and off their derivatives.
+            // A contact absorbs the same share of the efforts and of their derivatives.
             if r.load != 0.0 {
                 effort[3..].iter_mut().for_each(|x| *x *= 1.0 + r.load);
             }
@@ -152,13 +153,13 @@ impl<'a> Acting<'a> {
 pub struct Meeting {
     /// Seconds from the start of the step.
     pub after_s: f64,
-    /// Position of the contact's begin.
+    /// Position where the contact begins, rad or m.
     pub position: f64,
-    /// Its column.
+    /// Column of this position in the sensitivities.
     pub column: usize,
 }
 
-/// Writes the first `count` values; a loop of known length.
+/// Writes the first `count` values; the loop has a fixed length.
 #[inline]
 fn write_first(target: &mut [f64], values: &[f64; MAX_PARAMETERS], count: usize) {
     for (i, (t, x)) in target.iter_mut().zip(values).enumerate() {
@@ -168,8 +169,8 @@ fn write_first(target: &mut [f64], values: &[f64; MAX_PARAMETERS], count: usize)
     }
 }
 
-/// Bound of the friction on a joint turning back: at rest the bound of the side it leaves to; on the way
-/// through rest the larger one of both sides.
+/// Bound of the friction on a joint reversing its motion: starting from rest, the bound of the direction it
+/// leaves in; passing through rest, the larger bound of both directions.
 #[must_use]
 pub fn bound_at_turn(acting: &Acting, at: &At, bound: f64, friction: &mut Row) -> f64 {
     let mut unused = [0.0; MAX_COLUMNS];

@@ -1,5 +1,5 @@
-//! Start of an actuator's fit: factors of recorded signals to move the twin as measured, by a regression on
-//! the smoothed motion.
+//! Start of an actuator's fit: a regression on the smoothed motion finds the factors with which the recorded
+//! signals move the twin as measured.
 
 use nalgebra::{Matrix4, Vector4};
 
@@ -21,11 +21,11 @@ use crate::{
 /// Tried delays of a command, seconds.
 /// chosen: none to five periods of 50 Hz, the slowest rate of commands in use.
 const DELAYS_S: [f64; 11] = [0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1];
-/// Share of its limit from which a servo counts as limited.
+/// A servo counts as saturated from this share of its limit.
 /// chosen: a reading within the interval may lie a step off.
 const AT_LIMIT: f64 = 0.98;
 
-/// Why there is no actuator.
+/// Why no actuator could be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ActuationError {
     /// The commands do not move the joint.
@@ -46,13 +46,13 @@ pub enum ActuationError {
 struct Moment {
     log: usize,
     sample: usize,
-    /// Effort for this motion of the twin.
+    /// Effort needed to move the twin this way, N m or N.
     required: f64,
     velocity: f64,
 }
 
-/// The plant with its actuator as given or by a regression, and logs with the actuator's efforts, those of
-/// `fitted` and `held_out`. The regression reads the fitted ones.
+/// The plant with its actuator as given or regressed; sets the actuator's efforts in the logs `fitted` and
+/// `held_out`. The regression reads the fitted logs only.
 ///
 /// # Errors
 /// [`ActuationError`] where the recorded signal moves nothing.
@@ -108,7 +108,7 @@ pub fn actuated_plant(
     Ok(Plant { actuator, ..plant.clone() })
 }
 
-/// Efforts of a servo from each sample to the next, N m or N.
+/// Mean effort of a servo from each sample to the next, N m or N.
 fn servo_efforts(log: &JointLog, delay_s: f64, stiffness: f64, damping: f64, limit: f64) -> Vec<f64> {
     let errors = position_errors(log, delay_s);
     let mut efforts = Vec::with_capacity(errors.len());
@@ -120,7 +120,7 @@ fn servo_efforts(log: &JointLog, delay_s: f64, stiffness: f64, damping: f64, lim
     efforts
 }
 
-/// Position errors of a servo from each sample to the next: the command less the reading in the middle.
+/// Mean position error of a servo from each sample to the next: the command minus the reading halfway.
 fn position_errors(log: &JointLog, delay_s: f64) -> Vec<f64> {
     let drive = Drive::with_steps(log, Hold::Zero, delay_s, 1);
     let n = log.time_s.len();
@@ -130,14 +130,14 @@ fn position_errors(log: &JointLog, delay_s: f64) -> Vec<f64> {
 
 /// Result of a regression.
 struct Regressed {
-    /// Of the signal.
+    /// Factor of the signal.
     factor: f64,
     damping: f64,
-    /// Remaining root mean square of the required efforts.
+    /// Root mean square of the required efforts left unexplained.
     left: f64,
 }
 
-/// Stiffness and damping of a servo, without the samples at its limit.
+/// Stiffness and damping of a servo, from the samples below its limit.
 fn servo_regression(moments: &[Moment], errors: &[Vec<f64>], given: &ToldServo, limit: f64) -> Regressed {
     let error = |m: &Moment| errors[m.log][m.sample];
     let first = effort_regression(moments, &error, given.stiffness, given.damping);
@@ -154,8 +154,8 @@ fn servo_regression(moments: &[Moment], errors: &[Vec<f64>], given: &ToldServo, 
     effort_regression(&free, &error, given.stiffness, given.damping)
 }
 
-/// Factor of a signal for the required efforts, beside damping, Coulomb friction and a constant. Given
-/// numbers stay.
+/// Factor of a signal fitting the required efforts, together with damping, Coulomb friction and a constant.
+/// Given numbers are kept.
 fn effort_regression(
     moments: &[Moment],
     signal: &dyn Fn(&Moment) -> f64,
@@ -176,7 +176,7 @@ fn effort_regression(
         normal += row * row.transpose();
     }
     for i in 0..4 {
-        // A given column, or one of zeros, must not stop the solution.
+        // A column of zeros, or one with a given factor, must not make the matrix singular.
         normal[(i, i)] = normal[(i, i)] * (1.0 + 1e-9) + 1e-300;
     }
     let Some(x) = normal.cholesky().map(|c| c.solve(&right)) else {
@@ -186,7 +186,7 @@ fn effort_regression(
     Regressed { factor: factor.unwrap_or(x[0]), damping: damping.unwrap_or(x[1]), left }
 }
 
-/// The required effort of every interval with motion.
+/// The required effort in every interval with motion.
 fn moving_moments(plant: &Plant, logs: &[JointLog]) -> Vec<Moment> {
     let noise = reading_noise(logs);
     let mut all = Vec::new();
@@ -196,7 +196,7 @@ fn moving_moments(plant: &Plant, logs: &[JointLog]) -> Vec<Moment> {
         for segment in log.gapless_segments(index) {
             for k in segment.start..(segment.start + segment.len).saturating_sub(1) {
                 let s = motion.state_at(0.5 * (log.time_s[k] + log.time_s[k + 1]));
-                // Where friction may hold the joint it takes any value up to its bound.
+                // Near rest static friction takes any value up to its bound.
                 if s[1].abs() < SLOW * top {
                     continue;
                 }

@@ -1,47 +1,49 @@
-//! Probability of recorded motion given recorded efforts under a twin, and of the efforts given the motion:
-//! two linear regressions with proper priors, one for an error in each of the two. See docs/method.md 14.14.
+//! How probable the recorded efforts make the recorded motion under a twin, and the motion the efforts: two
+//! linear regressions with proper priors, one for errors of the motion, one for errors of the efforts. See
+//! docs/method.md 14.14.
 
 use nalgebra::{SMatrix, SVector};
 
 /// Known columns: the twin's inertia times the acceleration, the rest of its effort, the recorded effort.
 const KNOWN: usize = 3;
-/// Possible missing effects: a constant, velocity, its sign, position, sine and cosine of it, and a friction
-/// by the effort, or by the twin's effort beside its inertia.
+/// Columns of possible missing effects: a constant, the velocity, its sign, the position, its sine and
+/// cosine, and friction proportional to the effort, or to the twin's effort beside its inertia.
 const MISSING: usize = 8;
-/// Of these, friction by the effort and by the twin's need: an erring signal cannot explain itself.
+/// The two friction columns among these: an erring signal must not explain itself.
 const BY_EFFORT: usize = 6;
 const BY_NEED: usize = 7;
-/// Of these, the columns of another axis.
+/// The columns among these for another direction of the axis.
 const TILTING: [usize; 3] = [0, 4, 5];
 const COLUMNS: usize = KNOWN + MISSING;
 
-/// Tried noises, as shares of the size of the erring signal: each half the one before.
-/// derived: from as large as it to 2^-13, the noise of a good encoder over a stretch.
+/// Tried noise levels, from the size of the erring signal downwards; each is half the one before.
+/// derived: down to 2^-13, the noise of a good encoder over a stretch.
 const NOISES: i32 = 14;
-/// Most further noises, for an erring signal of several sizes.
+/// Most further noise levels, where the erring signal has several possible sizes.
 /// chosen: from a load to the inertia of a twin with lengths a thousand times too long.
 const MOST_NOISES: f64 = 40.0;
 
-/// A stretch of motion of a joint under a twin.
+/// A stretch of a joint's motion under a twin.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SeenStretch {
     /// Position, rad or m.
     pub position: f64,
-    /// Velocity.
+    /// Velocity, rad/s or m/s.
     pub velocity: f64,
     /// The twin's inertia times the acceleration, N m or N.
     pub inertial: f64,
-    /// Other efforts of the twin for the motion, N m or N: load, damping, friction, efforts by other joints.
+    /// The twin's other efforts for this motion, N m or N: load, damping, friction, coupling from other
+    /// joints.
     pub rest: f64,
-    /// The twin's inertia: the effort by the acceleration in its recorded unit.
+    /// The twin's inertia: effort over acceleration, the latter in its recorded unit.
     pub inertia: f64,
 }
 
-/// Stretches and efforts of a joint, ready to be regressed.
+/// Stretches and efforts of a joint, prepared for regression.
 #[derive(Clone, Debug)]
 pub struct Regression {
     gram: SMatrix<f64, COLUMNS, COLUMNS>,
-    /// Independent numbers in the rows.
+    /// Number of independent measurements in the rows.
     weight: f64,
     /// Mean logarithm of the inertia.
     log_inertia: f64,
@@ -54,24 +56,24 @@ pub struct Explained {
     pub evidence: f64,
     /// Factor of the explaining signal.
     pub factor: f64,
-    /// Remaining share of the squares.
+    /// Share of the squares left unexplained.
     pub left: f64,
 }
 
-/// The known columns without possible missing effects, under one noise.
+/// The known columns after projecting out the possible missing effects, for one noise level.
 struct Projected {
-    /// Products of the remaining columns, by the variance of the noise.
+    /// Products of the projected columns, divided by the noise variance.
     products: SMatrix<f64, KNOWN, KNOWN>,
-    /// Share of the noise and the priors in minus twice the log evidence.
+    /// Contribution of the noise and the priors to minus twice the log evidence.
     twice: f64,
 }
 
-/// Root mean square of `n` values, above zero.
+/// Root mean square of `n` values, at least 1e-300.
 fn rms(values: impl Iterator<Item = f64>, n: f64) -> f64 {
     (values.map(|x| x.powi(2)).sum::<f64>() / n).sqrt().max(1e-300)
 }
 
-/// Columns of each stretch.
+/// The regression's row for each stretch.
 fn regression_rows(seen: &[SeenStretch], effort: &[f64], turns: bool) -> Vec<SVector<f64, COLUMNS>> {
     let n = seen.len().max(1) as f64;
     let mean = seen.iter().map(|s| s.position).sum::<f64>() / n;
@@ -92,9 +94,9 @@ fn regression_rows(seen: &[SeenStretch], effort: &[f64], turns: bool) -> Vec<SVe
     rows
 }
 
-/// Share of independent stretches, by the correlation of the unexplained efforts from one stretch to the
-/// next; known and possible missing efforts explain the rest. `follows` is true for each stretch right behind
-/// the one before it.
+/// Share of independent stretches, from the correlation of the unexplained efforts of successive stretches.
+/// The efforts are explained by the known columns and the possible missing effects. `follows` is true for
+/// each stretch directly after the one before it.
 #[must_use]
 pub fn independent_share(seen: &[SeenStretch], effort: &[f64], turns: bool, follows: &[bool]) -> f64 {
     let rows = regression_rows(seen, effort, turns);
@@ -121,11 +123,11 @@ pub fn independent_share(seen: &[SeenStretch], effort: &[f64], turns: bool, foll
         return 0.0;
     }
     let alike = (product / count) / (square / error.len() as f64);
-    // Of a first-order process.
+    // Effective sample size of a first-order autoregressive process.
     ((1.0 - alike) / (1.0 + alike)).clamp(0.0, 1.0)
 }
 
-/// A scaled row with zeros in the columns of the effort, and its effort: the explained column.
+/// A scaled row with the effort's columns set to zero, and the effort, to be explained by the row.
 fn without_effort(
     row: &SVector<f64, COLUMNS>,
     scale: &SVector<f64, COLUMNS>,
@@ -136,18 +138,18 @@ fn without_effort(
     (row, effort)
 }
 
-/// Ridge of a regression of columns of unit length.
-/// chosen: rounding, for columns of zeros.
+/// Ridge for regressions with columns of unit length.
+/// chosen: rounding error, for columns of zeros.
 const RIDGE: f64 = 1e-12;
 
-/// The recorded effort among the known columns.
+/// The combination of the known columns giving the recorded effort.
 fn effort_alone() -> SVector<f64, KNOWN> {
     SVector::<f64, KNOWN>::new(0.0, 0.0, 1.0)
 }
 
 impl Regression {
-    /// Of rows with their efforts; `turns` where sine and cosine of the position mean something. `weight` is
-    /// the number of independent numbers in them.
+    /// Sums rows and their efforts; `turns` where sine and cosine of the position are meaningful. `weight` is
+    /// the number of independent measurements in the rows.
     #[must_use]
     pub fn of_rows(seen: &[SeenStretch], effort: &[f64], turns: bool, weight: f64) -> Self {
         let n = seen.len().max(1) as f64;
@@ -163,25 +165,25 @@ impl Regression {
         (self.gram[(column, column)] / self.weight).sqrt()
     }
 
-    /// Independent numbers in the rows.
+    /// Number of independent measurements in the rows.
     #[must_use]
     pub fn weight(&self) -> f64 {
         self.weight
     }
 
-    /// Whether there are an effort and a motion to compare.
+    /// Whether there are enough data with both an effort and a motion.
     #[must_use]
     pub fn is_telling(&self) -> bool {
         self.weight > 2.0 * COLUMNS as f64 && self.column_rms(0) > 0.0 && self.column_rms(2) > 0.0
     }
 
-    /// Explanations of the accelerations by the efforts, in their recorded units. Each of the inertias is
-    /// tried; gains are those of one range.
+    /// Explanations of the accelerations by the efforts, in recorded units: one for each of the tried
+    /// inertias, with a gain within one range.
     #[must_use]
     pub fn of_motion(&self, inertias: &[f64], gain: (f64, f64)) -> Vec<Explained> {
-        // Missing efforts are as large as the acting effort, and a tilt as the load.
+        // A priori, missing efforts are as large as the acting effort, and those of a tilt as the load.
         let effort = (gain.0 * gain.1).sqrt() * self.column_rms(2);
-        // One grid of noises for all inertias, to share the work.
+        // One grid of noise levels for all inertias saves work.
         let sizes = inertias.iter().map(|i| self.needed_effort(*i));
         let range = sizes.fold((f64::INFINITY, 0.0), |r: (f64, f64), s| (r.0.min(s), r.1.max(s)));
         let projected = self.projected_columns(effort, self.column_rms(1), BY_NEED, range.0, range.1);
@@ -209,16 +211,16 @@ impl Regression {
         all
     }
 
-    /// Size of the twin's effort with an inertia.
+    /// Root mean square effort needed by the twin with a given inertia factor.
     fn needed_effort(&self, inertia: f64) -> f64 {
         let needed = SVector::<f64, KNOWN>::new(inertia, 1.0, 0.0);
         let known = self.gram.fixed_view::<KNOWN, KNOWN>(0, 0);
         ((needed.transpose() * known * needed)[0] / self.weight).max(0.0).sqrt()
     }
 
-    /// The known columns without the columns of missing effects, one entry for each noise. `effort` and
-    /// `load` are prior deviations; `unused` is a column to leave out; `least` and `most` are the sizes of
-    /// the erring signal.
+    /// The known columns after projecting out the missing effects, for each noise level. `effort` and `load`
+    /// are prior deviations; `unused` is the column to leave out; `least` and `most` are the smallest and
+    /// largest size of the erring signal.
     fn projected_columns(
         &self,
         effort: f64,
@@ -248,8 +250,8 @@ impl Regression {
         all
     }
 
-    /// The best of the noises: `left` explained by a multiple of `right` in a range, by Laplace's
-    /// approximation. The multiples are each as likely as any other on a logarithmic scale.
+    /// The best explanation over the noise levels: `left` as a multiple of `right`, the factor within a
+    /// range, by Laplace's approximation. The prior of the factor is flat in its logarithm.
     fn best_explanation(
         &self,
         all: &[Projected],
@@ -266,7 +268,7 @@ impl Regression {
             let own = of(right, right).max(1e-300);
             let factor = (across / own).clamp(low, high);
             let error = square - 2.0 * factor * across + factor * factor * own;
-            // Of the range the posterior holds this share.
+            // The share of the prior range occupied by the posterior.
             let share = (std::f64::consts::TAU / own).sqrt() / (factor * (high / low).ln());
             let evidence = -0.5 * (one.twice + error) + share.min(1.0).ln();
             if evidence > best.evidence {

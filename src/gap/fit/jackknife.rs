@@ -1,5 +1,5 @@
-//! Uncertainty of parameters: by the residuals, and by their moves without single witnesses. See
-//! docs/method.md (14.13).
+//! Uncertainty of parameters: from the residuals, and from how far the parameters move without single
+//! witnesses. See docs/method.md (14.13).
 
 use nalgebra::{DMatrix, DVector};
 
@@ -9,27 +9,26 @@ use crate::{
 };
 use numeric::statistics::chi_square_99;
 
-/// Share of the information on a parameter from which a witness is its sole one.
+/// A witness with more than this share of a parameter's information is its only one.
 /// derived: more than all others together.
 const SOLE: f64 = 0.5;
-/// Ranks of the windows, each way.
-/// derived: the fewest to show a difference at all, and as many again.
+/// Numbers of classes the windows are ranked into, per coordinate.
+/// derived: the fewest showing a difference at all, and twice as many.
 const RANKS: [usize; 2] = [2, 4];
 
-/// Summand of one window or several in the normal equations of the parameters, start states eliminated: of
-/// the matrix and of the gradient.
+/// Contribution of one or several windows to the normal equations of the parameters, start states eliminated.
 #[derive(Clone)]
 pub struct Witness {
-    /// Summand of the matrix.
+    /// Term of the matrix.
     pub hessian: DMatrix<f64>,
-    /// Summand of the gradient.
+    /// Term of the gradient.
     pub gradient: DVector<f64>,
 }
 
-/// The windows of a problem in groups with the same conditions for a machine's own errors, each way it moves:
-/// the place (ripple, spots), the speed (lag, friction), the effort (flexibility, gain), the time since the
-/// start and the run (heat). Effects beyond any catalog repeat there: such windows are one witness of a
-/// parameter, not many: cluster-robust errors (Liang and Zeger 1986) with the clusters of the discrepancy.
+/// Groups of windows under similar conditions, separately for each direction of motion. A machine's own
+/// errors depend on the position (ripple, spots), the speed (lag, friction), the effort (flexibility, gain),
+/// the time since the start and the run (heat). Effects beyond the catalog repeat in similar windows, so a
+/// group is one witness of a parameter, not many: cluster-robust errors (Liang and Zeger 1986).
 #[must_use]
 pub fn alike_windows(problem: &Problem) -> Vec<Vec<usize>> {
     let windows = &problem.windows;
@@ -39,7 +38,7 @@ pub fn alike_windows(problem: &Problem) -> Vec<Vec<usize>> {
         &|w| window_mean(problem, w, |t| &t.effort, |u| u.abs()),
         &|w| w.start as f64,
     ];
-    // 1 where the position falls over the window.
+    // 1 where the position decreases over the window.
     let mut back = Vec::with_capacity(windows.len());
     for w in windows {
         let positions = window_samples(problem, w, |t| &t.position);
@@ -57,17 +56,17 @@ pub fn alike_windows(problem: &Problem) -> Vec<Vec<usize>> {
     groups
 }
 
-/// Samples of a trace within a window.
+/// Values of one quantity of the trace within a window.
 fn window_samples<'p>(problem: &'p Problem, w: &Span, of: fn(&Trace) -> &Vec<f64>) -> &'p [f64] {
     &of(&problem.traces[w.log])[w.start..w.start + w.len]
 }
 
-/// Mean over a window of a quantity of its trace.
+/// Mean of one quantity of the trace over a window.
 fn window_mean(problem: &Problem, w: &Span, of: fn(&Trace) -> &Vec<f64>, size: fn(&f64) -> f64) -> f64 {
     window_samples(problem, w, of).iter().map(size).sum::<f64>() / w.len.max(1) as f64
 }
 
-/// Rank of every value, the first of equal ones lowest.
+/// Rank of each value; equal values are ranked in their order.
 fn value_ranks(values: &[f64]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..values.len()).collect();
     order.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
@@ -76,11 +75,11 @@ fn value_ranks(values: &[f64]) -> Vec<usize> {
     ranks
 }
 
-/// Covariance of the parameters, the inverse of `matrix`, widened where the parameters move by more without
-/// single witnesses (a jackknife of one Gauss-Newton step); and the number of witnesses of each. The windows
-/// are the witnesses; in their place the windows of a group, for each of the `groups`, a number a window,
-/// where errors are known to `repeat` or these move the parameters by more than chance. The largest widening
-/// counts.
+/// Covariance of the parameters and the number of witnesses of each. The covariance is the inverse of
+/// `matrix`, widened where the parameters move by more if single witnesses are left out (a jackknife of one
+/// Gauss-Newton step). Each window is a witness. For each of the `groups` (a group number per window), whole
+/// groups are witnesses instead if errors are known to `repeat`, or if leaving out groups moves the
+/// parameters by more than chance. The largest widening is used.
 #[must_use]
 pub fn jackknife_covariance(
     mut matrix: DMatrix<f64>,
@@ -97,7 +96,7 @@ pub fn jackknife_covariance(
     let Some(mut c) = matrix.clone().cholesky().map(|c| c.inverse()) else {
         return (DMatrix::from_element(n, n, f64::INFINITY), vec![1.0; n]);
     };
-    // (14.13): residuals other than white noise move a parameter by more than its variance.
+    // (14.13): residuals other than white noise move a parameter by more than its variance predicts.
     let width = |moved: &[f64], i: usize| Some((moved[i] / c[(i, i)]).sqrt()).filter(|w| w.is_finite());
     let (moved, mut witnesses) = squared_moves(&matrix, &c, windows);
     let mut wider: Vec<f64> = (0..n).map(|i| width(&moved, i).unwrap_or(1.0).max(1.0)).collect();
@@ -105,8 +104,8 @@ pub fn jackknife_covariance(
     for group in groups {
         let (moved, count) = squared_moves(&matrix, &c, &pooled_witnesses(windows, group));
         for i in 0..n {
-            // Few groups determine a variance badly: beyond the quantile it is surely another one. Leaving
-            // out one of k moves a mean by k / (k - 1) times its weight.
+            // A variance from few groups is uncertain: only beyond the quantile does it surely differ.
+            // Leaving out one of k values moves a mean by k / (k - 1) times its weight.
             let freedom = (count[i] - 1.0).max(1.0);
             let jackknife = (freedom + 1.0) / freedom;
             let by_chance = if repeat {
@@ -121,19 +120,19 @@ pub fn jackknife_covariance(
     }
     for i in 0..n {
         for j in 0..n {
-            // Rows and columns alike, to keep the correlations.
+            // Rows and columns are scaled alike, so correlations stay.
             c[(i, j)] = if frozen[i] || frozen[j] { 0.0 } else { c[(i, j)] * wider[i] * wider[j] };
         }
     }
     (c, witnesses)
 }
 
-/// Number of equal shares with the same sum and sum of squares; 1 where there are none.
+/// Number of equal shares with the same sum and sum of squares; 1 if all are zero.
 pub(super) fn effective_count(sum: f64, squares: f64) -> f64 {
     if squares > 0.0 { sum * sum / squares } else { 1.0 }
 }
 
-/// The witnesses of a group as one.
+/// The witnesses of each group summed into one.
 fn pooled_witnesses(windows: &[Witness], groups: &[usize]) -> Vec<Witness> {
     let mut pools: Vec<Option<Witness>> = vec![None; groups.iter().max().map_or(0, |m| m + 1)];
     for (window, &group) in windows.iter().zip(groups) {
@@ -148,20 +147,20 @@ fn pooled_witnesses(windows: &[Witness], groups: &[usize]) -> Vec<Witness> {
     pools.into_iter().flatten().collect()
 }
 
-/// Squared moves of the parameters without each witness, summed, and the number of witnesses of each
-/// parameter; `c` is the inverse of `matrix`.
+/// Sum of the squared moves of each parameter as each witness is left out, and the parameter's number of
+/// witnesses; `c` is the inverse of `matrix`.
 fn squared_moves(matrix: &DMatrix<f64>, c: &DMatrix<f64>, witnesses: &[Witness]) -> (Vec<f64>, Vec<f64>) {
     let n = matrix.nrows();
     let mut moved = vec![0.0; n];
     let mut shares = vec![(0.0, 0.0); n];
     for Witness { hessian, gradient } in witnesses {
-        // At the optimum the gradient of the others is minus this one's: one solve without it gives the step
-        // by its absence, up to a sign.
+        // At the optimum the gradient of the others is minus this one's, so one solve gives the step without
+        // it, up to the sign.
         let without = (matrix - hessian).cholesky().map_or_else(|| c * gradient, |rest| rest.solve(gradient));
         let known = c * hessian * c;
         let within = c * gradient;
         for i in 0..n {
-            // Without the main witness of a parameter nothing is left to compare.
+            // Without a parameter's only witness nothing is left to compare.
             let way = if known[(i, i)] > SOLE * c[(i, i)] { within[i] } else { without[i] };
             moved[i] += way * way;
             shares[i] = (shares[i].0 + known[(i, i)], shares[i].1 + known[(i, i)] * known[(i, i)]);

@@ -14,20 +14,21 @@ use crate::{
 };
 use numeric::statistics::CHI_SQUARE_999;
 
-/// Ratio of the first and the last grid, for a parabola through it.
-/// chosen: over it the likelihood of a standard deviation is nearly a parabola: its top is 4 % off at most.
+/// Ratio of neighboring standard deviations in the first and the last grid, through which a parabola is laid.
+/// chosen: over it the log likelihood is nearly a parabola; its maximum is off by 4 % at most.
 const FINE: f64 = std::f64::consts::SQRT_2;
-/// Largest ratio of a grid.
-/// chosen: two doublings of [`FINE`] on a logarithmic scale; a missed top is found later.
+/// Largest ratio of neighbors in a grid.
+/// chosen: [`FINE`] doubled twice on a logarithmic scale; a missed maximum is found later.
 const COARSE: f64 = 4.0;
 
-/// Tried memories of a lasting effort, in sample intervals.
-/// chosen: from where it is white noise to a window of usual rates; the likelihood is broad in the memory.
+/// Tried correlation times of a lasting effort, in sample intervals.
+/// chosen: from nearly white noise to the length of a window at usual rates; the likelihood is broad in this
+/// time.
 const MEMORIES: [f64; 3] = [4.0, 16.0, 64.0];
-/// Sweeps over the deviations, one after the other.
+/// Sweeps over the two deviations in turn.
 const SWEEPS: usize = 2;
-/// Least gain of log likelihood by a lasting effort.
-/// derived: half the quantile of chi-square with two degrees of freedom, its size and its memory.
+/// Least gain of log likelihood for a lasting effort.
+/// derived: half the quantile of chi-square with two degrees of freedom, for size and correlation time.
 const ENOUGH: f64 = 0.5 * CHI_SQUARE_999[1];
 
 /// The most probable noise of the residuals, by a search about `around`.
@@ -45,8 +46,8 @@ pub fn most_likely_noise(
         let mut rollout = Rollout::default();
         predict_window(problem, model, &drives, w, *start, &mut rollout);
         let residual = residual_column(model.free_count());
-        // Rollouts do not depend on the noise and are made once; of their columns the likelihood needs
-        // three.
+        // Rollouts do not depend on the noise, so they are made once; the likelihood needs only three of
+        // their columns.
         let compact: Vec<[f64; 3]> = rollout.rows.iter().map(|r| [r[0], r[1], r[residual]]).collect();
         rollouts.push(compact);
     }
@@ -61,17 +62,17 @@ pub fn most_likely_noise(
     residuals.with_wander(white, around)
 }
 
-/// Most probable deflection of whole windows: of their squares beyond the start states, the share of each
-/// independent number.
+/// Most probable deflection of whole windows: the squared residuals beyond the best start states, per
+/// independent measurement.
 fn likely_deflection(problem: &Problem, rollouts: &[Vec<[f64; 3]>]) -> f64 {
     let ridge = start_ridge(problem);
     let squares: f64 = rollouts.iter().map(|rows| square_beyond_start(rows, &ridge)).sum();
-    // Two of the independent numbers of a window go to its start state.
+    // Two of the independent measurements of a window determine its start state.
     let free = problem.independent_count() - 2.0 * rollouts.len() as f64;
     (squares / free.max(1.0)).sqrt().max(problem.noise_floor())
 }
 
-/// Sum of the squared residuals of a window with its best start state.
+/// Sum of the squared residuals of a window for its best start state.
 fn square_beyond_start(rows: &[[f64; 3]], ridge: &Matrix2<f64>) -> f64 {
     let mut sums = Products::default();
     rows.iter().for_each(|row| sums.add_row(row));
@@ -79,11 +80,11 @@ fn square_beyond_start(rows: &[[f64; 3]], ridge: &Matrix2<f64>) -> f64 {
     sums.residual_square() - sums.start_gradient().dot(&(inverse * sums.start_gradient()))
 }
 
-/// Residuals of all windows under a model, ready to be weighed under any noise.
+/// Residuals of all windows under a model, to be weighed under any noise.
 struct Residuals<'a, 'p, 'c> {
     problem: &'p Problem<'c>,
     whitening: &'a Whitening,
-    /// Start position, start velocity, residual of every sample, by window.
+    /// For each window and sample: derivatives by start position and start velocity, residual.
     rollouts: Vec<Vec<[f64; 3]>>,
 }
 
@@ -110,7 +111,7 @@ impl Residuals<'_, '_, '_> {
         -0.5 * rest.iter().fold(log_variance * self.problem.weighing.counting_share(), |sum, x| sum + x)
     }
 
-    /// The likeliest white noise beside a wander, and its log likelihood.
+    /// The most probable white noise with the wander given, and its log likelihood.
     fn likely_white(&self, from: EffortNoise) -> (f64, EffortNoise) {
         let least = self.problem.min_sigma_u;
         let (reached, white) =
@@ -118,7 +119,7 @@ impl Residuals<'_, '_, '_> {
         (reached, EffortNoise { white, ..from })
     }
 
-    /// With a lasting effort, where likelier, of the best memory.
+    /// Adds a lasting effort with the best correlation time, if this is more likely.
     fn with_wander(&self, without: (f64, EffortNoise), around: EffortNoise) -> EffortNoise {
         let interval_s = self.problem.coverage.interval_s;
         let least = self.problem.min_sigma_u;
@@ -145,10 +146,10 @@ impl Residuals<'_, '_, '_> {
     }
 }
 
-/// The largest value of a function of a standard deviation, and where it is; on a logarithmic scale.
+/// Maximum of a function of a standard deviation and its location, searched on a logarithmic scale.
 fn top_of_likelihood(around: f64, least: f64, mut score: impl FnMut(f64) -> f64) -> (f64, f64) {
     let mut best = (score(around), around);
-    // Most searches begin near the top. Where they do not, steps grow while a side is better.
+    // Most searches begin near the maximum. Otherwise the steps grow as long as one side is better.
     let mut factor = FINE;
     loop {
         let (middle, center) = best;
@@ -166,7 +167,7 @@ fn top_of_likelihood(around: f64, least: f64, mut score: impl FnMut(f64) -> f64)
         } else if factor > FINE {
             factor = factor.sqrt().max(FINE);
         } else {
-            // The top of the parabola through the three, on a logarithmic scale.
+            // Maximum of the parabola through the three points, on a logarithmic scale.
             let down = sides[0].0 - middle;
             let up = sides[1].0 - middle;
             let shift =
@@ -176,9 +177,9 @@ fn top_of_likelihood(around: f64, least: f64, mut score: impl FnMut(f64) -> f64)
     }
 }
 
-/// A window on its way through the filter of a noise.
+/// A window passing through the filter of a noise.
 struct WindowPass<'a> {
-    /// Start position, start velocity, residual of every sample.
+    /// For each sample: derivatives by start position and start velocity, residual.
     rows: &'a [[f64; 3]],
     gains: Gains<'a>,
     filter: Filter<3>,
@@ -198,7 +199,7 @@ impl<'a> WindowPass<'a> {
     }
 }
 
-/// Sums of products of (start position, start velocity, residual).
+/// Sums of products of the three columns of a row.
 #[derive(Default)]
 struct Products([f64; 6]);
 

@@ -20,45 +20,45 @@ use crate::{
     },
 };
 
-/// Disagreement of the stamps of effort and position without a report, as a share of a sample interval.
+/// Unreported offset between the stamps of effort and position, as a share of a sample interval.
 /// tuned: tests/python/gap/generate.py.
 const LAG_SHARE: f64 = 0.06;
-/// Deviation of a servo's delay from the regression's choice, seconds.
-/// derived: the steps of the tried delays.
+/// Deviation of a servo's delay from the regressed one, seconds.
+/// derived: the spacing of the tried delays.
 const SERVO_LAG_S: f64 = 0.01;
-/// Least relative noise of the effort.
+/// Least noise of the effort, relative to its size.
 /// derived: rounding to a 32-bit float, the type of efforts in drivers, 2^-24.
 const MIN_EFFORT_NOISE: f64 = 1.0 / 16_777_216.0;
 
-/// Largest angle of a servo's swing in a step.
-/// chosen: the frequency of a leapfrog errs by the square over 24: a ten thousandth, as low as the noise
-/// of a good encoder over a swing.
+/// Largest phase angle of a servo's oscillation in one step, rad.
+/// chosen: the frequency error of a leapfrog is the square over 24: a ten-thousandth, as low as the noise of
+/// a good encoder over an oscillation.
 const MAX_TURN: f64 = 0.05;
 /// Most steps between two samples for a servo.
-/// chosen: a servo with faster swings holds the joint, whatever the steps.
+/// chosen: a servo oscillating faster holds the joint, however many steps are made.
 const MAX_SERVO_STEPS: f64 = 64.0;
 
 /// Most parts of a cross-validation.
 const FOLDS: usize = 6;
 
-/// Steps of the last fit and of the proof for each step of the search.
+/// Steps of the last fit and of the proof per step of the search.
 const FINER: usize = 4;
 
-/// Weights of residuals.
+/// How residuals are weighted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Weighing {
-    /// By the noise of effort and readings: the innovation of each sample.
+    /// By the noise of effort and readings: each sample counts by its innovation.
     Innovations,
     /// By the size of the residuals of whole windows, for a machine with more effects than any model:
-    /// neighboring samples are correlated, and `independent` of them count.
+    /// neighboring samples are correlated, and only a share counts as independent.
     Predictions {
-        /// Share of the samples.
+        /// Independent share of the samples.
         independent: f64,
     },
 }
 
 impl Weighing {
-    /// Counting share of the samples.
+    /// Share of the samples counted as independent.
     #[must_use]
     pub fn counting_share(self) -> f64 {
         match self {
@@ -67,7 +67,7 @@ impl Weighing {
         }
     }
 
-    /// Noise at the begin of a fit, before there are residuals.
+    /// Noise at the start of a fit, before there are residuals.
     #[must_use]
     pub fn first_noise(self, noise: EffortNoise, problem: &Problem) -> EffortNoise {
         match self {
@@ -81,66 +81,66 @@ impl Weighing {
     }
 }
 
-/// Samples of a window in a prediction of the whole.
-/// chosen: motion above a 32nd of a window's length is not of interest.
+/// Samples of a window if it is predicted as a whole.
+/// chosen: oscillations shorter than a 32nd of a window are not of interest.
 const SAMPLES_OF_PREDICTION: f64 = 64.0;
-/// Independent numbers in the predicted positions of a window: its start state, and two more.
-/// chosen: a missing effort acts through two integrals; beyond position and velocity the first two curves
-/// hold most of the rest.
+/// Independent measurements in the predicted positions of a window: its start state, and two more.
+/// chosen: a missing effort is integrated twice; beyond position and velocity two smooth curves hold most of
+/// its result.
 const FREEDOM_OF_WINDOW: f64 = 4.0;
 
-/// Logs of one joint, prepared.
+/// The logs of one joint, prepared for a fit.
 #[derive(Clone)]
 pub struct Problem<'c> {
-    /// Effects.
+    /// Catalogue of effects.
     pub catalogue: &'c Catalogue,
-    /// The joint of the twin.
+    /// The joint as modelled by the twin.
     pub plant: Plant,
-    /// The joint turns.
+    /// Whether the joint is revolute.
     pub turns: bool,
-    /// Runs.
+    /// Log of each run.
     pub logs: Vec<JointLog>,
-    /// How the effort runs between samples.
+    /// How the effort is interpolated between samples.
     pub hold: Hold,
-    /// Windows of the shooting.
+    /// Windows for the shooting.
     pub windows: Vec<Span>,
     /// Smoothed motion of each log.
     pub traces: Vec<Trace>,
-    /// Range of the motion.
+    /// Range of the motion: positions, speeds, efforts.
     pub coverage: Coverage,
-    /// Noise of the positions.
+    /// Noise of the position readings.
     pub noise: ReadingNoise,
-    /// Variance of every reading of each log.
+    /// Variance of each reading, for each log.
     pub readings: Vec<Vec<f64>>,
     /// Standard deviation of the lag's prior, seconds.
     pub lag_sigma_s: f64,
     /// Least standard deviation of the effort.
     pub min_sigma_u: f64,
-    /// Steps between two samples of each log in the search.
+    /// Steps between two samples of each log, in the search.
     pub steps: Vec<usize>,
-    /// Steps of a rollout for each one of the search.
+    /// Steps of a rollout per step of the search.
     pub finer: usize,
-    /// Weights of the residuals.
+    /// How the residuals are weighted.
     pub weighing: Weighing,
 }
 
 /// Length of a window in time constants of the damping.
-/// chosen: beyond, little is left of a start's velocity.
+/// chosen: beyond this, little is left of a start velocity.
 const DAMPING_TIMES: f64 = 2.5;
 /// Least and largest length of a window, seconds.
-/// chosen: samples enough for a fit, and no more than its start state rules.
+/// chosen: enough samples for a fit, yet not so long that the start state dominates.
 const WINDOW_S: [f64; 2] = [0.25, 1.0];
-/// Quantiles of the speed for its middle and its top: shapes are laid over it, and one bad sample would shift
-/// them all.
+/// Quantiles of the speed for its middle and its top. Effects' start shapes are scaled by the top, and a
+/// single bad sample would shift them all.
 /// chosen: one sample of two hundred may be bad.
 const SPEED_QUANTILES: [f64; 2] = [0.6, 0.995];
-/// Least slope of the load over the position, N m/rad or N/m; below it there is none.
-/// chosen: above rounding, below any felt load.
+/// Least slope of the load over the position, N m/rad or N/m; a smaller one counts as zero.
+/// chosen: above rounding, below any load of practical size.
 const LEAST_SLOPE: f64 = 1e-6;
 
-/// Window length for a joint: two and a half time constants of its damping, and three of the load where it
-/// drives the joint away from rest, between a quarter of a second and a second. Longer windows would be ruled
-/// by their start states. See docs/method.md (14.6).
+/// Window length for a joint, seconds: two and a half time constants of its damping, and three of its load
+/// where this drives it away from rest, between a quarter of a second and a second. The start states would
+/// dominate longer windows. See docs/method.md (14.6).
 #[must_use]
 pub fn window_length_s(plant: &Plant) -> f64 {
     let slope = plant.load.sine.hypot(plant.load.cosine);
@@ -199,20 +199,20 @@ impl<'c> Problem<'c> {
         }
     }
 
-    /// Other logs of the same joint; their noise is the sensor's, as these logs show it.
+    /// Other logs of the same joint; the sensor's noise is taken from the present logs.
     #[must_use]
     pub fn of_logs(&self, logs: Vec<JointLog>) -> Self {
         let same = Self::with_noise(self.catalogue, &self.plant, self.turns, logs, self.hold, self.noise);
         Self { weighing: self.weighing, ..same }
     }
 
-    /// The same logs for the prediction of whole windows: no finer than those need.
+    /// The same logs for predictions of whole windows, resampled no finer than these need.
     #[must_use]
     pub fn for_prediction(&self) -> Self {
         self.predicting_over(window_length_s(&self.plant))
     }
 
-    /// The same where windows are of another length.
+    /// The same for windows of another length.
     #[must_use]
     pub fn predicting_over(&self, length_s: f64) -> Self {
         let coarse = self.with_interval(length_s / SAMPLES_OF_PREDICTION);
@@ -221,7 +221,7 @@ impl<'c> Problem<'c> {
         Self { weighing: Weighing::Predictions { independent: independent.min(1.0) }, ..coarse }
     }
 
-    /// The same logs no finer than the steps of a rollout.
+    /// The same logs, resampled no finer than the steps of a rollout.
     #[must_use]
     pub fn at_steps(self) -> Self {
         if self.logs.iter().any(|l| l.samples_in(MAX_STEP_S) > 1) {
@@ -231,21 +231,21 @@ impl<'c> Problem<'c> {
         }
     }
 
-    /// The same logs with samples of about `interval_s`, where those recorded lie closer.
+    /// The same logs with samples about `interval_s` apart, where the recorded ones are closer.
     fn with_interval(&self, interval_s: f64) -> Self {
         let logs = self.logs.iter().map(|l| l.with_interval(interval_s, self.hold)).collect();
-        // Means of the effort act from sample to sample.
+        // The resampled efforts are means, held from sample to sample.
         Self::with_noise(self.catalogue, &self.plant, self.turns, logs, Hold::Zero, self.noise)
     }
 
-    /// Held-out logs, with small steps.
+    /// Held-out logs, with the small steps of the proof.
     #[must_use]
     pub fn held_out(fitted: &Self, logs: Vec<JointLog>) -> Self {
         Self { finer: FINER, ..fitted.of_logs(logs) }
     }
 
-    /// The runs without each of them, and it alone (cross-validation; of more than `FOLDS` runs several
-    /// together); of a single run its halves.
+    /// Folds of a cross-validation, each as the fitted problem and the tested one: one run, or one of `FOLDS`
+    /// groups of runs, is tested; a single run is halved.
     #[must_use]
     pub fn cross_validation_folds(&self) -> Vec<[Self; 2]> {
         if let [log] = self.logs.as_slice() {
@@ -258,32 +258,32 @@ impl<'c> Problem<'c> {
         (0..count).map(|k| [self.of_runs(|i| i % count != k), self.of_runs(|i| i % count == k)]).collect()
     }
 
-    /// The logs with an index accepted by `is_kept`.
+    /// The logs whose index `is_kept` accepts.
     fn of_runs(&self, is_kept: impl Fn(usize) -> bool) -> Self {
         let kept = self.logs.iter().enumerate().filter(|(i, _)| is_kept(*i));
         self.of_logs(kept.map(|(_, log)| log.clone()).collect())
     }
 
-    /// The same with windows of a share of their length.
+    /// The same with windows shortened to a share of their length.
     #[must_use]
     pub fn with_windows(&self, share: f64) -> Self {
         Self { windows: shooting_windows(&self.logs, share * window_length_s(&self.plant)), ..self.clone() }
     }
 
-    /// The same with the small steps of reported parameters.
+    /// The same with the small steps used for reported parameters.
     #[must_use]
     pub fn with_small_steps(&self) -> Self {
         Self { finer: FINER, ..self.clone() }
     }
 
-    /// Start states of all windows from the smoothed motion, as the model's sensor sees it.
+    /// Start states of all windows from the smoothed motion, as seen by the model's sensor.
     #[must_use]
     pub fn smoothed_starts(&self, model: &JointModel) -> Vec<Start> {
         let sensor = model.position_sensor(self.catalogue);
         let mut starts = Vec::with_capacity(self.windows.len());
         for w in &self.windows {
             let trace = &self.traces[w.log];
-            // A joint moving up drags its sensor behind, at the lower end of the gap.
+            // A joint moving up drags its sensor along at the lower end of the gap.
             let play = -trace.direction[w.start];
             let position = (trace.position[w.start] - sensor.bias) / sensor.scale - play * sensor.half_gap;
             starts.push(Start { position, velocity: trace.velocity[w.start] / sensor.scale, play });
@@ -291,39 +291,39 @@ impl<'c> Problem<'c> {
         starts
     }
 
-    /// The effort of every log, acting as late as the model has it.
+    /// The effort of every log with the model's delay.
     #[must_use]
     pub fn model_drives(&self, model: &JointModel) -> Vec<Drive> {
         let delay = model.delay_s(self.catalogue);
         self.drives_late(delay)
     }
 
-    /// The effort of every log, acting so much late.
+    /// The effort of every log with a delay, seconds.
     #[must_use]
     pub fn drives_late(&self, delay_s: f64) -> Vec<Drive> {
         let logs = self.logs.iter().zip(&self.steps);
         logs.map(|(l, steps)| Drive::with_steps(l, self.hold, delay_s, steps * self.finer)).collect()
     }
 
-    /// Sought effects: without those found with the actuator anyway.
+    /// Indices of the effects to be sought, without those already fitted with the actuator.
     #[must_use]
     pub fn sought_effects(&self) -> Vec<usize> {
         (0..self.catalogue.len()).filter(|e| self.is_sought(*e)).collect()
     }
 
-    /// Whether an effect is looked for.
+    /// Whether an effect is sought.
     fn is_sought(&self, effect: usize) -> bool {
         let [gain, damping] = self.plant.actuator.is_found;
         match self.catalogue[effect].place() {
             Place::Gain => !gain,
             Place::Delay => !self.plant.actuator.is_late,
-            // Under a load independent of the position, a scale of the position is a gain.
+            // If the load does not depend on the position, a scale of the position is equivalent to a gain.
             Place::Scale => !gain || self.coverage.has_load_slope,
             _ => !(damping && self.catalogue[effect].is_of_damping()),
         }
     }
 
-    /// Standard deviation of the readings in the windows, root mean square, rad or m.
+    /// Root mean square of the readings' standard deviations in the windows, rad or m.
     #[must_use]
     pub fn noise_floor(&self) -> f64 {
         let variances = self.windows.iter().map(|w| self.readings[w.log][w.start..w.start + w.len].iter());
@@ -343,7 +343,7 @@ impl<'c> Problem<'c> {
     }
 }
 
-/// Steps of a rollout between two samples: as many as a fast servo needs.
+/// Steps of a rollout between two samples, more for a fast servo.
 fn rollout_steps(log: &JointLog, plant: &Plant) -> usize {
     let swings = plant.actuator.servo.map_or(0.0, |s| (s.stiffness / plant.inertia).sqrt());
     let of_servo = log.interval_s().map_or(1.0, |dt| (dt * swings / MAX_TURN).ceil());
@@ -352,7 +352,7 @@ fn rollout_steps(log: &JointLog, plant: &Plant) -> usize {
 
 /// Variance of every reading of a log.
 fn reading_variances(log: &JointLog, noise: &ReadingNoise) -> Vec<f64> {
-    // Without jitter the speeds do not matter, and a smooth motion is dear.
+    // Without jitter the speeds do not matter, and smoothing is expensive.
     if noise.jitter_s == 0.0 {
         return vec![noise.variance_at_speed(0.0); log.position.len()];
     }
@@ -374,12 +374,12 @@ fn motion_coverage(
     let efforts: Vec<f64> = traces.iter().flat_map(|t| t.effort.iter().copied()).collect();
     let low = positions().fold(f64::INFINITY, f64::min);
     let high = positions().fold(f64::NEG_INFINITY, f64::max);
-    // Every twentieth sample is enough to see whether the load depends on the position at all.
+    // Every twentieth sample suffices to see whether the load depends on the position.
     let carried = logs.iter().flat_map(|l| l.carried.iter().step_by(20).map(Some));
     let seen: Vec<_> =
         std::iter::once(None).filter(|_| logs.iter().all(|l| l.carried.is_empty())).chain(carried).collect();
     let slopes = (0..9)
-        // derived: nine places have eight gaps.
+        // derived: nine positions have eight intervals.
         .map(|i| low + (high - low) * f64::from(i) / 8.0)
         .flat_map(|q| seen.iter().map(move |c| plant.load_at(*c, q).1));
     let slope = slopes.fold(0.0f64, |m, s| m.max(s.abs()));

@@ -1,10 +1,10 @@
-//! Forward simulation of one joint with its sensitivities to the start state and to every parameter.
+//! Forward simulation of one joint with its sensitivities to start state and parameters.
 //! See docs/method.md (14.7).
 //!
-//! A step moves half a step, changes the velocity at the middle, and moves the other half. Velocity-dependent
-//! efforts are taken linearly implicit, friction is set-valued: where its bound can slow the joint down to
-//! rest within the model's settle time (within the step, where this is 0), it does: a sticking joint stands
-//! still.
+//! A step drifts for half its length, changes the velocity at the middle, and drifts for the other half.
+//! Velocity-dependent efforts are linearly implicit. Friction is set-valued: where its bound suffices, it
+//! brings the joint to rest within the model's settle time (within the step, if this is 0), so a sticking
+//! joint stands still.
 
 use crate::{
     fit::acting::{Acting, EffortSum, MAX_COLUMNS, Row, bound_at_turn},
@@ -22,12 +22,12 @@ use crate::{
 /// Most free parameters.
 pub const MAX_FREE: usize = MAX_COLUMNS - 2;
 
-/// Predicted positions of a window and their sensitivities; the buffers are used again.
+/// Predicted positions of a window and their sensitivities; the buffers are reused.
 #[derive(Clone, Debug, Default)]
 pub struct Rollout {
     /// Predicted measurement at each sample.
     pub position: Vec<f64>,
-    /// Its sensitivities.
+    /// Its sensitivities, one row per sample.
     pub rows: Vec<Row>,
 }
 
@@ -43,13 +43,13 @@ impl Rollout {
 pub struct Start {
     /// Position of the joint, rad or m.
     pub position: f64,
-    /// Velocity.
+    /// Velocity, rad/s or m/s.
     pub velocity: f64,
-    /// Where in the play the sensor stands: -1 to 1.
+    /// Position of the sensor within its play, -1 to 1.
     pub play: f64,
 }
 
-/// Computed columns for a number of free parameters: start state, parameters, and one for the caller.
+/// Number of columns for `free` parameters: start state, parameters, and one for the caller.
 #[must_use]
 pub fn column_count(free: usize) -> usize {
     (3 + free).next_multiple_of(4).min(MAX_COLUMNS)
@@ -76,8 +76,8 @@ pub fn roll_window(
     };
 }
 
-/// Simulates a window with the sensitivities to its start state alone, the first two columns of every row;
-/// `each` gets the predicted measurement and the row. Returns the state at the last sample.
+/// Simulates a window with the sensitivities to its start state only, the first two columns of each row;
+/// `each` receives the predicted measurement and the row. Returns the state at the last sample.
 pub fn roll_starts(
     model: &JointModel,
     catalogue: &Catalogue,
@@ -90,7 +90,7 @@ pub fn roll_starts(
     roll_columns::<2>(model, catalogue, log, drive, span, start, each)
 }
 
-/// Scalars of a model in every step, and their columns.
+/// The model's scalars used in every step, and their columns.
 struct Layout {
     gain: f64,
     gain_column: Option<usize>,
@@ -98,9 +98,9 @@ struct Layout {
     added: f64,
     inertia_column: Option<usize>,
     delay_column: Option<usize>,
-    /// Offset, scale and play of the sensor.
+    /// Columns of the sensor's offset, scale and play.
     sensors: [Option<usize>; 3],
-    /// Gain and damping of the actuator.
+    /// Columns of the actuator's gain and damping.
     actuator: [Option<usize>; 2],
 }
 
@@ -122,8 +122,8 @@ impl Layout {
         }
     }
 
-    /// Columns of the recorded signal's path; `by_delay` is its derivative by the delay, and `q` the position
-    /// read by a servo through the sensor.
+    /// Sets the columns of parameters on the recorded signal's path; `by_delay` is the signal's derivative
+    /// with respect to the delay, `q` the position read by a servo through the sensor.
     #[inline]
     fn by_drive(
         &self,
@@ -134,7 +134,7 @@ impl Layout {
         effort_p: &mut Row,
         friction_p: &mut Row,
     ) {
-        // A contact takes its share off the acting effort too, and off its changes.
+        // A contact absorbs its share of the acting effort too, and of its derivatives.
         let by_u = 1.0 - sum.taken;
         let by_delay = self.gain * acted.signal * by_delay;
         (effort_p[2], friction_p[2]) = (by_u * by_delay, sum.friction_u * by_delay);
@@ -160,18 +160,18 @@ impl Layout {
     }
 }
 
-/// Least sum of an inertia and its addition, as a share of the inertia: the bound of the added inertia knows
-/// the chain at rest only, and in motion of the others the sum could fall to zero.
-/// chosen: far below any fitting inertia.
+/// Least effective inertia, as a share of the inertia itself. The bound of the added inertia is derived for
+/// the chain at rest; as other joints move, the sum could reach zero.
+/// chosen: far below any plausible inertia.
 pub const LEAST_INERTIA: f64 = 1e-3;
 
-/// One over an inertia with its addition.
+/// Inverse of an inertia with its addition.
 #[must_use]
 pub fn inverse_inertia(inertia: f64, added: f64) -> f64 {
     1.0 / (inertia + added).max(LEAST_INERTIA * inertia)
 }
 
-/// A joint on its way, with the sensitivities of its position and velocity.
+/// State of a joint during a rollout, with the sensitivities of position and velocity.
 struct Moving {
     q: f64,
     v: f64,
@@ -180,7 +180,7 @@ struct Moving {
 }
 
 impl Moving {
-    /// Moves the position at a constant velocity.
+    /// Advances the position at constant velocity.
     #[inline]
     fn drift_by<const W: usize>(&mut self, h: f64) {
         self.q += h * self.v;
@@ -189,30 +189,31 @@ impl Moving {
         }
     }
 
-    /// A contact begins at the position of the given column, with a leap of the acceleration by `leap`: any
-    /// move of the joint or of this position moves its time. See docs/method.md (14.9).
+    /// Updates the sensitivities where a contact begins and the acceleration jumps by `leap`: the time of
+    /// contact depends on the joint's position and on the contact's, parameter `column`.
+    /// See docs/method.md (14.9).
     fn meet_contact<const W: usize>(&mut self, column: usize, leap: f64) {
         let rate = leap / self.v;
         for c in 0..W {
-            // (14.9), with the contact's own position against the joint's.
+            // (14.9); the contact's own position counts with the opposite sign.
             self.dv[c] += rate * (self.dq[c] - f64::from(u8::from(c == column)));
         }
     }
 }
 
-/// Changes of the velocity under the efforts of a model; the buffers are used again.
+/// Changes of velocity under the efforts of a model; the buffers are reused.
 struct Kicks<'a> {
     acting: Acting<'a>,
     layout: Layout,
-    /// One over the inertia.
+    /// Inverse of the inertia.
     inverse: f64,
     effort_p: Row,
     friction_p: Row,
 }
 
 impl Kicks<'_> {
-    /// Changes the velocity by the efforts at a state over `h` seconds; `acted` is the actuator's, and
-    /// `by_delay` the derivative of its signal.
+    /// Changes the velocity by the efforts at a state over `h` seconds; `acted` is the actuator's effort,
+    /// `by_delay` its signal's derivative with respect to the delay.
     #[inline]
     fn kick_by<const W: usize>(
         &mut self,
@@ -228,15 +229,15 @@ impl Kicks<'_> {
         let mut sum = self.acting.add_up(at, &mut self.effort_p, &mut self.friction_p);
         self.layout.by_drive(&sum, acted, by_delay, at.q, &mut self.effort_p, &mut self.friction_p);
         let total = at.u + sum.effort;
-        // (14.7): implicit in the velocity, so strong damping does not overshoot; the floor bounds the step
-        // where an effort drives the joint.
+        // (14.7): implicit in the velocity, so strong damping does not overshoot; the floor limits the step
+        // if an effort drives the joint.
         let kick = h * inverse / (1.0 - (0.5 * h * sum.v * inverse)).max(0.5);
-        // The kick divides by the inertia: the derivative is an effort of minus total / I.
+        // The velocity change is divided by the inertia: its derivative acts as an effort of -total / I.
         if let Some(c) = self.layout.inertia_column {
             (self.effort_p[c], self.friction_p[c]) = (-total * inverse, -sum.friction * inverse);
         }
         let free = v + kick * total;
-        // The joint would turn back within the step, where another bound of the friction may hold it.
+        // The joint would reverse within the step, where another friction bound may hold it.
         if free * at.direction < 0.0 {
             sum.friction = bound_at_turn(&self.acting, at, sum.friction, &mut self.friction_p);
         }
@@ -248,13 +249,13 @@ impl Kicks<'_> {
         let dv = &mut moving.dv;
         if taken.abs() <= bound {
             moving.v = target;
-            // Stick: friction takes up whatever the parameters change, save the creep.
+            // Sticking: friction compensates any change by the parameters, except for the creep.
             let creep = settling.creep * kick;
             for c in 0..W {
                 dv[c] = (settling.keep + creep * sum.v) * dv[c] + creep * (sum.q * dq[c] + self.effort_p[c]);
             }
         } else {
-            // Slide: friction acts at its bound, with its changes by position and parameters.
+            // Sliding: friction acts at its bound, which depends on position and parameters.
             let sign = taken.signum();
             moving.v = free - sign * bound;
             let by_q = kick * (sum.q - sign * sum.friction_q);
@@ -265,10 +266,9 @@ impl Kicks<'_> {
         }
     }
 
-    /// Leap of the acceleration where a contact begins, at a state before it, as a kick of `h` seconds has
-    /// it.
+    /// Jump of the acceleration where a contact begins, from a state before it, for a step of `h` seconds.
     fn acceleration_leap(&self, at: &At, position: f64, h: f64) -> f64 {
-        // A contact's damping sets in at once: the effort differs on both sides of its position.
+        // A contact's damping sets in at once, so the effort differs between both sides.
         let side = |by: f64| self.acting.efforts_at(&At { q: position + by * at.direction, ..*at });
         let before = side(-BESIDE);
         let after = side(BESIDE);
@@ -277,11 +277,11 @@ impl Kicks<'_> {
     }
 }
 
-/// Distance from a contact as good as none, rad or m.
-/// chosen: some thousand times the rounding of a position of 1.
+/// Distance for evaluating just before and after a contact, rad or m.
+/// chosen: some thousand times the rounding error of a position of 1.
 const BESIDE: f64 = 1e-12;
 
-/// Rolls a window with `W` columns; gives the state at its last sample.
+/// Simulates a window with `W` columns; returns the state at its last sample.
 fn roll_columns<const W: usize>(
     model: &JointModel,
     catalogue: &Catalogue,
@@ -325,21 +325,21 @@ fn roll_columns<const W: usize>(
             let index = k * drive.steps + s;
             let signal = drive.signal[index];
             let by_delay = drive.by_delay[index];
-            // A step across the begin of a contact is split: else the contact would act too long or too late.
+            // A step across the start of a contact is split, or the contact would act too long or too late.
             let meeting = kicks.acting.first_meeting(moving.q, moving.v, step);
             let before = meeting.map_or(step, |m| m.after_s);
             for (h, meeting) in [(before, None), (step - before, meeting)]
                 .into_iter()
                 .take(if meeting.is_some() { 2 } else { 1 })
             {
-                // Most steps are equally long, and an exponential costs time.
+                // Most steps are equally long, and exponentials are expensive.
                 if h != settled_h {
                     (settled_h, settling) = (h, Settling::over_step(model.settle_s, h));
                 }
-                // At rest either side will do: the kick looks up the side of the motion.
+                // At rest either direction will do: the velocity change looks up the direction of motion.
                 let direction = if moving.v != 0.0 { moving.v.signum() } else { 1.0 };
                 let t = t + (s as f64 + 0.5) * step;
-                // The kick acts after the first half drift: its efforts are those of the middle of the
+                // The velocity changes after the first half drift, under the efforts at the middle of the
                 // step.
                 let q = moving.q + 0.5 * h * moving.v;
                 let v = moving.v;
@@ -369,7 +369,7 @@ fn roll_columns<const W: usize>(
     Start { position: q, velocity: v, play }
 }
 
-/// Passes the position through play, scale and offset of the sensor.
+/// Passes the position through the sensor's play, scale and offset.
 #[inline]
 fn measure_position<const W: usize>(
     q: f64,
@@ -381,7 +381,7 @@ fn measure_position<const W: usize>(
     each: &mut impl FnMut(f64, &Row),
 ) {
     let half = sensor.half_gap;
-    // Without a gap the gauge goes with the joint; within a gap it stands, and so do its sensitivities.
+    // Without a gap the gauge follows the joint; within a gap it stands still, and so do its sensitivities.
     let side = if *gauge < q - half || half == 0.0 {
         -1.0
     } else if *gauge > q + half {

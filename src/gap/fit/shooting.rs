@@ -32,15 +32,15 @@ pub struct Fit {
     pub model: JointModel,
     /// Start state of each window.
     pub starts: Vec<Start>,
-    /// Effort beyond the model.
+    /// Unexplained effort.
     pub noise: EffortNoise,
     /// Restricted log likelihood.
     pub log_likelihood: f64,
     /// Covariance of the free parameters; rows of frozen ones are zero.
     pub covariance: DMatrix<f64>,
-    /// Number of windows behind each free parameter, were they all to show as much of it.
+    /// Number of windows determining each free parameter, if all did so equally.
     pub witnesses: Vec<f64>,
-    /// Sum of squared whitened residuals of each window.
+    /// Sum of the squared whitened residuals of each window.
     pub costs: Vec<f64>,
 }
 
@@ -70,7 +70,7 @@ struct Normal {
     gradient: DVector<f64>,
 }
 
-/// Free parts of a fit.
+/// Which unknowns of a fit are free.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Free {
     /// Parameters, lag and start states.
@@ -81,11 +81,11 @@ pub enum Free {
 
 struct Evaluation {
     normal: Normal,
-    /// Total cost with the priors.
+    /// Total cost, priors included.
     cost: f64,
 }
 
-/// Whitened normal equations at a model and start states; `frozen` parameters have no columns.
+/// Whitened normal equations at a model and start states; `frozen` parameters have columns of zeros.
 fn normal_equations(
     problem: &Problem,
     model: &JointModel,
@@ -118,10 +118,10 @@ fn evaluate_columns<const W: usize>(
     for (w, start) in starts.iter().enumerate() {
         predict_window(problem, model, &drives, w, *start, &mut rollout);
         let span = problem.windows[w];
-        // The residual stands behind the sensitivities: one filter whitens both alike (14.10).
+        // The residual is stored after the sensitivities, so one filter whitens both (14.10).
         whiten_rows::<W>(&mut rollout.rows, &whitening.locals[span.log][span.start..], &whitening.gains[w]);
         let sums = upper_products::<W>(&rollout.rows);
-        // A frozen parameter keeps its place with zeros: indices stay those of the model.
+        // A frozen parameter keeps its column, with zeros, so the model's indices stay valid.
         blocks.push(Block {
             cost: sums[residual][residual],
             hessian: DMatrix::from_fn(free, free, |i, j| {
@@ -136,7 +136,7 @@ fn evaluate_columns<const W: usize>(
     total_of_windows(problem, model, blocks, frozen)
 }
 
-/// Adds the windows up, with the prior of the lag.
+/// Sums the windows and adds the prior of the lag.
 fn total_of_windows(
     problem: &Problem,
     model: &JointModel,
@@ -161,13 +161,13 @@ fn total_of_windows(
     Evaluation { normal: Normal { blocks, hessian, gradient }, cost }
 }
 
-/// `rows' * rows` over the first `W` columns; from the diagonal on.
+/// The upper triangle of `rows' * rows` over the first `W` columns.
 fn upper_products<const W: usize>(rows: &[Row]) -> [[f64; W]; W] {
     let mut sums = [[0.0; W]; W];
     for row in rows {
         for i in 0..W {
             let x = row[i];
-            // From an even column on, the loop runs over whole pairs: they vectorize.
+            // Starting at an even column, the loop runs over whole pairs and vectorizes.
             for j in i & !1..W {
                 sums[i][j] += x * row[j];
             }
@@ -176,7 +176,7 @@ fn upper_products<const W: usize>(rows: &[Row]) -> [[f64; W]; W] {
     sums
 }
 
-/// A step of all unknowns.
+/// A step of all unknowns: parameters and start states.
 struct Step {
     parameters: DVector<f64>,
     starts: Vec<Vector2<f64>>,
@@ -188,19 +188,19 @@ fn damped_step(normal: &Normal, frozen: &[bool], damping: f64) -> Option<Step> {
     let inverses: Vec<Matrix2<f64>> =
         normal.blocks.iter().map(|b| b.start.try_inverse().unwrap_or_else(Matrix2::zeros)).collect();
     for (b, inverse) in normal.blocks.iter().zip(&inverses) {
-        // (14.11): residuals within the reach of a window's free start state do not determine parameters.
+        // (14.11): residuals a window's free start state could explain do not determine parameters.
         let weighted = b.cross.transpose() * inverse;
         s -= &weighted * &b.cross;
         g -= &weighted * b.start_gradient;
     }
     for i in 0..g.len() {
         if frozen[i] {
-            // A unit row with no gradient: the step is zero, and the matrix stays invertible.
+            // A unit row with zero gradient: the step is zero, and the matrix stays invertible.
             s[(i, i)] = 1.0;
             g[i] = 0.0;
         } else {
-            // Marquardt's scaling by the diagonal is free of units. The two small terms keep the matrix
-            // regular with an undetermined parameter.
+            // Marquardt's scaling by the diagonal is independent of units. The two small terms keep the
+            // matrix regular even if no window determines a parameter.
             s[(i, i)] = s[(i, i)] * (1.0 + damping) + 1e-12 * normal.hessian[(i, i)] + 1e-300;
         }
     }
@@ -214,15 +214,15 @@ fn damped_step(normal: &Normal, frozen: &[bool], damping: f64) -> Option<Step> {
     Some(Step { parameters, starts })
 }
 
-/// Bounds of an actuator's gain and damping: it drives, and it brakes.
-/// chosen: a factor beyond the largest ratio is one of units; a damping has no bound above.
+/// Bounds of an actuator's gain and damping: it must drive, and it must brake.
+/// chosen: a gain beyond the largest ratio would be a difference of units; a damping has no upper bound.
 const ACTUATOR_BOUNDS: [(f64, f64); 2] = [(1.0 / LARGEST_RATIO, LARGEST_RATIO), (0.0, 1e9)];
 
-/// Largest lag in deviations of its prior: one far outside would stand in for the effect `delay`.
-/// chosen: no lag of the prior is beyond.
+/// Largest lag, in deviations of its prior: a larger one would imitate the effect `delay`.
+/// chosen: no lag in the prior is larger.
 const MOST_LAG: f64 = 5.0;
 
-/// Parameters moved by a step, kept inside their bounds.
+/// The model after a step of its parameters, kept within their bounds.
 #[must_use]
 pub fn moved_model(problem: &Problem, model: &JointModel, step: &DVector<f64>) -> JointModel {
     let mut parameters = model.free_parameters();
@@ -244,56 +244,56 @@ pub fn moved_model(problem: &Problem, model: &JointModel, step: &DVector<f64>) -
     model.with_parameters(&parameters)
 }
 
-/// Shares of the effort noise, run through first by a fit with play and by the last fits with a contact:
-/// under the noise of the twin, with missing effects in it, a window started on the wrong side of the gap
-/// would never leave it.
+/// Shares of the effort noise for the first rounds of a fit with play, and of the last fits with a contact.
+/// The twin's noise includes the missing effects; under this noise a window started on the wrong side of the
+/// gap would never leave it.
 /// tuned: tests/python/gap/generate.py.
 const ANNEALING: &[f64] = &[0.3, 0.1, 0.03];
 
-/// How long a fit goes on.
+/// Limits on the length of a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pace {
     /// Rounds; the noise is estimated anew between them.
     pub rounds: usize,
-    /// Most steps of a round.
+    /// Most steps per round.
     pub steps: usize,
-    /// The last step gains less, and less than this share of 15 000 times the cost.
+    /// A round ends at a step gaining less than this times `1 + ENOUGH_OF_COST * cost`.
     pub enough: f64,
-    /// The settle time of friction is chosen as well.
+    /// Whether the settle time of friction is fitted as well.
     pub settles: bool,
-    /// Start states are looked for in every window; otherwise those given are of a like model, and only badly
-    /// fitting windows are searched.
+    /// Whether start states are searched in every window; otherwise the given ones come from a similar model,
+    /// and only badly fitting windows are searched.
     pub searches: bool,
-    /// The noise is estimated before the first round as well.
+    /// Whether the noise is estimated before the first round as well.
     pub hears: bool,
 }
 
 /// Most steps of one round.
 const MAX_STEPS: usize = 14;
-/// Least gain of log likelihood by a step before another one.
+/// Least gain of log likelihood by a step for another one to follow.
 /// chosen: a parameter is then within a standard deviation of its best.
 const ENOUGH: f64 = 0.2;
-/// The same as a share of it and of the cost.
-/// chosen: of many residuals single ones say nothing.
+/// Growth of the least gain with the cost, as a share per unit of cost.
+/// chosen: among many residuals single ones do not matter.
 const ENOUGH_OF_COST: f64 = 6e-5;
-/// Damping at the begin of a fit.
-/// chosen: small, as most fits begin near their end.
+/// Damping at the start of a fit.
+/// chosen: small, as most fits start near their optimum.
 pub(super) const FIRST_DAMPING: f64 = 1e-4;
 
 impl Pace {
-    /// To the end.
+    /// Until the fit converges.
     #[must_use]
     pub const fn thorough(rounds: usize) -> Self {
         Self { rounds, steps: MAX_STEPS, enough: ENOUGH, settles: true, searches: true, hears: false }
     }
 
-    /// From near its end.
+    /// From a start near the optimum.
     pub const WARM: Self =
         Self { rounds: 1, steps: 6, enough: ENOUGH, settles: false, searches: false, hears: false };
-    /// Far enough to see the leading start of a fit.
+    /// Far enough to see which of several starts is best.
     pub const FIRST: Self =
         Self { rounds: 1, steps: 4, enough: 2.0, settles: false, searches: true, hears: false };
-    /// From there on, far enough to see the leading candidates.
+    /// From there on, far enough to see which candidates lead.
     pub const NEXT: Self = Self { searches: false, hears: true, ..Self::FIRST };
 }
 
@@ -308,22 +308,21 @@ pub fn shooting_fit(
     pace: Pace,
 ) -> Fit {
     let mut best = fit_settled(problem, model, starts, noise, free, pace);
-    // Without friction the settle time changes nothing.
+    // Without friction the settle time has no effect.
     if !pace.settles || free != Free::All || !model.has_friction(problem.catalogue) {
         return best;
     }
-    // Longer settle times first, as far as they help; then shorter ones.
+    // Longer settle times first, as long as they help; then shorter ones.
     let at = |fit: &Fit| SETTLE_S.iter().position(|s| *s >= fit.model.settle_s).unwrap_or(0);
     for longer in [true, false] {
         loop {
             let next = if longer { at(&best) + 1 } else { at(&best).wrapping_sub(1) };
             let Some(&settle_s) = SETTLE_S.get(next) else { break };
             let trial = JointModel { settle_s, ..best.model.clone() };
-            // The next settle time changes little: the fit starts from this one's states and needs few
-            // steps.
+            // The next settle time changes little: a fit started from the present states needs few steps.
             let trial_pace = Pace { rounds: 2, steps: 4, searches: false, ..pace };
             let trial = fit_settled(problem, &trial, Some(&best.starts), best.noise, free, trial_pace);
-            // Negated: a likelihood of NaN ends the search.
+            // Negated, so a NaN likelihood ends the search.
             if !(trial.log_likelihood > best.log_likelihood + ENOUGH_TO_SETTLE) {
                 break;
             }
@@ -333,11 +332,11 @@ pub fn shooting_fit(
     best
 }
 
-/// Least gain of log likelihood by another settle time.
+/// Least gain of log likelihood for another settle time.
 /// derived: half the 95 % quantile of chi-square with one degree of freedom.
 const ENOUGH_TO_SETTLE: f64 = 1.920_729;
 
-/// Fits at the model's settle time.
+/// Fits with the model's settle time.
 fn fit_settled(
     problem: &Problem,
     model: &JointModel,
@@ -360,7 +359,7 @@ fn fit_settled(
     } else {
         &[]
     };
-    // Annealing: little noise first, to keep the misfit of windows out of the noise.
+    // Annealing: with little noise first, the misfit of windows is not taken for noise.
     for share in anneal {
         whitening = Whitening::new(problem, &model, &noise.scaled_by(*share).at_least(problem.min_sigma_u));
         improve_starts(problem, &model, &mut starts, &whitening, true);
@@ -369,13 +368,13 @@ fn fit_settled(
     }
     let mut end = None;
     for round in 0..pace.rounds.max(1) {
-        // A model before its fit leaves its misfit in the residuals, and the estimate would take it for
-        // noise.
+        // An unfitted model leaves its misfit in the residuals, and the estimate would take this for noise.
         if round > 0 || !anneal.is_empty() || pace.hears {
             noise = most_likely_noise(problem, &model, &starts, &whitening, noise);
             whitening = Whitening::new(problem, &model, &noise);
         }
-        // Gauss-Newton cannot move a start across the play: with play every round searches all windows.
+        // Gauss-Newton cannot move a start state across the play, so with play every round searches all
+        // windows.
         improve_starts(problem, &model, &mut starts, &whitening, (round == 0 && pace.searches) || has_play);
         let now = normal_equations(problem, &model, &starts, &whitening, &frozen);
         end = Some(iterate(problem, &mut model, &mut starts, &whitening, &frozen, pace, now));
@@ -389,7 +388,7 @@ fn fit_settled(
     Fit { model, starts, noise, log_likelihood, covariance, witnesses, costs }
 }
 
-/// Steps from `now`, the evaluation of the model and the start states; returns the evaluation at the end.
+/// Iterates from `now`, the equations at the model and the start states; returns the equations at the end.
 fn iterate(
     problem: &Problem,
     model: &mut JointModel,
@@ -413,7 +412,7 @@ fn iterate(
             .collect();
         let mut trial = normal_equations(problem, &trial_model, &trial_starts, whitening, frozen);
         if !(trial.cost < now.cost) {
-            // Window by window, the better start state for the new parameters.
+            // Keep the better start state under the new parameters, window by window.
             let kept = normal_equations(problem, &trial_model, starts, whitening, frozen).normal.blocks;
             let mut blocks = trial.normal.blocks;
             for (w, own) in kept.into_iter().enumerate() {
@@ -440,12 +439,12 @@ fn iterate(
     now
 }
 
-/// Witness of every window, the start states eliminated, and the matrix of all.
+/// Contribution of every window with its start state eliminated, and the matrix of all.
 fn window_witnesses(normal: &Normal) -> (DMatrix<f64>, Vec<Witness>) {
     let mut matrix = normal.hessian.clone();
     let mut windows = Vec::with_capacity(normal.blocks.len());
     for b in &normal.blocks {
-        // A window with an undetermined start state adds nothing.
+        // A window with an undetermined start state contributes nothing.
         let Some(inverse) = b.start.try_inverse() else {
             let n = b.hessian.nrows();
             windows.push(Witness { hessian: DMatrix::zeros(n, n), gradient: DVector::zeros(n) });
@@ -473,7 +472,8 @@ fn restricted_likelihood(
     let mut twice = whitening.log_variance + lag * lag;
     for b in &at.normal.blocks {
         let inverse = b.start.try_inverse().unwrap_or_else(Matrix2::zeros);
-        // Integrating a start state out takes its best step off the cost and adds its log determinant.
+        // Integrating out a start state subtracts the cost reduction of its best step and adds the log
+        // determinant.
         twice += b.cost - b.start_gradient.dot(&(inverse * b.start_gradient))
             + b.start.determinant().max(1e-300).ln();
     }

@@ -9,11 +9,11 @@ use crate::{
     },
 };
 
-/// Least tried effort noise, as a share of the effort, and the ratio of two neighbors.
+/// Smallest tried effort noise, as a share of the effort, and ratio of neighboring values.
 /// chosen: up to six times the effort (docs/method.md 14.3).
 const LEAST_NOISE: f64 = 0.003;
 const NOISE_RATIO: f64 = 2.6;
-/// Share of the top speed for a clear sign of a smoothed velocity.
+/// Share of the top speed from which the sign of a smoothed velocity is reliable.
 /// chosen: near rest it is noise.
 const CLEAR_SPEED: f64 = 0.02;
 
@@ -22,15 +22,15 @@ const CLEAR_SPEED: f64 = 0.02;
 pub struct Trace {
     /// Position, rad or m.
     pub position: Vec<f64>,
-    /// Velocity.
+    /// Velocity, rad/s or m/s.
     pub velocity: Vec<f64>,
-    /// Mean effort until the next sample, N m or N; of a servo, its effort by the readings.
+    /// Mean effort until the next sample, N m or N; for a servo, its effort computed from the readings.
     pub effort: Vec<f64>,
-    /// Mean signal likewise: the effort, or a servo's commanded position.
+    /// Mean signal until the next sample: the effort, or a servo's commanded position.
     pub signal: Vec<f64>,
-    /// Acceleration of the twin at this state under this effort; free of measured second differences.
+    /// Acceleration of the twin at this state under this effort; no second differences of measurements enter.
     pub acceleration: Vec<f64>,
-    /// Sign of the last clear motion; 0 before the first.
+    /// Sign of the last reliable velocity; 0 before the first.
     pub direction: Vec<f64>,
 }
 
@@ -52,20 +52,20 @@ struct FilterEstimate {
     vv: f64,
 }
 
-/// One prediction of the twin.
+/// Prediction by the twin over one interval.
 struct Predict<'a> {
     plant: &'a Plant,
     noise: f64,
 }
 
 impl Predict<'_> {
-    /// Transition matrix and effect of an effort over `dt` at a position.
+    /// Transition matrix, and response to an effort, over `dt` seconds at a position.
     fn transition_and_input(&self, carried: Option<&Carried>, q: f64, dt: f64) -> ([f64; 4], [f64; 2]) {
         let (inertia, rate) = self.plant.inertia_at(carried);
         let i = 1.0 / inertia;
         let k = self.plant.load_at(carried, q).1 * i;
         let b = (self.plant.damping + rate) * i;
-        // Exact in the damping, perhaps strong over an interval; first order in the load's slope.
+        // Exact in the damping, which may be strong over an interval; first order in the load's slope.
         let lost = 1.0 - (-b * dt).exp();
         ([1.0 - 0.5 * k * dt * dt, dt * (1.0 - 0.5 * lost), -k * dt, 1.0 - lost], [0.5 * dt * dt * i, dt * i])
     }
@@ -79,7 +79,7 @@ impl Predict<'_> {
     ) -> (FilterEstimate, [f64; 4]) {
         let (a, g) = self.transition_and_input(carried, s.q, dt);
         let (load, slope) = self.plant.load_at(carried, s.q);
-        // The transition carries the load's linear part about this position; the push carries the rest.
+        // The transition holds the load's linear part about this position; `push` holds the rest.
         let push = effort - load + slope * s.q;
         let w = self.noise * self.noise;
         let m00 = a[0] * s.qq + a[1] * s.qv;
@@ -97,8 +97,7 @@ impl Predict<'_> {
     }
 }
 
-/// Smooths logs with the most probable effort noise of the grid; `readings` holds the variance of every
-/// position.
+/// Smooths logs with the most probable effort noise of the grid; `readings` is the variance of each position.
 #[must_use]
 pub fn smoothed_traces(logs: &[JointLog], hold: Hold, plant: &Plant, readings: &[Vec<f64>]) -> Vec<Trace> {
     let effort: Vec<Vec<f64>> = logs.iter().map(|l| interval_means(l, &l.effort, hold)).collect();
@@ -129,7 +128,7 @@ pub fn smoothed_traces(logs: &[JointLog], hold: Hold, plant: &Plant, readings: &
     traces
 }
 
-/// Mean of a signal of a log from each sample to the next.
+/// Mean of a signal from each sample of a log to the next.
 fn interval_means(log: &JointLog, values: &[f64], hold: Hold) -> Vec<f64> {
     Drive::of_signal(&log.time_s, values, hold, 0.0, Drive::usual_steps(log))
         .means_by_sample(values.last().copied())
@@ -137,7 +136,8 @@ fn interval_means(log: &JointLog, values: &[f64], hold: Hold) -> Vec<f64> {
 
 type Passed = (FilterEstimate, FilterEstimate, [f64; 4]);
 
-/// Filters; returns (predicted, updated, transition to here) of every sample, and the log likelihood.
+/// Forward filter; returns (predicted, updated, transition to this sample) for each sample, and the log
+/// likelihood.
 fn filter_forward(
     log: &JointLog,
     index: usize,
@@ -149,7 +149,7 @@ fn filter_forward(
     let mut likelihood = 0.0;
     for span in log.gapless_segments(index) {
         let first = log.position[span.start];
-        // Nothing is known of the motion within a gap: each segment begins anew.
+        // Nothing is known of the motion within a gap, so each segment starts anew.
         let mut belief =
             FilterEstimate { q: first, v: 0.0, qq: readings[span.start] * 1e4, qv: 0.0, vv: 1e4 };
         let mut transition = [1.0, 0.0, 0.0, 1.0];
@@ -166,7 +166,7 @@ fn filter_forward(
             let predicted = belief;
             let s = predicted.qq + readings[k];
             let innovation = log.position[k] - predicted.q;
-            // The first innovations show the wide prior only.
+            // The first innovations only reflect the wide prior.
             if k > span.start + 2 {
                 likelihood -= 0.5 * (innovation * innovation / s + s.ln());
             }
@@ -208,7 +208,7 @@ fn smooth_backward(
             let (_, updated, _) = passed[k];
             let mut state = (updated.q, updated.v);
             if let (Some((q, v)), Some((next, _, a))) = (later, passed.get(k + 1)) {
-                // Gain P A' (predicted P)^-1.
+                // Smoother gain P A' (predicted P)^-1.
                 let c = [
                     updated.qq * a[0] + updated.qv * a[1],
                     updated.qq * a[2] + updated.qv * a[3],
@@ -216,7 +216,7 @@ fn smooth_backward(
                     updated.qv * a[2] + updated.vv * a[3],
                 ];
                 let det = next.qq * next.vv - next.qv * next.qv;
-                // Where rounding makes the prediction singular, the filtered state stands.
+                // If rounding makes the predicted covariance singular, the filtered state is kept.
                 if det > 0.0 {
                     let x = q - next.q;
                     let y = v - next.v;
@@ -237,7 +237,7 @@ fn smooth_backward(
         let v = trace.velocity[k];
         let carried = log.carried.get(k);
         trace.acceleration[k] = plant.net_effort(carried, q, v, effort[k]) / plant.inertia_at(carried).0;
-        // Near rest the last clear sign stands.
+        // Near rest the last reliable sign is kept.
         if v.abs() > CLEAR_SPEED * top {
             last = v.signum();
         }

@@ -1,6 +1,6 @@
-//! Start states of windows, searched window by window: in a window with a contact, a catch or play,
-//! Gauss-Newton from one state ends in the nearest minimum, and a wrong start is taken for noise of the
-//! effort.
+//! Start states of windows, searched window by window. In a window with a contact, a catch or play,
+//! Gauss-Newton from a single state ends in the nearest minimum, and a wrong start state would be taken for
+//! noise of the effort.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -19,20 +19,20 @@ use crate::{
 };
 use numeric::statistics::chi_square_99;
 
-/// Polished states of a searched window.
+/// Number of start states refined in a searched window.
 const POLISHED: usize = 4;
-/// Steps of a polish.
+/// Most Gauss-Newton steps of a refinement.
 const POLISH_STEPS: usize = 6;
 /// Factor of the damping after a step without a lower cost.
 /// chosen: more than a decade, as steps are few.
 const RISE: f64 = 20.0;
-/// Tried places of a window's start in the play.
-/// chosen: the ends, the middle, and between them.
+/// Tried positions of the sensor in the play at the start of a window.
+/// chosen: the ends, the middle, and the quarter points.
 const PLAY: [f64; 5] = [-1.0, -0.5, 0.0, 0.5, 1.0];
-/// Samples of the recorded slopes, from the start of a window: (first, last).
+/// Pairs of samples giving recorded slopes, counted from the start of a window: (first, last).
 const SLOPES: [(i64, i64); 8] = [(0, 1), (0, 2), (0, 4), (0, 8), (-2, 2), (-4, 0), (4, 8), (8, 16)];
 
-/// A window from one start state.
+/// A window simulated from one start state.
 #[derive(Clone, Copy, Debug)]
 struct StartTrial {
     start: Start,
@@ -43,16 +43,16 @@ struct StartTrial {
 }
 
 impl StartTrial {
-    /// The promised cost after one step of the start state.
+    /// Predicted cost after one step of the start state.
     fn promised_cost(&self) -> f64 {
-        // A state in the right basin may begin with the higher cost: trials are ranked by the cost after a
+        // The right basin may start at a higher cost, so trials are ranked by the cost predicted after one
         // step.
         let step = self.normal.try_inverse().map_or(0.0, |i| self.gradient.dot(&(i * self.gradient)));
         if self.cost.is_finite() { self.cost - step } else { f64::INFINITY }
     }
 }
 
-/// Common inputs of all trials.
+/// Inputs common to all trials.
 struct Bench<'a, 'c> {
     problem: &'a Problem<'c>,
     model: &'a JointModel,
@@ -116,7 +116,7 @@ impl Bench<'_, '_> {
             if trial.cost < now.cost {
                 let gained = now.cost - trial.cost;
                 (now, damping) = (trial, damping * damping::FALL);
-                // Half a squared standard deviation does not change the winning state.
+                // A gain of half a squared standard deviation does not change the winner.
                 if gained < 0.5 {
                     break;
                 }
@@ -127,14 +127,14 @@ impl Bench<'_, '_> {
         now
     }
 
-    /// The start state for the next window, where it follows without a gap.
+    /// The start state for the next window, if it follows without a gap.
     fn hand_on(&self, window: usize, start: Start) -> Option<Start> {
         let span = self.problem.windows[window];
         let next = self.problem.windows.get(window + 1)?;
         if next.log != span.log || next.start != span.start + span.len {
             return None;
         }
-        // Windows share no sample: the next one begins an interval later.
+        // Windows share no sample: the next one starts one interval later.
         let longer = Span { len: span.len + 1, ..span };
         let log = &self.problem.logs[span.log];
         let end = roll_starts(
@@ -150,9 +150,10 @@ impl Bench<'_, '_> {
     }
 }
 
-/// The best start states for the model: those given, those of the smoothed motion, the ends of preceding
-/// windows; for windows without a fit among them, states over the play and over the recorded slopes. `all`
-/// compares the given states with the others in every window, not only in badly fitting ones.
+/// The best start states for the model. Candidates are the given states, those of the smoothed motion, and
+/// the end of the preceding window; where none of them fits, also states over the play and over the recorded
+/// slopes. With `all`, the given states are compared with the others in every window, not only in badly
+/// fitting ones.
 pub fn improve_starts(
     problem: &Problem,
     model: &JointModel,
@@ -167,12 +168,12 @@ pub fn improve_starts(
     let bench = Bench { problem, model, drives: &drives, whitening, ridge };
     let mut carried = None;
     for w in 0..starts.len() {
-        // Of windows that fit, one of a hundred is searched in vain.
+        // Of the windows that fit, one in a hundred is searched in vain.
         let most = chi_square_99(problem.windows[w].len as f64);
         let fits = |t: &StartTrial| t.cost <= most;
         let given = bench.try_start(w, starts[w]);
         let mut trials = vec![given];
-        // These trials cost one rollout each; most windows need no more.
+        // These trials cost one rollout each; most windows need no others.
         if all || !fits(&given) {
             trials.extend(std::iter::once(fresh[w]).chain(carried).map(|s| bench.try_start(w, s)));
             if half_gap > 0.0 {
@@ -188,7 +189,7 @@ pub fn improve_starts(
             best = searched_start(&bench, w, trials, &fresh[w], half_gap, &fits);
         }
         starts[w] = best.start;
-        // Motion is continuous: where one window ends well, the next begins well.
+        // Motion is continuous: the end state of one window is a good start for the next.
         carried = bench.hand_on(w, best.start);
     }
 }
@@ -202,7 +203,7 @@ fn searched_start(
     half_gap: f64,
     fits: &dyn Fn(&StartTrial) -> bool,
 ) -> StartTrial {
-    // One polish costs less than the search below and often is enough.
+    // A single refinement costs less than the search below and often suffices.
     let quick = bench.polished_start(w, trials[0]);
     if fits(&quick) {
         return quick;
@@ -212,8 +213,8 @@ fn searched_start(
     let scale = bench.model.position_sensor(bench.problem.catalogue).scale;
     let last = log.time_s.len() as i64 - 1;
     let places: &[f64] = if half_gap > 0.0 { &PLAY } else { &[0.0] };
-    // The smoothed motion knows no contact and no catch: near one its velocity is wrong, and slopes of
-    // the record beside it are better.
+    // The smoothed motion ignores contacts and catches: near one its velocity is wrong, and slopes of the
+    // recording are better.
     for (from, to) in SLOPES {
         let at = |k: i64| (span.start as i64 + k).clamp(0, last) as usize;
         let a = at(from);
@@ -230,13 +231,13 @@ fn searched_start(
     trials.push(quick);
     trials.sort_by(|a, b| a.promised_cost().total_cmp(&b.promised_cost()));
     trials.truncate(POLISHED);
-    // Whatever the ranking says, the quick polish stays a candidate.
+    // The first refinement stays a candidate, whatever its rank.
     trials.push(quick);
     let polished: Vec<StartTrial> = trials.into_iter().map(|t| bench.polished_start(w, t)).collect();
     polished.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).unwrap_or(quick)
 }
 
-/// The start state elsewhere in the play, its sensor where it was.
+/// The start state at another position in the play, with the sensor's reading unchanged.
 fn at_play(start: Start, play: f64, half_gap: f64) -> Start {
     if half_gap == 0.0 {
         return start;

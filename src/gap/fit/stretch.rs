@@ -1,5 +1,5 @@
-//! Short stretches of measured motion, whatever the twin is: velocities and accelerations of all joints by
-//! the positions alone, and the mean effort over each.
+//! Short stretches of measured motion, independent of the twin: velocities and accelerations of all joints,
+//! from the positions alone, and the mean effort over each stretch.
 
 use crate::record::{
     drive::{Hold, Signal},
@@ -8,46 +8,46 @@ use crate::record::{
 };
 
 /// Least length of a stretch, seconds.
-/// chosen: a sixteenth of the longest window: four for each of its four independent numbers.
+/// chosen: a sixteenth of the longest window: four stretches for each of its four independent measurements.
 const WIDTH_S: f64 = 1.0 / 16.0;
 /// Share of the top speed below which friction may hold the joint.
 /// chosen: a smoothed motion is never exactly at rest.
 pub(crate) const SLOW: f64 = 0.03;
 
-/// A joint in a run.
+/// Motion of one joint in a run.
 #[derive(Clone, Debug)]
 pub struct Moved {
-    /// Stamps and efforts; none where no effort was recorded.
+    /// Stamps and efforts; `None` if no effort was recorded.
     pub log: Option<JointLog>,
-    /// Motion of the positions.
+    /// Smoothed motion from the positions.
     pub motion: SmoothMotion,
 }
 
-/// Joints of a run, in the order of the twin's; `None` for unrecorded ones.
+/// Joints of a run, in the twin's order; `None` if not recorded.
 pub type RunMotion = Vec<Option<Moved>>;
 
 /// Means over a stretch of time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stretch {
-    /// Run, and its stretch: stretches of all joints of a run are cut at the same times.
+    /// Run, and index of the stretch: stretches of all joints of a run are cut at the same times.
     pub key: (usize, usize),
     /// First and last time, seconds.
     pub time_s: (f64, f64),
     /// Positions of all joints, rad or m.
     pub position: Vec<f64>,
-    /// Velocities.
+    /// Velocities of all joints, rad/s or m/s.
     pub velocity: Vec<f64>,
-    /// Accelerations.
+    /// Accelerations of all joints, rad/s^2 or m/s^2.
     pub acceleration: Vec<f64>,
 }
 
-/// Length of the stretches of a run: two samples at least.
+/// Length of the stretches of a run, seconds: at least two samples.
 fn width_s(run: &RunMotion) -> f64 {
     let logs = run.iter().flatten().filter_map(|m| m.log.as_ref()?.interval_s());
     logs.fold(WIDTH_S, |width, interval| width.max(2.0 * interval))
 }
 
-/// Stretches of motion in one direction, without a gap in the stamps.
+/// Stretches in which the joint moves in one direction and the stamps have no gap.
 #[must_use]
 pub fn one_way_stretches(runs: &[RunMotion], joint: usize) -> Vec<Stretch> {
     let of = |run: usize| runs[run][joint].as_ref().and_then(|m| Some((m, m.log.as_ref()?)));
@@ -64,7 +64,7 @@ pub fn one_way_stretches(runs: &[RunMotion], joint: usize) -> Vec<Stretch> {
             for index in from..(last / width).floor().max(0.0) as usize {
                 let time_s = (width * index as f64, width * (index + 1) as f64);
                 let ends = [time_s.0, time_s.1].map(|t| moved.motion.state_at(t)[1]);
-                // Where it turns back friction has two signs, and at rest any value.
+                // At a reversal friction has both signs, and at rest any value.
                 if ends[0] * ends[1] > 0.0 && 0.5 * (ends[0] + ends[1]).abs() >= SLOW * top {
                     found.push(stretch_means(&runs[run], (run, index), time_s));
                 }
@@ -74,7 +74,7 @@ pub fn one_way_stretches(runs: &[RunMotion], joint: usize) -> Vec<Stretch> {
     found
 }
 
-/// Means of all joints; unrecorded ones stand at 0.
+/// Means over a stretch for all joints; unrecorded joints are at 0.
 fn stretch_means(run: &RunMotion, key: (usize, usize), time_s: (f64, f64)) -> Stretch {
     let mut stretch =
         Stretch { key, time_s, position: Vec::new(), velocity: Vec::new(), acceleration: Vec::new() };
@@ -91,7 +91,7 @@ fn stretch_means(run: &RunMotion, key: (usize, usize), time_s: (f64, f64)) -> St
     stretch
 }
 
-/// Mean over each stretch of a signal by the stamps of a log, `delay_s` late; `None` where these have a gap.
+/// Mean of a log's signal over each stretch, `delay_s` late; `None` where the stamps have a gap.
 #[must_use]
 pub fn mean_signal(
     log: &JointLog,

@@ -1,6 +1,6 @@
-//! White residuals: a Kalman filter for the linearized joint, driven by partly white and partly lasting
-//! effort noise, turns positions into independent innovations of variance one. It is linear: residuals and
-//! sensitivities pass through the same filter. See docs/method.md (14.10).
+//! Whitening of residuals. A Kalman filter for the linearized joint, driven by effort noise with a white and
+//! a lasting part, turns positions into independent innovations of unit variance. The filter is linear, so
+//! residuals and sensitivities pass through the same one. See docs/method.md (14.10).
 
 use crate::{
     fit::{
@@ -17,28 +17,28 @@ use crate::{
 };
 
 /// Share of the top speed below which a joint may stick: a smoothed velocity is never exactly zero.
-/// chosen: little of a motion is as slow.
+/// chosen: only a small part of a motion is this slow.
 const STILL: f64 = 0.003;
-/// Largest growth of a state by a driving effect in a step, as a share.
-/// chosen: variances do not grow without bound.
+/// Largest relative growth of a state in one step by an effect driving the joint.
+/// chosen: keeps variances bounded.
 const GROWTH: f64 = 0.2;
-/// Largest loss of a velocity by damping in a step, as a share.
-/// chosen: a stiff effect leaves something of it.
+/// Largest relative loss of velocity in one step by damping.
+/// chosen: even a very stiff effect leaves some of it.
 const DAMPED: f64 = 0.9;
 
-/// Linearized joint between two samples: state transition (row-major) and effect of an effort.
+/// The linearized joint between two samples: state transition (row-major) and response to an effort.
 #[derive(Clone, Copy, Debug)]
 pub struct Local {
     /// Transition of (position, velocity).
     pub a: [f64; 4],
-    /// Effect of a held effort.
+    /// Response of (position, velocity) to a constant effort.
     pub g: [f64; 2],
     /// Time to the next sample, seconds.
     pub interval_s: f64,
 }
 
 impl Local {
-    /// (Position, velocity, wander) at the next sample; `kept` is the share of the wander left then.
+    /// (Position, velocity, wander) at the next sample; `kept` is the share of the wander remaining there.
     #[inline]
     fn moved_by(&self, q: f64, v: f64, d: f64, kept: f64) -> [f64; 3] {
         let a = &self.a;
@@ -89,14 +89,14 @@ pub fn linearized_joint(
         };
         let sum = acting.efforts_at(&at);
         let settling = Settling::over_step(model.settle_s, dt);
-        // Settling friction must also brake the velocity within its settle time.
+        // Settling friction also brakes the velocity within its settle time.
         let held = if settling.keep > 0.0 {
             v / (model.settle_s * inverse) + u + sum.effort
         } else {
             u + sum.effort
         };
         let slow = settling.keep > 0.0 || v.abs() <= still;
-        // A sticking joint forgets its velocity; noise of the effort moves it by the creep alone.
+        // A sticking joint loses its velocity; noise of the effort moves it only by the creep.
         if slow && held.abs() < sum.friction {
             let g = settling.creep * dt * inverse;
             locals.push(Local {
@@ -106,8 +106,7 @@ pub fn linearized_joint(
             });
             continue;
         }
-        // The clamps keep the transition of a stiff or driving effect, and with it the variances, from
-        // growing without bound.
+        // The limits keep the transition of a very stiff or driving effect bounded, and so the variances.
         let spring = (-sum.q * inverse * dt * dt).clamp(-GROWTH, 1.0);
         let kept = 1.0 - (-sum.v * inverse * dt).clamp(-GROWTH, DAMPED);
         let mean = 0.5 * (1.0 + kept);
@@ -121,10 +120,10 @@ pub fn linearized_joint(
     locals
 }
 
-/// Gain of one update.
+/// Gains of one update.
 #[derive(Clone, Copy, Debug)]
 pub struct Gain {
-    /// One over the standard deviation of the innovation.
+    /// Inverse standard deviation of the innovation.
     pub scale: f64,
     /// Gain of the position.
     pub kq: f64,
@@ -132,11 +131,11 @@ pub struct Gain {
     pub kv: f64,
     /// Gain of the wander.
     pub kd: f64,
-    /// Share of the wander left at the next sample.
+    /// Share of the wander remaining at the next sample.
     pub kept: f64,
 }
 
-/// Covariance of (position, velocity, wander), the upper triangle.
+/// Covariance of (position, velocity, wander): the upper triangle.
 #[derive(Clone, Copy, Default)]
 struct StateCovariance {
     qq: f64,
@@ -148,7 +147,7 @@ struct StateCovariance {
 }
 
 impl StateCovariance {
-    /// After a measurement with these gains.
+    /// The covariance after a measurement with these gains.
     fn after_update(&self, gain: &Gain) -> Self {
         let Self { qq, qv, qd, vv, vd, dd } = *self;
         Self {
@@ -161,11 +160,11 @@ impl StateCovariance {
         }
     }
 
-    /// At the next sample; the wander acts as an effort does.
+    /// The covariance at the next sample; the wander acts as an effort.
     fn after_step(&self, local: &Local, noise: &EffortNoise, kept: f64) -> Self {
         let g = &local.g;
         let moved = |q: f64, v: f64, d: f64| local.moved_by(q, v, d, kept);
-        // The transition times the covariance by columns, then times the transition by rows.
+        // The transition applied to the columns of the covariance, then to its rows.
         let [qq, vq, dq] = moved(self.qq, self.qv, self.qd);
         let [qv, vv, dv] = moved(self.qv, self.vv, self.vd);
         let [qd, vd, dd] = moved(self.qd, self.vd, self.dd);
@@ -185,22 +184,23 @@ impl StateCovariance {
     }
 }
 
-/// The gains of a window on their way: its start state is known, being a column of its own (14.10).
+/// Computes the gains through a window. Its start state has columns of its own and counts as known (14.10).
 pub struct Gains<'a> {
     noise: &'a EffortNoise,
-    /// Variance of where the joint is beside where its model has it.
+    /// Variance of the joint's deviation from its modelled position.
     deflection: f64,
     belief: StateCovariance,
-    /// Sum of the log variances but those in the product.
+    /// Sum of the log variances not in `product`.
     log_variance: f64,
-    /// Product of the variances since; they are far from the bounds of a double, and logarithms are dear.
+    /// Product of the variances since the last logarithm, kept within the range of a double: logarithms are
+    /// expensive.
     product: f64,
     interval_s: f64,
     kept: f64,
 }
 
 impl<'a> Gains<'a> {
-    /// At the start of a window.
+    /// The gains at the start of a window.
     #[must_use]
     pub fn of_noise(noise: &'a EffortNoise) -> Self {
         Self {
@@ -214,10 +214,10 @@ impl<'a> Gains<'a> {
         }
     }
 
-    /// Gain of the next sample, with the variance of its reading.
+    /// Gain of the next sample; `reading` is the variance of its reading.
     #[inline]
     pub fn next(&mut self, local: &Local, reading: f64) -> Gain {
-        // Most intervals are alike, and exponentials are dear, too.
+        // Most intervals are equal, and exponentials are expensive.
         if local.interval_s != self.interval_s {
             (self.interval_s, self.kept) =
                 (local.interval_s, self.noise.wander_share_after(local.interval_s));
@@ -241,7 +241,7 @@ impl<'a> Gains<'a> {
     }
 }
 
-/// The filter on its way through a window, for `W` columns.
+/// State of the filter within a window, for `W` columns.
 pub struct Filter<const W: usize> {
     q: [f64; W],
     v: [f64; W],
@@ -249,7 +249,7 @@ pub struct Filter<const W: usize> {
 }
 
 impl<const W: usize> Default for Filter<W> {
-    /// At the start of a window.
+    /// The filter at the start of a window.
     fn default() -> Self {
         Self { q: [0.0; W], v: [0.0; W], d: [0.0; W] }
     }
@@ -274,7 +274,7 @@ impl<const W: usize> Filter<W> {
     }
 }
 
-/// Passes the first `W` columns of rows through the filter.
+/// Whitens the first `W` columns of all rows.
 pub fn whiten_rows<const W: usize>(rows: &mut [Row], locals: &[Local], gains: &[Gain]) {
     let mut filter = Filter::<W>::default();
     for ((row, local), gain) in rows.iter_mut().zip(locals).zip(gains) {
@@ -282,7 +282,7 @@ pub fn whiten_rows<const W: usize>(rows: &mut [Row], locals: &[Local], gains: &[
     }
 }
 
-/// Whitened response of the position to efforts (one a sample) and to a direct change of the measurement.
+/// Whitened response of the position to efforts, one per sample, and to a direct change of the measurement.
 pub fn effort_response(
     effort: &[f64],
     direct: Option<&[f64]>,
@@ -290,7 +290,7 @@ pub fn effort_response(
     gains: &[Gain],
     out: &mut [f64],
 ) {
-    // Differences between the true and the predicted states; the wander is predicted, and not there.
+    // Differences between the true and the predicted state; the true wander is zero.
     let mut q = 0.0;
     let mut v = 0.0;
     let mut d = 0.0;

@@ -1,4 +1,4 @@
-//! The residuals of all windows under a model, and their whitening filter.
+//! Residuals of all windows under a model, and their whitening filter.
 
 use nalgebra::Matrix2;
 
@@ -13,24 +13,24 @@ use crate::{
     record::{drive::Drive, log::Span},
 };
 
-/// Column of the residual in the whitened rows: the one behind the sensitivities.
+/// Column of the residual in the whitened rows: after the sensitivities.
 #[must_use]
 pub fn residual_column(free: usize) -> usize {
     2 + free
 }
 
-/// Noise of a fit: local linearizations, gains of each window, the sum of log variances.
+/// The whitening filter of a fit.
 pub struct Whitening {
-    /// Of each log.
+    /// Local linearizations of each log.
     pub locals: Vec<Vec<Local>>,
-    /// Of each window.
+    /// Gains of each window.
     pub gains: Vec<Vec<Gain>>,
     /// Sum of the log variances.
     pub log_variance: f64,
 }
 
 impl Whitening {
-    /// The filter of a model and a noise level.
+    /// The filter for a model and a noise.
     #[must_use]
     pub fn new(problem: &Problem, model: &JointModel, noise: &EffortNoise) -> Self {
         let each = problem.logs.iter().enumerate();
@@ -53,14 +53,14 @@ impl Whitening {
     }
 }
 
-/// Windows passed at a time.
-/// measured: with four, gains and likelihoods take 0.55 of the time for one by one (profiles of a diagnosis,
-/// 2026-11-28).
+/// Number of windows passed side by side.
+/// measured: with four, gains and likelihoods take 0.55 of the time of one at a time (profiles of a
+/// diagnosis, 2026-11-28).
 pub const SIDE_BY_SIDE: usize = 4;
 
-/// Goes through windows side by side: every sample of a filter waits for the divisions of the one before, and
-/// the samples of other windows fill the wait. `each` gets the state of a window, the linearization, the
-/// variance of the reading and the sample's place in the window.
+/// Goes through windows side by side: each sample waits for the divisions of the one before, and samples of
+/// other windows fill this time. `each` receives the state of a window, the linearization, the variance of
+/// the reading and the index of the sample in the window.
 #[inline]
 pub fn pass_windows<T>(
     problem: &Problem,
@@ -98,13 +98,14 @@ pub fn predict_window(
     }
 }
 
-/// Start-state prior, only to determine a stuck joint's velocity.
+/// Prior of the start states, only there to determine the velocity of a stuck joint.
 #[must_use]
 pub fn start_ridge(problem: &Problem) -> Matrix2<f64> {
     let range = problem.coverage.position.1 - problem.coverage.position.0;
     let q = (range + problem.noise.at_rest).max(1e-9);
     let v = problem.coverage.speed.1.max(range).max(1e-9);
-    // derived: deviations of ten times the range and the top speed: any moving window outweighs them.
+    // derived: deviations of ten times the range and ten times the top speed; any moving window outweighs
+    // them.
     Matrix2::new(1e-2 / (q * q), 0.0, 0.0, 1e-2 / (v * v))
 }
 

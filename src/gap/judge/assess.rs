@@ -1,4 +1,4 @@
-//! One joint from its logs to its report: diagnosis on the fitted runs, proof on the held-out ones.
+//! From one joint's logs to its report: diagnosis on the fitted runs, proof on the held-out ones.
 
 use rand_core::Rng;
 
@@ -29,37 +29,37 @@ use crate::{
     },
 };
 
-/// Logs of one joint, split.
+/// Logs of one joint, split into fitted and held-out ones.
 #[derive(Clone, Debug)]
 pub struct Runs {
-    /// Fitted logs.
+    /// Logs used for the fit.
     pub fitted: Vec<JointLog>,
-    /// Logs for the proof alone.
+    /// Logs used for the proof only.
     pub held_out: Vec<JointLog>,
-    /// The joint turns.
+    /// Whether the joint is revolute.
     pub turns: bool,
-    /// How the effort runs between samples.
+    /// How the effort is interpolated between samples.
     pub hold: Hold,
-    /// Effects to fit instead of searching, indices in the catalogue.
+    /// Effects to be fitted instead of searched, as catalogue indices; empty for a search.
     pub effects: Vec<usize>,
 }
 
-/// A joint's runs with the findings of the fitted ones.
+/// A joint's runs with the diagnosis from the fitted ones.
 pub struct Examined<'c> {
     name: String,
-    /// Fitted runs.
+    /// The fitted runs.
     pub problem: Problem<'c>,
-    /// Held-out runs.
+    /// The held-out runs.
     pub held_out: Problem<'c>,
     /// The diagnosis.
     pub diagnosis: Diagnosis,
-    /// Given effects.
+    /// Effects given by the caller.
     given: Vec<usize>,
     tracks: Vec<Track>,
 }
 
 impl Examined<'_> {
-    /// Whether its effects were given.
+    /// Whether the effects were given.
     #[must_use]
     pub fn is_given(&self) -> bool {
         !self.given.is_empty()
@@ -72,7 +72,7 @@ pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &
     proven_report(examined_joint(effects, plant, name, runs, rng), rng)
 }
 
-/// Diagnoses a joint by its fitted runs.
+/// Diagnoses a joint from its fitted runs.
 #[must_use]
 pub fn examined_joint<'c>(
     effects: &'c Catalogue,
@@ -90,7 +90,7 @@ pub fn examined_joint<'c>(
     Examined { name: name.to_owned(), problem, held_out, diagnosis, given: runs.effects, tracks }
 }
 
-/// Proves the findings at a joint on held-out runs.
+/// Proves a joint's findings on the held-out runs.
 #[must_use]
 pub fn proven_report(examined: Examined, rng: &mut impl Rng) -> JointReport {
     let Examined { name, problem, held_out, mut diagnosis, given, tracks } = examined;
@@ -100,20 +100,20 @@ pub fn proven_report(examined: Examined, rng: &mut impl Rng) -> JointReport {
     if diagnosis.verdict == Verdict::Insufficient || held_out.logs.is_empty() {
         return report;
     }
-    // With the actuator as it was found.
+    // The actuator stays as found.
     let twin = diagnosis.model.without_effects();
-    // A push belongs to its own run.
+    // A push (disturbance) occurred only in its own run.
     let mut updated = diagnosis.model.clone();
     updated.terms.retain(|t| !effects[t.effect].is_of_one_run());
     let mut proof = proven_gap(&held_out, &twin, &updated);
-    // A lasting effort with a motion above the noise is something, without an effect to name it.
+    // A lasting effort moving the joint by more than the noise is a gap, but no effect names it.
     if diagnosis.verdict == Verdict::None
         && diagnosis.noise.has_remainder()
         && proof.0.before > REPORTED_NOISES * proof.0.noise_floor
     {
         diagnosis.verdict = Verdict::Unknown;
     }
-    // Names without confirmation by held-out runs are taken back; the proof is then the twin's.
+    // Names not confirmed by held-out runs are withdrawn; the proof is then the twin's.
     if !updated.terms.is_empty()
         && !is_borne_out(&problem, &held_out, [&updated, &twin], &proof.0, diagnosis.noise)
     {
@@ -151,7 +151,7 @@ pub fn proven_report(examined: Examined, rng: &mut impl Rng) -> JointReport {
     report
 }
 
-/// Whether held-out runs confirm the names of a model against the twin, the second model.
+/// Whether held-out runs confirm the effects of the first model against the second, the twin.
 fn is_borne_out(
     problem: &Problem,
     held_out: &Problem,
@@ -159,10 +159,10 @@ fn is_borne_out(
     gap: &Gap,
     noise: EffortNoise,
 ) -> bool {
-    // A held-out run may show nothing of an effect acting at a place or for a moment.
+    // A held-out run may not contain an effect acting only at one position or for a moment.
     let closes = is_proven(gap);
     let may_better = !is_surely_worse(gap);
-    // Beside a lasting effort, and where little is to be explained, one held-out run shows little.
+    // With a lasting effort, or little to be explained, one held-out run is weak evidence.
     if closes && !noise.has_remainder() && gap.before > REPORTED_NOISES * gap.noise_floor {
         return true;
     }
@@ -173,7 +173,7 @@ fn is_borne_out(
     (closes && unseen.surely_agree()) || (may_better && unseen.bear_out())
 }
 
-/// The report of an unproven diagnosis.
+/// The report of a diagnosis without a proof.
 pub(super) fn unproven_report(
     joint: String,
     turns: bool,
@@ -209,16 +209,16 @@ fn track_of(log: &JointLog, is_held_out: bool) -> Track {
     Track { run, is_held_out, time_s: log.time_s.clone(), position: log.position.clone() }
 }
 
-/// Another diagnosis, by the prediction of whole windows, where much is left beyond noise: beside a floor
-/// beyond any catalogue, the innovation of each sample shows little of the joint's efforts. Findings with
-/// surely better predictions stay, as sure of their names as the predictions.
+/// Repeats the diagnosis by the prediction of whole windows if much more than noise is left: with errors
+/// beyond the catalogue the innovations of single samples say little about the efforts. The first findings
+/// are kept if they predict surely better; their weights are then those of the predictions.
 fn by_prediction(
     problem: &Problem,
     mut found: Diagnosis,
     effects: &[usize],
     rng: &mut impl Rng,
 ) -> Diagnosis {
-    // A lasting effort, or one as large as a share of the recorded effort, is no noise.
+    // A lasting effort is not noise, nor is one as large as this share of the recorded effort.
     let is_loud = found.noise.total_deviation() > MAX_LEFT * problem.coverage.effort_rms;
     if found.verdict == Verdict::Insufficient || !(found.noise.wander > 0.0 || is_loud) {
         return found;
@@ -236,11 +236,11 @@ fn by_prediction(
     found
 }
 
-/// Of effects with too little explanation, those with clearly better predictions of each fitted run from the
-/// others without the rest: effects of single runs alone are taken away, the worst first. `None` where
-/// nothing can be.
+/// Where the effects found do not explain enough: the subset predicting each fitted run from the others
+/// clearly better. Effects are removed one by one, the worst first, so those helping only the runs they were
+/// fitted to go. `None` if this does not help.
 fn fewer_effects(problem: &Problem, nearest: &JointModel) -> Option<Vec<usize>> {
-    // The halves of a single run share its conditions.
+    // The two halves of a single run share its conditions.
     if nearest.terms.len() < 2 || problem.logs.len() < 2 {
         return None;
     }
@@ -262,55 +262,55 @@ fn fewer_effects(problem: &Problem, nearest: &JointModel) -> Option<Vec<usize>> 
         }
         (rmse, model) = best;
     }
-    // A push of one run predicts no other run.
+    // A push of one run does not predict another run.
     let pushes = model.terms.iter().any(|t| problem.catalogue[t.effect].is_of_one_run());
     let much = rmse < CLEARLY * whole;
     (much && !pushes).then(|| model.terms.iter().map(|t| t.effect).collect())
 }
 
-/// Root of the summed mean square residuals of the second problem of each fold, rad or m, under parameters
+/// Root of the sum over folds of the mean square residual, rad or m, of the second problem under parameters
 /// from the first.
 fn predicted_rmse(folds: &[[Problem; 2]], model: &JointModel, noise: EffortNoise) -> f64 {
     let mut squares = Vec::with_capacity(folds.len());
     for [fitted, other] in folds {
-        // Parameters come from the other runs; a run's own samples give its start states alone.
+        // Parameters come from the other runs; a run's own samples only determine its start states.
         let known = shooting_fit(fitted, model, None, noise, Free::All, Pace::thorough(2)).model;
         squares.push(windowed_rmse(other, &known).powi(2));
     }
     squares.iter().sum::<f64>().sqrt()
 }
 
-/// A clearly smaller share of a residual: the effects taken away misled.
+/// A residual below this share is clearly smaller: the removed effects misled.
 /// tuned: tests/python/gap/generate.py.
 const CLEARLY: f64 = 0.8;
 
-/// Effort noise at the begin of such a fit, as a share of the recorded effort.
+/// Effort noise at the start of such a fit, as a share of the recorded effort.
 /// chosen: a start value, replaced by the fit.
 const FIRST_NOISE: f64 = 0.05;
 
-/// Multiple of the noise up to which a name may leave the gap open.
+/// A finding may leave the gap open up to this multiple of the noise.
 /// tuned: tests/python/gap/generate.py.
 const MAX_FLOORS: f64 = 1.5;
 
-/// Whether held-out runs bear a name out: it closes most of their gap, or brings them near their noise.
+/// Whether the held-out runs confirm a finding: it closes most of the gap, or brings it near the noise.
 fn is_proven(gap: &Gap) -> bool {
     let mut windows: Vec<&WindowGap> = gap.windows.iter().collect();
-    // The same windows are left out before and after: the updated twin's largest misses.
+    // The same windows are left out before and after: those with the updated twin's largest residuals.
     windows.sort_by(|a, b| a.after.total_cmp(&b.after));
-    // A start on an edge (of a stop, a catch, a balance) cannot be predicted.
+    // A start at an unstable point (of a stop, a catch, a balance) cannot be predicted.
     windows.truncate(windows.len() - (MAX_LEFT * windows.len() as f64) as usize);
     let before: Vec<f64> = windows.iter().map(|w| w.before).collect();
     let after: Vec<f64> = windows.iter().map(|w| w.after).collect();
-    // An effect acting in few windows shows in all of them alone.
+    // An effect acting in few windows is visible only over all of them.
     is_closed(gap.before, gap.after, gap.noise_floor) || is_closed(rms(&before), rms(&after), gap.noise_floor)
 }
 
-/// Whether little is left of a gap, or it comes near the noise.
+/// Whether little is left of a gap, or what is left is near the noise.
 fn is_closed(before: f64, after: f64, floor: f64) -> bool {
     after <= before && (left_of(before, after, floor) <= MAX_LEFT || after <= MAX_FLOORS * floor)
 }
 
-/// The windows with their start states as the sensor sees them.
+/// The windows with their start states as seen by the sensor.
 fn replay_windows(name: &str, held_out: &Problem, model: &JointModel, starts: &[Start]) -> Vec<ReplayWindow> {
     let sensor = model.position_sensor(held_out.catalogue);
     let mut windows = Vec::with_capacity(starts.len());

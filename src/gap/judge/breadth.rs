@@ -3,15 +3,15 @@
 /// How wide the search is.
 #[derive(Clone, Copy, Debug)]
 pub struct Breadth {
-    /// Effects fitted alone.
+    /// Number of effects fitted alone.
     pub singles: usize,
-    /// Grown sets of each size.
+    /// Number of sets of each size to be enlarged.
     pub grown: usize,
-    /// Effects tried beside each of them.
+    /// Number of effects tried in addition to each of them.
     pub partners: usize,
-    /// Largest set.
+    /// Largest set size.
     pub largest: usize,
-    /// Largest regressed set, where whole windows are predicted.
+    /// Largest set found by regression, if whole windows are predicted.
     pub regressed: usize,
 }
 

@@ -2,25 +2,25 @@
 
 /// Columns over one window, scored together.
 pub struct Columns {
-    /// Efforts by column and sample.
+    /// Efforts, by column and sample.
     pub effort: Vec<Vec<f64>>,
-    /// Changes of the measurement by column and sample; empty where there are none.
+    /// Direct changes of the measurement, by column and sample; empty if there are none.
     pub direct: Vec<Vec<f64>>,
-    /// Columns with other values than zero.
+    /// Whether a column holds any nonzero value.
     pub active: Vec<bool>,
 }
 
 impl Columns {
-    /// So many columns.
+    /// `count` empty columns.
     #[must_use]
     pub fn new(count: usize) -> Self {
         Self { effort: vec![Vec::new(); count], direct: Vec::new(), active: vec![false; count] }
     }
 
-    /// Zero over a window of so many samples.
+    /// Sets all columns to zero over a window of `len` samples.
     pub fn clear(&mut self, len: usize) {
         for (effort, active) in self.effort.iter_mut().zip(&mut self.active) {
-            // Only written columns are cleared: most local shapes reach few windows.
+            // Only written columns are cleared: most local shapes act in few windows.
             if *active || effort.len() != len {
                 effort.clear();
                 effort.resize(len, 0.0);

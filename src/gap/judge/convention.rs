@@ -1,29 +1,29 @@
-//! Possible meanings of the numbers of a recording or a twin other than the program's.
+//! Conventions of the numbers of a recording or a twin other than the program's.
 
 use crate::twin_tree::{Motion, TwinTree};
 
-/// A convention other than the program's. Factors convert numbers to the program's.
+/// A convention of units or signs. Each factor converts numbers to the program's convention.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Convention {
-    /// Of the twin's lengths.
+    /// Factor of the twin's lengths.
     pub lengths: f64,
-    /// Of its masses.
+    /// Factor of its masses.
     pub masses: f64,
-    /// Of its inertia tensors beside these.
+    /// Additional factor of its inertia tensors.
     pub tensors: f64,
-    /// Of recorded efforts.
+    /// Factor of recorded efforts.
     pub effort: f64,
-    /// Of recorded angles.
+    /// Factor of recorded angles.
     pub angles: f64,
-    /// Of recorded positions of sliding joints.
+    /// Factor of recorded positions of sliding joints.
     pub ways: f64,
-    /// Description of the numbers.
+    /// What the numbers look like, in words.
     pub looks: &'static str,
-    /// Remedy.
+    /// What the user should do, in words.
     pub remedy: &'static str,
 }
 
-/// As the program takes them: SI units and radians, efforts in the sense of the axis.
+/// The program's convention: SI units and radians, efforts positive along the axis.
 pub const AS_GIVEN: Convention = Convention {
     lengths: 1.0,
     masses: 1.0,
@@ -35,10 +35,10 @@ pub const AS_GIVEN: Convention = Convention {
     remedy: "",
 };
 
-/// Where a name of a unit stands for a thousandth.
+/// A thousandth, for units with the prefix milli.
 /// derived: the prefix.
 const MILLI: f64 = 1e-3;
-/// derived: of a degree, radians.
+/// derived: one degree in radians.
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
 /// A convention of the twin: factors of lengths, masses and inertia tensors.
@@ -47,7 +47,7 @@ const fn twin_convention(lengths: f64, masses: f64, tensors: f64, looks: &'stati
     Convention { lengths, masses, tensors, looks, remedy, ..AS_GIVEN }
 }
 
-/// Tried conventions. Each is a single change.
+/// The conventions tried. Each is a single change.
 pub const CONVENTIONS: &[Convention] = &[
     twin_convention(MILLI, 1.0, 1.0, "the twin's lengths look like millimeters"),
     twin_convention(1.0, MILLI, 1.0, "the twin's masses look like grams"),
@@ -83,19 +83,19 @@ pub const CONVENTIONS: &[Convention] = &[
 ];
 
 impl Convention {
-    /// Whether it is one of the twin, shared by all of its joints.
+    /// Whether it concerns the twin, and so all of its joints.
     #[must_use]
     pub fn is_of_twin(&self) -> bool {
         [self.lengths, self.masses, self.tensors] != [1.0; 3]
     }
 
-    /// Whether it turns the sign of efforts alone.
+    /// Whether it only reverses the sign of efforts.
     #[must_use]
     pub fn is_of_sign(&self) -> bool {
         self.effort < 0.0
     }
 
-    /// Whether a joint with this motion shows it at all.
+    /// Whether a joint with this motion can show it.
     #[must_use]
     pub fn concerns_motion(&self, motion: Motion) -> bool {
         match motion {
@@ -105,7 +105,7 @@ impl Convention {
         }
     }
 
-    /// The twin in SI units, if it was written so.
+    /// The twin in SI units, assuming it was written in this convention.
     #[must_use]
     pub fn converted_twin(&self, tree: &TwinTree) -> TwinTree {
         let mut tree = tree.clone();
@@ -120,7 +120,7 @@ impl Convention {
         tree
     }
 
-    /// Factor of recorded positions of a joint.
+    /// Factor of a joint's recorded positions.
     #[must_use]
     pub fn of_position(&self, motion: Motion) -> f64 {
         match motion {

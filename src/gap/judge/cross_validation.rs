@@ -1,4 +1,4 @@
-//! Predictive effects: each must better windows of runs other than its fitted ones.
+//! Cross-validation of effects: each must improve predictions of windows of runs it was not fitted to.
 
 use rayon::prelude::*;
 
@@ -18,16 +18,16 @@ use crate::{
 };
 use numeric::statistics::{HALF_WIDTH_95, median};
 
-/// Lengths of the windows for the test of effects, as shares of the fitted ones.
-/// chosen: lasting effects show best over whole windows, effects at a place or for a moment in short ones.
+/// Window lengths for the test of effects, as shares of the fitted length.
+/// chosen: lasting effects are most visible over whole windows, local or momentary ones in short windows.
 const LENGTHS: [f64; 2] = [1.0, 0.25];
 
-/// Standard errors of a mean surely above zero in one of the lengths.
+/// A mean is surely above zero in one of the lengths beyond this many standard errors.
 /// derived: the normal quantile at 97.5 %, 5 % over two tests.
 const SURELY: f64 = HALF_WIDTH_95;
 
-/// Largest remaining share of the squared residuals beyond the noise where an effect acts: effects beyond the
-/// catalog have several shapes, and the part within reach of one effect is seldom most of it.
+/// Largest share of the squared residuals beyond the noise an effect may leave where it acts: effects beyond
+/// the catalog have several shapes, and one effect can seldom imitate most of them.
 /// tuned: machines of eval/gap/suite.py, seed 6100: 0.33 and more beside a floor alone, 0.22 and less with an
 /// effect
 const MOST_LEFT: f64 = 0.25;
@@ -37,13 +37,14 @@ type Sizes = [Vec<f64>; LENGTHS.len()];
 /// Residuals of each of these windows.
 type Residuals = [Vec<Vec<f64>>; LENGTHS.len()];
 
-/// Sets of each size in the comparison by predictions.
-/// derived: the fully fitted sets of a search.
+/// Number of sets of each size compared by their predictions.
+/// derived: the number of sets fitted to the end by a search.
 const CONTENDERS: usize = 5;
 
-/// The set without effects of no sure use in windows of other runs, the least useful first; then with special
-/// cases in place of general effects of as little use; and in its place the smallest set of a search with
-/// predictions not surely worse: with no more effects, and of these with the fewest parameters.
+/// Simplifies a chosen set of effects as long as predictions of other runs do not become surely worse. First,
+/// effects are removed, the least useful first, or general effects replaced by their special cases. Then the
+/// simplest set of the search, with no more effects and the fewest parameters, takes its place if it predicts
+/// as well.
 #[must_use]
 pub fn predictive_set(problem: &Problem, found: &Search, chosen: &Candidate) -> Candidate {
     let folds = problem.cross_validation_folds();
@@ -76,7 +77,7 @@ pub fn predictive_set(problem: &Problem, found: &Search, chosen: &Candidate) -> 
     refitted_set(problem, chosen, &model)
 }
 
-/// The model with the least worse predictions than `with`, and its residuals; `None` where all are surely
+/// The model with the least loss of prediction against `with`, and its residuals; `None` if all are surely
 /// worse.
 fn least_worse(
     models: Vec<JointModel>,
@@ -88,18 +89,18 @@ fn least_worse(
         (errors_better_at_best(with, &residuals), model, residuals)
     });
     let (errors, model, residuals) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    // Negated: NaN passes.
+    // Negated, so NaN passes.
     (!(errors > SURELY)).then_some((model, residuals))
 }
 
-/// How much a model assumes: its effects, and their parameters.
+/// Complexity of a model: number of effects, then number of parameters.
 #[must_use]
 pub fn model_richness(model: &JointModel) -> (usize, usize) {
     (model.terms.len(), model.terms.iter().map(|t| t.p.len()).sum())
 }
 
-/// Weights of other sets of as many effects beside a chosen one of weight 1, by their predictions: the
-/// probability of better predictions of unfitted windows, over the contrary.
+/// Weights of other sets of the same size relative to a chosen one of weight 1, by their predictions: the
+/// odds of predicting unfitted windows better.
 #[must_use]
 pub fn predicted_weights(problem: &Problem, chosen: &Candidate, others: &[&Candidate]) -> Vec<f64> {
     let folds = problem.cross_validation_folds();
@@ -109,11 +110,11 @@ pub fn predicted_weights(problem: &Problem, chosen: &Candidate, others: &[&Candi
     predicted.map(|residuals| (-LOGISTIC * errors_better_at_best(&own, &residuals)).exp()).collect()
 }
 
-/// Slope of the logistic function next to the normal distribution's.
-/// derived: the greatest difference of the two is the least, 0.0095.
+/// Slope of the logistic function closest to the normal distribution function.
+/// derived: it minimizes the greatest difference of the two, 0.0095.
 const LOGISTIC: f64 = 1.702;
 
-/// Standard errors by which windows are better with a model, where it changes them, in the best length.
+/// Number of standard errors by which the windows changed by a model are better with it, in the best length.
 fn errors_better_at_best(with: &Residuals, without: &Residuals) -> f64 {
     let errors = with.iter().zip(without).map(|(with, without)| {
         let [with, without] = with_and_without(&acting_windows(&compared_windows(with, without)));
@@ -122,11 +123,11 @@ fn errors_better_at_best(with: &Residuals, without: &Residuals) -> f64 {
     errors.fold(f64::NEG_INFINITY, f64::max)
 }
 
-/// A model without each of its effects.
+/// A model without each of its effects in turn.
 fn models_with_one_less(problem: &Problem, model: &JointModel) -> Vec<JointModel> {
     let mut all = Vec::new();
     for (i, term) in model.terms.iter().enumerate() {
-        // A push of one run predicts no other run.
+        // A push of one run does not predict another run.
         if !problem.catalogue[term.effect].is_of_one_run() {
             let mut fewer = model.clone();
             fewer.terms.remove(i);
@@ -136,7 +137,7 @@ fn models_with_one_less(problem: &Problem, model: &JointModel) -> Vec<JointModel
     all
 }
 
-/// A model with each special case in the place of its general effect.
+/// A model with each general effect replaced by its special cases in turn.
 fn models_with_special_case(problem: &Problem, model: &JointModel, chosen: &Candidate) -> Vec<JointModel> {
     let mut all = Vec::new();
     for (i, term) in model.terms.iter().enumerate() {
@@ -148,7 +149,7 @@ fn models_with_special_case(problem: &Problem, model: &JointModel, chosen: &Cand
 }
 
 /// Whether a model surely predicts windows of some length better than another, and explains more than half of
-/// its squared residuals.
+/// the other's squared residuals.
 #[must_use]
 pub fn predicts_better(problem: &Problem, model: &JointModel, other: &JointModel) -> bool {
     is_better(&window_sizes_of(problem, model), &window_sizes_of(problem, other), problem.noise_floor())
@@ -162,8 +163,8 @@ pub fn is_surely_worse(gap: &Gap) -> bool {
     errors_better(&before, &after) > SURELY
 }
 
-/// Windows of each length unfitted by two models: those of held-out runs, and those of each fitted run under
-/// the parameters of the others.
+/// Windows of each length to which neither model was fitted: those of held-out runs, and those of each fitted
+/// run under the parameters of the others.
 pub struct Unseen {
     windows: [Vec<Compared>; LENGTHS.len()],
     floor: f64,
@@ -172,20 +173,20 @@ pub struct Unseen {
 /// Root mean squares over a window, rad or m.
 #[derive(Clone, Copy, Debug)]
 struct Compared {
-    /// Residual with the model in question.
+    /// Residual with the tested model.
     with: f64,
     /// Residual with the other one.
     without: f64,
-    /// By how much their predictions differ.
+    /// Difference of the two predictions.
     change: f64,
 }
 
-/// Share of the squared change of the predictions in the windows for the test of an effect.
-/// chosen: elsewhere the models predict the same, and the residuals show nothing of the effect.
+/// The windows testing an effect hold this share of the squared change of the predictions.
+/// chosen: in the others both models predict the same, and the residuals do not show the effect.
 const ACTING: f64 = 0.9;
 
 impl Unseen {
-    /// Of a model against another one.
+    /// Compares the first model with the second.
     #[must_use]
     pub fn of_models(
         problem: &Problem,
@@ -204,15 +205,15 @@ impl Unseen {
         Self { windows, floor: problem.noise_floor() }
     }
 
-    /// Whether they bear the model out: where it changes the prediction, in windows of some length, it surely
-    /// betters it, and leaves little of the squared residuals.
+    /// Whether they confirm the model: in windows of some length where it changes the prediction, it is
+    /// surely better and leaves little of the squared residuals.
     #[must_use]
     pub fn bear_out(&self) -> bool {
         let mut acting = self.windows.iter().map(|windows| with_and_without(&acting_windows(windows)));
         acting.any(|[with, without]| surely_leaves(&with, &without, self.floor, MOST_LEFT))
     }
 
-    /// Whether they surely are better with the model, in windows of some length.
+    /// Whether they are surely better with the model, in windows of some length.
     #[must_use]
     pub fn surely_agree(&self) -> bool {
         self.windows
@@ -221,8 +222,8 @@ impl Unseen {
             .any(|[with, without]| errors_better(&with, &without) > SURELY)
     }
 
-    /// Whether the file of a joint with the model is surely better than one with the other: over whole
-    /// windows in the mean, in most of them, in the median and in the sum of squares.
+    /// Whether a file with this model surely serves better than one with the other: over whole windows in the
+    /// mean, in most of them, in the median and in the sum of squares.
     #[must_use]
     pub fn serve_better(&self) -> bool {
         let [with, without] = with_and_without(&self.windows[0]);
@@ -233,7 +234,7 @@ impl Unseen {
     }
 }
 
-/// Windows of two models.
+/// Pairs the windows of two models.
 fn compared_windows(with: &[Vec<f64>], without: &[Vec<f64>]) -> Vec<Compared> {
     let mut windows = Vec::with_capacity(with.len());
     for (with, without) in with.iter().zip(without) {
@@ -243,7 +244,7 @@ fn compared_windows(with: &[Vec<f64>], without: &[Vec<f64>]) -> Vec<Compared> {
     windows
 }
 
-/// The windows with the largest differences of predictions, for most of their sum.
+/// The windows with the largest differences of the predictions, holding `ACTING` of their squares.
 fn acting_windows(windows: &[Compared]) -> Vec<Compared> {
     let mut sorted = windows.to_vec();
     sorted.sort_by(|a, b| b.change.total_cmp(&a.change));
@@ -258,12 +259,12 @@ fn acting_windows(windows: &[Compared]) -> Vec<Compared> {
     sorted
 }
 
-/// Residuals with and without.
+/// Residuals of all windows with and without the model.
 fn with_and_without(windows: &[Compared]) -> [Vec<f64>; 2] {
     [windows.iter().map(|w| w.with).collect(), windows.iter().map(|w| w.without).collect()]
 }
 
-/// Residuals of the windows of each part under a model with the parameters of its complement.
+/// Residuals of the windows of each fold, with parameters fitted to the other folds.
 fn crossed_residuals(folds: &[[Problem; 2]], model: &JointModel, noise: EffortNoise) -> Residuals {
     let parts: Vec<Residuals> = folds
         .par_iter()
@@ -274,19 +275,20 @@ fn crossed_residuals(folds: &[[Problem; 2]], model: &JointModel, noise: EffortNo
     std::array::from_fn(|length| parts.iter().flat_map(|p| p[length].iter().cloned()).collect())
 }
 
-/// Whether more windows are smaller than larger, beyond chance (sign test).
+/// Whether significantly more windows are smaller than larger (sign test).
 fn mostly_smaller(with: &[f64], without: &[f64]) -> bool {
     let signs =
         || with.iter().zip(without).filter(|(a, b)| a != b).map(|(a, b)| if a < b { 1.0 } else { -1.0 });
     signs().sum::<f64>() > SURELY * (signs().count() as f64).sqrt()
 }
 
-/// Whether the windows of some length are surely smaller, and their squares beyond the noise less than half.
+/// Whether the windows of some length are surely smaller, with less than half of the squares beyond the
+/// noise.
 fn is_better(with: &Sizes, without: &Sizes, floor: f64) -> bool {
     with.iter().zip(without).any(|(with, without)| surely_leaves(with, without, floor, 0.5))
 }
 
-/// Whether windows are surely smaller, and their squares beyond the noise less than a share.
+/// Whether windows are surely smaller, with less than `share` of the squares beyond the noise.
 fn surely_leaves(with: &[f64], without: &[f64], floor: f64, share: f64) -> bool {
     let beyond = |sizes: &[f64]| sizes.iter().map(|s| (s * s - floor * floor).max(0.0)).sum::<f64>();
     errors_better(with, without) > SURELY && beyond(with) < share * beyond(without)
@@ -310,7 +312,7 @@ fn window_residuals_of(problem: &Problem, model: &JointModel) -> Residuals {
     })
 }
 
-/// Standard errors by which the mean of `without` is above the mean of `with`, pair by pair.
+/// Mean of the pairwise differences `without - with`, in standard errors.
 fn errors_better(with: &[f64], without: &[f64]) -> f64 {
     let n = with.len().max(2) as f64;
     let differences = || without.iter().zip(with).map(|(a, b)| a - b);

@@ -1,5 +1,5 @@
-//! Whether a twin and a recording mean the same by their numbers: conventions with far better agreement of
-//! the recorded motion and efforts than as given. See docs/method.md 14.14.
+//! Tests whether twin and recording use the program's conventions: recorded motion and efforts may agree far
+//! better under another one. See docs/method.md 14.14.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -17,33 +17,33 @@ use crate::{
     twin_tree::{Motion, TwinTree},
 };
 
-/// Allowed delays of an effort, seconds.
-/// chosen: none to the bound of the delay from 400 Hz to 100 Hz and more; between two of them efforts hardly
-/// change over a stretch.
+/// Tried delays of an effort, seconds.
+/// chosen: from none to the bound of the delay at 400 Hz to 100 Hz and more; from one to the next, efforts
+/// hardly change over a stretch.
 const DELAYS_S: [f64; 8] = [0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15];
-/// Prior log odds of a convention against numbers as given.
-/// derived: one joint in ten thousand may lose its diagnosis to each of them by chance.
+/// Prior log odds of another convention against the numbers as given.
+/// derived: by chance, each convention may cost one joint in ten thousand its diagnosis.
 pub const LOG_PRIOR: f64 = -9.21;
-/// Least log odds to report a convention.
-/// derived: a weight of 0.95, as that of a name.
+/// Least log odds for a convention to be reported.
+/// derived: a weight of 0.95, as for a name.
 pub const LOG_ODDS: f64 = 2.944;
-/// Least factor of the twin's inertia.
+/// Least tried factor of the twin's inertia.
 /// derived: the bound of the effect `inertia`.
 const LEAST_INERTIA: f64 = 0.1;
-/// Largest factor of the twin's inertia.
+/// Largest tried factor of the twin's inertia.
 /// chosen: the armature of a gear of 1:350 and a small link; the effect has no bound.
 const LARGEST_INERTIA: f64 = 1e4;
-/// Ratio of two neighboring factors of the inertia.
-/// chosen: between two of them an inertia is 5 % off, as well as inertias are known.
+/// Ratio of neighboring factors of the inertia.
+/// chosen: between two of them an inertia is off by 5 %; inertias are not known better.
 const INERTIA_RATIO: f64 = 1.1;
-/// Largest factor of the effort under another convention: a change of its own.
-/// derived: the root of ten, half way to the next power.
+/// Largest factor of the effort under another convention; more would be a second change.
+/// derived: the root of ten, half-way to the next power of ten.
 const LARGEST_GAIN: f64 = 3.162;
 
-/// Appearance of an input.
+/// What an input looks like.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Looks {
-    /// Of another convention.
+    /// Numbers in another convention.
     Convention(Convention),
     /// The efforts of this joint were recorded as those of another one.
     EffortsOf(String),
@@ -54,27 +54,27 @@ pub enum Looks {
 pub struct Doubt {
     /// Joint.
     pub joint: String,
-    /// Appearances of its input, the likeliest first: a class with a weight of 0.95 together.
+    /// What its input looks like, the likeliest first: together they have a weight of 0.95.
     pub looks: Vec<Looks>,
-    /// Log odds of it, prior included.
+    /// Log odds of the doubt, prior included.
     pub log_odds: f64,
-    /// The twin's inertia as a multiple of the inertia by motion and effort.
+    /// The twin's inertia as a multiple of the inertia shown by motion and effort.
     pub inertia_ratio: f64,
-    /// Remaining share of the squared effort under it, and as given.
+    /// Share of the squared effort left unexplained, under the convention and as given.
     pub left: (f64, f64),
-    /// Another joint shows it; this one does not contradict.
+    /// Name of another joint showing the convention; this joint does not contradict it.
     pub by: Option<String>,
 }
 
-/// Inputs of the test.
+/// Twin and runs to be tested.
 pub struct Scene<'a> {
     /// The twin.
     pub tree: &'a TwinTree,
     /// Fitted runs.
     pub runs: &'a [RunMotion],
-    /// Joints of the twin up for a diagnosis.
+    /// Indices of the twin's joints to be diagnosed.
     pub joints: &'a [usize],
-    /// How efforts run between samples.
+    /// How efforts are interpolated between samples.
     pub hold: Hold,
 }
 
@@ -83,13 +83,14 @@ pub struct JointScene<'a> {
     scene: &'a Scene<'a>,
     /// Index in the twin.
     pub joint: usize,
-    /// Stretches with a motion of the joint.
+    /// Stretches with motion of the joint.
     pub stretches: Vec<Stretch>,
     /// Share of independent stretches.
     share: f64,
 }
 
-/// Evidence of both regressions as given, over all gains and inertias, with the best delay of each.
+/// Evidence of both regressions for the numbers as given, over all gains and inertias, each with its best
+/// delay.
 pub struct Baseline {
     motion: f64,
     effort: f64,
@@ -99,42 +100,42 @@ pub struct Baseline {
 /// Log odds of a convention against the numbers as given.
 #[derive(Clone, Copy, Debug)]
 pub struct Odds {
-    /// Without the prior.
+    /// Log odds without the prior.
     pub log: f64,
-    /// The twin's inertia as a multiple of the found one.
+    /// The twin's inertia as a multiple of the estimated one.
     pub inertia_ratio: f64,
-    /// Remaining share of the squared effort.
+    /// Share of the squared effort left unexplained.
     pub left: f64,
 }
 
-/// Ranges of gains, each as likely as any other.
+/// Ranges of gains, equally probable a priori.
 pub type Gains = Vec<(f64, f64)>;
 
-/// All gains of the catalogue for numbers as given.
+/// All gains of the catalogue, for numbers as given.
 #[must_use]
 pub fn all_gains() -> Gains {
     gains_up_to(LARGEST_RATIO.log2().ceil() as i32)
 }
 
-/// Gains up to a power of two and down to one over it.
+/// Ranges of gains from `2^-power` to `2^power`.
 #[must_use]
 pub fn gains_up_to(power: i32) -> Gains {
-    // By each of them a missing effort is as large as the acting one.
+    // Within a range, missing efforts are assumed as large as the acting one.
     (-power..power).step_by(2).map(|i| (f64::from(i).exp2(), f64::from(i + 2).exp2())).collect()
 }
 
-/// Gains of an effort in another convention.
+/// Range of gains of an effort in another convention.
 fn about_one() -> Gains {
     vec![(1.0 / LARGEST_GAIN, LARGEST_GAIN)]
 }
 
-/// Factors of the inertia, each as likely as any other.
+/// Tried factors of the inertia, equally probable a priori.
 fn inertia_factors(largest: f64) -> Vec<f64> {
     let count = (largest / LEAST_INERTIA).ln() / INERTIA_RATIO.ln();
     (0..=count.ceil() as i32).map(|i| LEAST_INERTIA * INERTIA_RATIO.powi(i)).collect()
 }
 
-/// Logarithm of a mean of exponentials.
+/// Logarithm of the mean of the exponentials of some values.
 fn log_mean(values: &[f64]) -> f64 {
     let top = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     if !top.is_finite() {
@@ -144,7 +145,7 @@ fn log_mean(values: &[f64]) -> f64 {
 }
 
 impl<'a> JointScene<'a> {
-    /// Of a joint.
+    /// Prepares a joint of the scene.
     #[must_use]
     pub fn of_joint(scene: &'a Scene<'a>, joint: usize) -> Self {
         let own = Self { scene, joint, stretches: one_way_stretches(scene.runs, joint), share: 1.0 };
@@ -154,7 +155,7 @@ impl<'a> JointScene<'a> {
         own.with_share(&all, &seen, &efforts)
     }
 
-    /// With the share of independent stretches by the residual efforts over them.
+    /// The same with the share of independent stretches from the residual efforts over `stretches`.
     #[must_use]
     pub fn with_share(&self, stretches: &[&Stretch], seen: &[SeenStretch], efforts: &[Option<f64>]) -> Self {
         let known: Vec<usize> = (0..seen.len()).filter(|i| efforts[*i].is_some()).collect();
@@ -171,7 +172,7 @@ impl<'a> JointScene<'a> {
         self.scene.tree.joints[self.joint].motion == Motion::Turn
     }
 
-    /// The twin's efforts for each stretch, positions taken by a convention.
+    /// The twin's efforts for each stretch, with positions converted from a convention.
     #[must_use]
     pub fn seen_stretches(&self, stretches: &[&Stretch], convention: &Convention) -> Vec<SeenStretch> {
         let tree = convention.converted_twin(self.scene.tree);
@@ -202,12 +203,12 @@ impl<'a> JointScene<'a> {
         seen
     }
 
-    /// Recorded efforts of a joint over stretches, late by a delay.
+    /// Recorded efforts of joint `of` over stretches, late by a delay.
     #[must_use]
     pub fn recorded_efforts(&self, of: usize, stretches: &[&Stretch], delay_s: f64) -> Vec<Option<f64>> {
         let hold = self.scene.hold;
         let mut found = Vec::with_capacity(stretches.len());
-        // Stretches come run by run.
+        // Stretches are ordered by run.
         for part in stretches.chunk_by(|a, b| a.key.0 == b.key.0) {
             let run = &self.scene.runs[part[0].key.0];
             let log = |j: usize| run[j].as_ref().and_then(|m| m.log.as_ref());
@@ -228,7 +229,7 @@ impl<'a> JointScene<'a> {
         found
     }
 
-    /// A regression over the stretches with an effort.
+    /// A regression over the stretches with a recorded effort.
     fn effort_regression_of(&self, seen: &[SeenStretch], efforts: &[Option<f64>]) -> Regression {
         let known: Vec<usize> = (0..seen.len()).filter(|i| efforts[*i].is_some()).collect();
         let rows: Vec<SeenStretch> = known.iter().map(|i| seen[*i]).collect();
@@ -237,7 +238,7 @@ impl<'a> JointScene<'a> {
         Regression::of_rows(&rows, &effort, self.is_turning(), weight)
     }
 
-    /// Evidence as given, over some stretches. `None` where they do not tell.
+    /// Evidence for the numbers as given, over some stretches; `None` if these do not suffice.
     #[must_use]
     pub fn baseline_evidence(&self, stretches: &[&Stretch], gains: &Gains) -> Option<Baseline> {
         let seen = self.seen_stretches(stretches, &AS_GIVEN);
@@ -263,9 +264,9 @@ impl<'a> JointScene<'a> {
         Some(best)
     }
 
-    /// Log odds of numbers as in `seen`, and of `efforts`, against those given. They are the less of those of
-    /// the two regressions: the truth lies between them, whether motion or efforts err (Frisch 1934).
-    /// `prices` come off: for each independent number, those of the motion and of the efforts.
+    /// Log odds of the numbers in `seen` and `efforts` against those given: the smaller ones of the two
+    /// regressions, since the truth lies between errors of the motion alone and of the efforts alone (Frisch
+    /// 1934). `prices` are subtracted for each independent measurement: of the motion, and of the efforts.
     #[must_use]
     pub fn log_odds_of(
         &self,
@@ -275,7 +276,7 @@ impl<'a> JointScene<'a> {
         gains: &Gains,
         prices: (f64, f64),
     ) -> Option<Odds> {
-        // A twin in other units and with an inertia far off is two changes.
+        // Other units of the twin and an inertia far off would be two changes.
         let inertias = inertia_factors(LARGEST_RATIO);
         let mut best: Option<Odds> = None;
         for delay_s in DELAYS_S {
@@ -304,13 +305,13 @@ impl<'a> JointScene<'a> {
         best
     }
 
-    /// Log odds of a convention.
+    /// Log odds of a convention; `None` if it does not concern the joint.
     fn of_convention(&self, convention: &Convention, given: &Baseline) -> Option<Odds> {
         let stretches: Vec<&Stretch> = self.stretches.iter().collect();
         let seen = self.seen_stretches(&stretches, convention);
         let taken = self.seen_stretches(&stretches, &AS_GIVEN);
         if seen == taken && convention.effort == 1.0 {
-            // A slide knows nothing of lengths.
+            // A sliding joint does not depend on lengths.
             return None;
         }
         let efforts = |delay_s: f64| self.scaled_efforts(&stretches, delay_s, convention.effort);
@@ -320,19 +321,19 @@ impl<'a> JointScene<'a> {
         Some(Odds { inertia_ratio, ..odds })
     }
 
-    /// Recorded efforts of the joint over stretches, late by a delay, times a factor.
+    /// Recorded efforts of the joint over stretches, late by a delay and times a factor.
     fn scaled_efforts(&self, stretches: &[&Stretch], delay_s: f64, factor: f64) -> Vec<Option<f64>> {
         let own = self.recorded_efforts(self.joint, stretches, delay_s);
         own.into_iter().map(|u| u.map(|u| u * factor)).collect()
     }
 
-    /// The joint without its stretches, with another share of new stretches.
+    /// The joint without its stretches, with another share of independent ones.
     fn with_new_share(&self, share: f64) -> Self {
         Self { scene: self.scene, joint: self.joint, stretches: Vec::new(), share }
     }
 
-    /// Log odds for the efforts of another joint as those of this one: they explain its motion better than
-    /// its own do, and are explained better by it than by the other joint's.
+    /// Log odds of another joint's efforts being those of this joint: they must explain its motion better
+    /// than its own efforts do, and its motion must explain them better than the other joint's does.
     fn by_efforts_of(&self, other: &Self) -> Option<Odds> {
         let keys: BTreeSet<_> = other.stretches.iter().map(|s| s.key).collect();
         let both: Vec<&Stretch> = self.stretches.iter().filter(|s| keys.contains(&s.key)).collect();
@@ -340,8 +341,8 @@ impl<'a> JointScene<'a> {
         let theirs: Vec<&Stretch> = other.stretches.iter().filter(|s| keys.contains(&s.key)).collect();
         let seen = self.seen_stretches(&both, &AS_GIVEN);
         let efforts = |delay_s: f64| self.recorded_efforts(other.joint, &both, delay_s);
-        // The rest of a motion beside wrong efforts is correlated for long: the better explanation decides
-        // the weight of each stretch.
+        // Residuals of wrong efforts are correlated for long: the better explanation determines the share of
+        // independent stretches.
         let share = self.share.max(self.with_share(&both, &seen, &efforts(0.0)).share);
         let gains = all_gains();
         let own = self.with_new_share(share).baseline_evidence(&both, &gains)?;
@@ -351,17 +352,17 @@ impl<'a> JointScene<'a> {
     }
 }
 
-/// Values times factors, one by one.
+/// Values times factors, element by element.
 fn scaled_values(values: &[f64], factors: &[f64]) -> Vec<f64> {
     values.iter().zip(factors).map(|(x, f)| x * f).collect()
 }
 
-/// Root mean square inertial effort, up to the root of the number of stretches.
+/// Root of the summed squares of the inertial efforts.
 fn inertial_size(seen: &[SeenStretch]) -> f64 {
     seen.iter().map(|s| s.inertial.powi(2)).sum::<f64>().sqrt()
 }
 
-/// Doubts about the input, by joint of the twin.
+/// Doubts about the input, by joint index.
 #[must_use]
 pub fn doubts_of_scene(scene: &Scene) -> BTreeMap<usize, Doubt> {
     let joints: Vec<JointScene> = scene.joints.iter().map(|j| JointScene::of_joint(scene, *j)).collect();
@@ -369,7 +370,8 @@ pub fn doubts_of_scene(scene: &Scene) -> BTreeMap<usize, Doubt> {
     let mut undecided: Vec<(usize, Vec<(Convention, f64)>)> = Vec::new();
     for own in &joints {
         let stretches: Vec<&Stretch> = own.stretches.iter().collect();
-        // Efforts of another joint leave so much lasting residual: these stretches alone determine nothing.
+        // With another joint's efforts the residuals may be so correlated that these stretches alone
+        // determine nothing.
         let given = own.baseline_evidence(&stretches, &all_gains());
         let motion = scene.tree.joints[own.joint].motion;
         let mut all: Vec<(Looks, Odds)> = Vec::new();
@@ -400,7 +402,7 @@ pub fn doubts_of_scene(scene: &Scene) -> BTreeMap<usize, Doubt> {
     found
 }
 
-/// The doubt about one joint, where there is one.
+/// The doubt about one joint, if there is one.
 fn doubt_of_joint(joint: &str, mut all: Vec<(Looks, Odds)>, left: f64) -> Option<Doubt> {
     all.sort_by(|a, b| b.1.log.total_cmp(&a.1.log));
     let best = all.first()?.1;
@@ -409,7 +411,7 @@ fn doubt_of_joint(joint: &str, mut all: Vec<(Looks, Odds)>, left: f64) -> Option
     if !(log_odds > LOG_ODDS) {
         return None;
     }
-    // The fewest with the weight of a name together.
+    // The fewest conventions with a weight of `NAME_WEIGHT` together.
     let total: f64 = logs.iter().map(|l| (l - best.log).exp()).sum();
     let mut weight = 0.0;
     let mut looks = Vec::new();
@@ -430,7 +432,7 @@ fn doubt_of_joint(joint: &str, mut all: Vec<(Looks, Odds)>, left: f64) -> Option
     })
 }
 
-/// A convention of the twin shown by one joint counts for joints without contradiction.
+/// Applies a convention of the twin shown by one joint to all joints not contradicting it.
 fn share_conventions(
     scene: &Scene,
     all: &[(usize, Vec<(Convention, f64)>)],
@@ -447,7 +449,7 @@ fn share_conventions(
     }
 }
 
-/// Whether the log odds of a joint's conventions contradict one, or do not depend on it.
+/// Whether a joint's log odds contradict a convention, or do not depend on it.
 fn contradicts_convention(own: &[(Convention, f64)], looks: &Looks) -> bool {
     let known = own.iter().find(|(c, _)| *looks == Looks::Convention(*c));
     known.is_none_or(|(_, log)| *log < LOG_PRIOR)

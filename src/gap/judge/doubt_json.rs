@@ -5,27 +5,27 @@ use serde::Serialize;
 use super::doubt::{Doubt, Looks};
 use common::note::NoteCode;
 
-/// A joint without a diagnosis.
+/// A joint left without a diagnosis.
 #[derive(Debug, Serialize)]
 pub struct DoubtJson {
     joint: String,
     code: NoteCode,
-    /// Appearances of the input: a class with a weight of 0.95 together.
+    /// What the input looks like: together these have a weight of 0.95.
     looks: Vec<String>,
-    /// Natural logarithm of its odds against the numbers as given.
+    /// Natural logarithm of the odds against the numbers as given.
     log_odds: f64,
-    /// The twin's inertia as a multiple of the inertia by motion and efforts.
+    /// The twin's inertia as a multiple of the inertia shown by motion and efforts.
     inertia_ratio: f64,
-    /// Unexplained share of the squared effort, so and as given.
+    /// Share of the squared effort left unexplained, under the convention and as given.
     left: f64,
     left_as_given: f64,
-    /// The joint to show it, where this one does not contradict.
+    /// The joint showing the convention, if this one only does not contradict it.
     by: Option<String>,
     remedy: String,
 }
 
 impl DoubtJson {
-    /// Of a doubt.
+    /// The report's entry for a doubt.
     #[must_use]
     pub fn of_doubt(doubt: &Doubt) -> Self {
         Self {

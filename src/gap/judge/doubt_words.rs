@@ -4,7 +4,7 @@ use super::doubt::{Doubt, Looks};
 use common::note::{Note, NoteCode};
 
 impl Looks {
-    /// Appearance of the input.
+    /// What the input looks like.
     #[must_use]
     pub fn in_words(&self) -> String {
         match self {
@@ -13,7 +13,7 @@ impl Looks {
         }
     }
 
-    /// Remedy.
+    /// What the user should do.
     #[must_use]
     pub fn remedy_text(&self) -> &'static str {
         match self {
@@ -32,25 +32,25 @@ impl Looks {
 }
 
 impl Doubt {
-    /// Its code.
+    /// Code of its note.
     #[must_use]
     pub fn note_code(&self) -> NoteCode {
         self.looks.first().map_or(NoteCode::UnitsDoubtful, Looks::note_code)
     }
 
-    /// Appearances of the input.
+    /// What the input looks like; alternatives are joined by "or".
     #[must_use]
     pub fn looks_text(&self) -> String {
         self.distinct_texts(&Looks::in_words)
     }
 
-    /// Remedies.
+    /// What the user should do; alternatives are joined by "or".
     #[must_use]
     pub fn remedy_text(&self) -> String {
         self.distinct_texts(&|looks| looks.remedy_text().to_owned())
     }
 
-    /// Different words of the class.
+    /// The distinct texts of all alternatives, joined by "or".
     fn distinct_texts(&self, of: &dyn Fn(&Looks) -> String) -> String {
         let mut all: Vec<String> = Vec::new();
         for words in self.looks.iter().map(of) {
@@ -61,7 +61,7 @@ impl Doubt {
         all.join(", or ")
     }
 
-    /// It and its evidence, without the joint.
+    /// The doubt and its evidence in words, without the joint's name.
     #[must_use]
     pub fn in_words(&self) -> String {
         let looks = self.looks_text();
@@ -84,7 +84,7 @@ impl Doubt {
         )
     }
 
-    /// It as a warning.
+    /// The doubt as a note.
     #[must_use]
     pub fn note(&self) -> Note {
         Note::new(self.note_code(), format!("joint '{}': {}", self.joint, self.in_words()))

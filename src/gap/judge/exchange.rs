@@ -1,13 +1,13 @@
-//! Sets with another effect in place of one of a found set: growing one by one misses sets with a weaker
-//! first member.
+//! Sets with one effect of a found set replaced: growing one by one misses sets whose first member is weaker
+//! alone.
 
 use crate::{
     fit::shooting::MAX_FIT_FREE,
     model::joint_model::{Catalogue, JointModel},
 };
 
-/// A set with each of its effects in exchange for each of `others`, acting alone; parameters are those of
-/// both. Without overlapping sets, sets too large to be fitted, and `known` sets.
+/// All sets with one effect of `set` replaced by one of `others`, single-effect models; parameters are taken
+/// from both. Overlapping effects, sets too large to be fitted and `known` sets are left out.
 #[must_use]
 pub fn exchanged_sets(
     catalogue: &Catalogue,

@@ -1,4 +1,4 @@
-//! Named effects: their parameters with intervals, their rivals, whether they are sure.
+//! Named effects: parameters with intervals, alternatives, and whether they are certain.
 
 use crate::{
     fit::problem::Problem,
@@ -31,18 +31,19 @@ pub struct Finding {
     pub effect: String,
     /// Parameters.
     pub parameters: Vec<ParameterEstimate>,
-    /// Weight of the sets with it among those of the same size.
+    /// Weight of the sets containing it, among those of the same size.
     pub weight: f64,
-    /// Other effects with as good an explanation of the recording, with their weights.
+    /// Other effects explaining the recording equally well, with their weights.
     pub alternatives: Vec<(String, f64)>,
-    /// Recording to decide.
+    /// The recording to decide between them.
     pub experiment: String,
-    /// Whether it is surely there. A perhaps absent effect is no name; the files hold it all the same where
-    /// unseen windows are better with it.
+    /// Whether it is certainly present. An uncertain effect is not named, but files hold it where it improves
+    /// unseen windows.
     pub is_sure: bool,
 }
 
-/// Weight of the sets with an effect of the set `own`, and its replacements in the others.
+/// Weight of the sets containing `effect`, and the effects replacing it in the other sets; `own` is the found
+/// set.
 #[must_use]
 pub fn weight_and_alternatives(
     catalogue: &Catalogue,
@@ -77,7 +78,7 @@ fn parameter_estimate(
     let n = term.p.len();
     let half = spread.half_width(at, &r.gradient[..n]);
     let value = if r.name == "time" { r.value % RUN_SPACING_S } else { r.value };
-    // A parameter with a lower bound of zero has no interval below it.
+    // A parameter bounded below by zero has no negative interval.
     let positive = (0..n).any(|i| {
         r.gradient[i] == 1.0 && r.value == term.p[i] && effect.parameter_bounds(i, &problem.coverage).0 == 0.0
     });
@@ -90,8 +91,8 @@ fn parameter_estimate(
     }
 }
 
-/// The effects of a model, each with the weight of its name: `rivals` are other sets of as many effects with
-/// their weights, `total` the sum of all weights with the own.
+/// The findings of a model with their weights: `rivals` are other sets of the same size with their weights,
+/// `total` is the sum of all weights, the model's own included.
 #[must_use]
 pub fn findings_of_model(
     problem: &Problem,

@@ -1,5 +1,5 @@
-//! The effects of a joint in the file of each format: the found effects where it holds them, else the best
-//! expressible ones, fitted again alone, and the twin's values where nothing helps. See docs/method.md 14.12.
+//! A joint's effects in each file format: the found effects if the format can express them, else the best
+//! expressible ones, fitted anew; or the twin's values if nothing helps. See docs/method.md 14.12.
 
 use crate::{
     fit::{
@@ -22,49 +22,49 @@ use crate::{
     },
 };
 
-/// A joint as the file of a format holds it.
+/// A joint as expressed in the file of one format.
 #[derive(Clone, Debug)]
 pub struct FormatModel {
     /// The format.
     pub format: Format,
-    /// The twin with the effects of the file; without any where it keeps the twin's values.
+    /// The twin with the effects in the file; without effects if the file keeps the twin's values.
     pub model: JointModel,
-    /// Root mean square residual of the held-out runs with it, rad or m.
+    /// Root mean square residual of the held-out runs with this model, rad or m.
     pub rmse: f64,
-    /// The twin's.
+    /// The same for the twin.
     pub twin_rmse: f64,
-    /// Fate of each found effect.
+    /// What happens to each found effect.
     pub effects: Vec<HeldEffect>,
 }
 
 /// A found effect in the file of a format.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeldEffect {
-    /// Index in the catalogue; `None` for a part without a name.
+    /// Index in the catalogue; `None` for an unnamed part of the gap.
     pub effect: Option<usize>,
-    /// Its fate.
+    /// What happens to it.
     pub fate: Fate,
-    /// The terms in its place, or the effect with other parameters.
+    /// The terms replacing it, or the effect itself with other parameters.
     pub by: Vec<Term>,
 }
 
-/// Fate of a found effect in a file.
+/// What happens to a found effect in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fate {
-    /// It is there as it was found.
+    /// The file holds it as found.
     Native,
-    /// The nearest effect is there.
+    /// The file holds the nearest expressible effect.
     Approximated,
-    /// It is there with parameters fitted again within the format.
+    /// The file holds it with parameters fitted anew within the format.
     FittedAgain,
-    /// Other effects are there, fitted in its place.
+    /// The file holds other effects, fitted in its place.
     Replaced,
-    /// The format could hold it; without the missing effects, the joint is predicted better or as well
-    /// without.
+    /// The format could express it, but without the inexpressible effects the joint is predicted no worse
+    /// without it.
     LeftOut,
-    /// The format could hold something; nothing expressible predicts better than the twin.
+    /// The format could express something, but nothing expressible predicts better than the twin.
     Kept,
-    /// The format holds nothing like it.
+    /// The format cannot express anything like it.
     NotExpressible,
 }
 
@@ -85,7 +85,7 @@ impl Fate {
 }
 
 impl FormatModel {
-    /// Whether the file holds all effects as they were found.
+    /// Whether the file holds all effects as found.
     #[must_use]
     pub fn is_whole(&self) -> bool {
         self.effects.iter().all(|e| e.fate == Fate::Native)
@@ -98,7 +98,7 @@ impl FormatModel {
     }
 }
 
-/// The joint in each format. `updated` is the twin with the effects of the joint itself, `gap` their proof.
+/// The joint in each format. `updated` is the twin with the effects other than pushes, `gap` their proof.
 #[must_use]
 pub fn format_models(
     problem: &Problem,
@@ -112,8 +112,8 @@ pub fn format_models(
     Format::ALL.map(|format| maker.format_model_of(format)).to_vec()
 }
 
-/// The joint in each format with surely better predictions by some expressible effects, where nothing was
-/// named: they stand in for something unknown.
+/// For joints without a named effect: the formats in which some expressible effects surely predict better.
+/// They stand in for an unknown cause.
 #[must_use]
 pub fn stand_ins(
     problem: &Problem,
@@ -134,7 +134,7 @@ pub fn stand_ins(
         if model.terms.is_empty() {
             continue;
         }
-        // Most formats hold the same.
+        // Most formats express the same model.
         let known = weighed.iter().find(|(m, _)| *m == model).map(|(_, serves)| *serves);
         let serves = known.unwrap_or_else(|| {
             let serves = Unseen::of_models(problem, held_out, [&model, twin], diagnosis.noise).serve_better();
@@ -151,20 +151,20 @@ pub fn stand_ins(
     stand_ins
 }
 
-/// Searches of one joint, shared by the formats.
+/// Searches for one joint, shared by the formats.
 struct Maker<'p, 'c> {
-    /// The fitted runs, for predictions of whole windows: without an effect, the misses of a model are no
-    /// noise, and the wanted parameters are those of the best predictions.
+    /// The fitted runs, set up to predict whole windows: if a model lacks an effect its residuals are not
+    /// noise, and the parameters with the best predictions are wanted.
     problem: Problem<'c>,
     held_out: &'p Problem<'c>,
     diagnosis: &'p Diagnosis,
     updated: &'p JointModel,
     gap: &'p Gap,
-    /// Effects of each search, and its result.
+    /// Sets of effects already searched, with the results.
     sought: Vec<(Vec<usize>, Search)>,
 }
 
-/// Breadth of a search among a format's effects.
+/// Breadth of the search among a format's effects.
 const BREADTH: Breadth = Breadth { singles: 9, grown: 2, partners: 4, largest: 4, regressed: 4 };
 
 impl<'c> Maker<'_, 'c> {
@@ -182,7 +182,7 @@ impl<'c> Maker<'_, 'c> {
             let best = self.best_model(format, &translated);
             let rmse = windowed_rmse(self.held_out, &best);
             may_help = !best.terms.is_empty();
-            // Negated: a residual of NaN is not better.
+            // Negated, so a NaN residual is not better.
             if best.terms.is_empty() || !(rmse < self.gap.before) {
                 (twin, self.gap.before)
             } else {
@@ -199,7 +199,7 @@ impl<'c> Maker<'_, 'c> {
         FormatModel { format, model, rmse, twin_rmse: self.gap.before, effects }
     }
 
-    /// Fate of a found effect.
+    /// What happens to a found effect in a file with `model`.
     fn held_effect(
         &self,
         format: Format,
@@ -235,12 +235,12 @@ impl<'c> Maker<'_, 'c> {
         of(fate, by)
     }
 
-    /// Whether a format holds an effect of some strength.
+    /// Whether a format can express an effect of some strength.
     fn can_hold(&self, format: Format, effect: &dyn Effect) -> bool {
         let shapes = effect.start_shapes(&self.problem.coverage);
         shapes.first().is_some_and(|p| {
             let mut strong = p.clone();
-            // A spring without stiffness and an armature of zero are none.
+            // A spring of zero stiffness or a zero armature expresses nothing.
             strong[0] += 1.0;
             [p, &strong]
                 .iter()
@@ -248,20 +248,20 @@ impl<'c> Maker<'_, 'c> {
         })
     }
 
-    /// The best predicting model among those of a format.
+    /// The model with the best predictions among those a format can express.
     fn best_model(&mut self, format: Format, translated: &JointModel) -> JointModel {
         let problem = &self.problem;
         let effects = self.holdable_effects(format);
         let known = self.sought.iter().position(|(e, _)| *e == effects);
         let at = known.unwrap_or_else(|| {
             let seeds = std::slice::from_ref(translated);
-            // A stand-in needs no certainty of a name: it is there to predict.
+            // A stand-in needs no certain name, only good predictions.
             let scope = Scope { effects: &effects, seeds, least_gain: 0.0 };
             let found = searched_sets(problem, &BREADTH, &scope);
             self.sought.push((effects, found));
             self.sought.len() - 1
         });
-        // An armature below zero is none.
+        // Some fitted values, such as a negative armature, cannot be expressed.
         let sets = self.sought[at].1.by_size.iter().flatten().filter(|c| {
             let model = without_pushes(problem.catalogue, &c.fit.model);
             expressed_model(format, &model, problem.catalogue).terms == model.terms
@@ -270,7 +270,7 @@ impl<'c> Maker<'_, 'c> {
             return translated.without_effects();
         };
         let found = finely_fitted(problem, best);
-        // Found effects have intervals: with as good predictions they stay as they are.
+        // Found effects have intervals: if they predict as well, they are kept.
         let starts = Some(found.fit.starts.as_slice());
         let as_found =
             shooting_fit(problem, translated, starts, found.fit.noise, Free::Starts, Pace::thorough(2));
@@ -281,8 +281,7 @@ impl<'c> Maker<'_, 'c> {
         expressed_model(format, &without_pushes(problem.catalogue, &found.fit.model), problem.catalogue)
     }
 
-    /// The sought effects with a place in a file; with the push, fitted beside them and not written, where
-    /// one was found.
+    /// The sought effects a format can express. If a push was found it is fitted with them, but not written.
     fn holdable_effects(&self, format: Format) -> Vec<usize> {
         let catalogue = self.catalogue();
         let has_push = self.diagnosis.model.terms.iter().any(|t| catalogue[t.effect].is_of_one_run());
@@ -295,21 +294,21 @@ impl<'c> Maker<'_, 'c> {
     }
 }
 
-/// A model without the effects of one run.
+/// A model without effects of single runs.
 fn without_pushes(catalogue: &Catalogue, model: &JointModel) -> JointModel {
     let mut model = model.clone();
     model.terms.retain(|t| !catalogue[t.effect].is_of_one_run());
     model
 }
 
-/// Whether an effect may take up another's action: both resist the motion, or neither does; a gain and an
+/// Whether an effect can take over another's action: both resist motion, or neither does; a gain and an
 /// inertia scale any effort.
 fn may_stand_in(other: &dyn Effect, effect: &dyn Effect) -> bool {
     let resists = |e: &dyn Effect| e.place() == Place::Friction || e.is_of_velocity();
     matches!(other.place(), Place::Gain | Place::Inertia) || resists(other) == resists(effect)
 }
 
-/// The set fitted with the small steps of reported parameters.
+/// Refits a set with the small steps used for reported parameters.
 fn finely_fitted(problem: &Problem, coarse: &Candidate) -> Candidate {
     let fit_ = &coarse.fit;
     let problem = &problem.with_small_steps();

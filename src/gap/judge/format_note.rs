@@ -1,4 +1,4 @@
-//! Notes on a file with less of a joint than was found.
+//! Notes on files holding less of a joint than was found.
 
 use crate::judge::{
     format_model::{Fate, FormatModel},
@@ -6,8 +6,8 @@ use crate::judge::{
 };
 use common::note::{Note, NoteCode};
 
-/// Note on a file with less than was found; `None` where it holds all. `is_sole` where no file of the joint
-/// holds anything of it.
+/// Note on a file holding less than was found; `None` if it holds everything. `is_sole`: no file of the joint
+/// holds any of it.
 #[must_use]
 pub fn format_note(held: &FormatModel, file: &str, joint: &JointReport, is_sole: bool) -> Option<Note> {
     let gap = joint.gap.as_ref().filter(|_| !held.is_whole())?;
@@ -36,7 +36,7 @@ pub fn format_note(held: &FormatModel, file: &str, joint: &JointReport, is_sole:
         "{file} keeps the twin's values at joint '{name}' in place of the effects found, since {why}: \
          it leaves {twin:.2e} {unit} of the held-out runs, what was found {found:.2e} {unit}"
     );
-    // Another file may have a place for it.
+    // Another file may be able to hold it.
     let is_loss = is_kept || is_sole;
     Some(Note::new(if is_loss { NoteCode::FormatKeepsTwin } else { NoteCode::FormatHoldsLess }, text))
 }

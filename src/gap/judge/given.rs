@@ -1,4 +1,4 @@
-//! Effects with given names, fitted from their places found one by one and from those of a regression.
+//! Fits of given effects, from starts found one by one and from a regression of all.
 
 use crate::{
     fit::problem::Problem,
@@ -10,7 +10,7 @@ use crate::{
     },
 };
 
-/// A given set of effects.
+/// Fits a given set of effects.
 #[must_use]
 pub fn given_set(problem: &Problem, effects: &[usize]) -> (Search, Candidate) {
     let base = fitted_twin(problem);
@@ -19,12 +19,12 @@ pub fn given_set(problem: &Problem, effects: &[usize]) -> (Search, Candidate) {
     for effect in effects {
         let hits = Screen::new(problem, &chosen.fit).best_hits(*effect, 2);
         let grown = best_of_each_set(grown_sets(problem, &chosen, &[hits]));
-        // Alone, an effect may show nothing without the others to come.
+        // Alone, an effect may be invisible until the others are fitted.
         let Some(next) = grown.into_iter().next() else { continue };
         chosen = next;
         by_size.push(Vec::new());
     }
-    // One by one, the first may take the place of later ones.
+    // Fitted one by one, the first effect may imitate later ones.
     let together = regressed_model(problem, &Screen::new(problem, &base.fit), &chosen.fit.model);
     if let Some(other) =
         together.map(|m| fitted_from_seed(problem, &base, &m)).filter(|o| o.score > chosen.score)

@@ -1,5 +1,5 @@
-//! The effects found as laws, effort against their variable, and beside them the twin's missing efforts by
-//! the motion; for plots.
+//! The effects found, as laws (effort over their variable), and the twin's missing efforts from the motion;
+//! for plots.
 
 use std::collections::BTreeMap;
 
@@ -17,32 +17,32 @@ use crate::{
     },
 };
 
-/// Points of a curve.
+/// Number of points of a curve.
 const GRID: usize = 160;
-/// Bins over a range.
+/// Number of bins over a range.
 const BINS: usize = 24;
-/// Least samples of a bin.
+/// Fewest samples of a bin.
 const LEAST_SAMPLES: usize = 12;
-/// Least windows of a bin: its error comes from their scatter.
+/// Fewest windows of a bin: its error is derived from their scatter.
 const LEAST_WINDOWS: usize = 3;
-/// Share of the samples beyond the bins at each end of a range: few, and the fastest.
+/// Share of the samples left outside the bins at each end of a range: few, and the fastest.
 /// chosen: a thousandth, three standard deviations.
 const OUTLYING: f64 = 0.001;
 /// Half width of a 95 % interval in standard deviations.
 /// derived: quantile of the normal distribution.
 const HALF_WIDTH: f64 = 1.96;
-/// Durations of a push in view on either side of it.
-/// chosen: the push is over after five.
+/// A push is plotted for this many of its durations on either side.
+/// chosen: the push has ended after five.
 const PUSH_SHOWN: f64 = 8.0;
 
-/// Direction of motion under a law.
+/// Direction of motion a law applies to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Way {
-    /// Either.
+    /// Both directions.
     Both,
-    /// The position grows.
+    /// Increasing position.
     Rising,
-    /// It falls.
+    /// Decreasing position.
     Falling,
 }
 
@@ -52,49 +52,49 @@ impl Way {
     }
 }
 
-/// Effects of one variable.
+/// The effects depending on one variable.
 #[derive(Clone, Debug)]
 pub struct Law {
     /// The variable.
     pub variable: Variable,
     /// Names of the effects; empty where nothing was found.
     pub effects: Vec<String>,
-    /// Their summed efforts.
+    /// Curves of the sum of their efforts.
     pub curves: Vec<Curve>,
-    /// The twin's missing efforts, less those of effects of other variables.
+    /// The twin's missing efforts, minus the effects of other variables.
     pub points: Vec<Point>,
 }
 
-/// A law, or half of one.
+/// A law, or its branch for one direction.
 #[derive(Clone, Debug)]
 pub struct Curve {
-    /// Way of the joint.
+    /// Direction of motion.
     pub way: Way,
-    /// Variable.
+    /// Values of the variable.
     pub x: Vec<f64>,
     /// Effort, N m or N.
     pub effort: Vec<f64>,
-    /// Half width of its 95 % interval.
+    /// Half width of its 95 % interval, N m or N.
     pub half: Vec<f64>,
 }
 
-/// Mean of a bin.
+/// Mean of the missing efforts in a bin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
-    /// Way of the joint.
+    /// Direction of motion.
     pub way: Way,
-    /// Of held-out runs.
+    /// Whether it is from held-out runs.
     pub is_held_out: bool,
-    /// Variable.
+    /// Value of the variable.
     pub x: f64,
     /// Effort, N m or N.
     pub effort: f64,
-    /// Half width of its 95 % interval, by the scatter of windows.
+    /// Half width of its 95 % interval, from the scatter of windows.
     pub half: f64,
 }
 
-/// Laws of the findings, or of the nearest effects; without either the twin's missing efforts over velocity
-/// and position, and over the variable with the strongest dependence.
+/// Laws of the findings, or of the nearest effects. Without either, the twin's missing efforts over velocity,
+/// position and the variable with the strongest dependence.
 #[must_use]
 pub fn laws_of_diagnosis(fitted: &Problem, held_out: &Problem, diagnosis: &Diagnosis) -> Vec<Law> {
     let model = diagnosis.nearest.as_ref().map_or(&diagnosis.model, |n| &n.model);
@@ -107,7 +107,7 @@ pub fn laws_of_diagnosis(fitted: &Problem, held_out: &Problem, diagnosis: &Diagn
     for (at, term) in model.placed_terms() {
         let effect = fitted.catalogue[term.effect].as_ref();
         if let Some(variable) = variable_of(effect, term, &all) {
-            // Pushes of different runs share no axis.
+            // Pushes of different runs have no common axis.
             let run = if variable == Variable::Time { run_of(term) } else { 0 };
             by_variable.entry((variable, run)).or_default().push((at, term));
         }
@@ -136,7 +136,7 @@ fn axis_of(variable: Variable) -> Variable {
     }
 }
 
-/// Variable of an effect's effort; `None` for other effects.
+/// The variable an effect's effort depends on; `None` if it is not an effort.
 fn variable_of(effect: &dyn Effect, term: &Term, seen: &[&Observed]) -> Option<Variable> {
     match effect.place() {
         Place::Effort if effect.is_of_one_run() => Some(Variable::Time),
@@ -151,7 +151,7 @@ fn variable_of(effect: &dyn Effect, term: &Term, seen: &[&Observed]) -> Option<V
     }
 }
 
-/// Whether a derivative of an effect is not zero at any moment.
+/// Whether a derivative of an effect is nonzero at any moment.
 fn depends_on(
     effect: &dyn Effect,
     term: &Term,
@@ -169,20 +169,20 @@ fn run_of(push: &Term) -> i64 {
     (push.p[1] / RUN_SPACING_S).round() as i64
 }
 
-/// Where the other variables stand while one of them runs along an axis.
+/// Mean position of the joint and of the others, used while the law's variable is varied.
 fn middle_state(seen: &[&Observed]) -> (f64, [f64; 8]) {
     let n = seen.len() as f64;
     let mean = |of: &dyn Fn(&Observed) -> f64| seen.iter().map(|o| of(o)).sum::<f64>() / n;
     (mean(&|o| o.q), std::array::from_fn(|i| mean(&|o| o.others[i])))
 }
 
-/// The terms of one variable.
+/// The terms depending on one variable.
 struct VariableTerms<'a> {
     problem: &'a Problem<'a>,
     model: &'a JointModel,
     terms: Vec<(usize, &'a Term)>,
     variable: Variable,
-    /// Run of a push.
+    /// Run of the push, for the variable time.
     run: i64,
     middle: (f64, [f64; 8]),
 }
@@ -202,13 +202,13 @@ impl VariableTerms<'_> {
         let edges = self.bin_edges(low, high);
         for way in self.shown_ways() {
             for (is_held_out, seen) in [(false, &seen[0]), (true, &seen[1])] {
-                // A push belongs to a fitted run.
+                // A push occurred in a fitted run only.
                 if !(is_held_out && self.variable == Variable::Time && !self.terms.is_empty()) {
                     law.points.extend(self.mean_points(way, is_held_out, seen, &edges));
                 }
             }
         }
-        // A law is shown where it was seen, and a bin more.
+        // A law is plotted where data were seen, and one bin beyond.
         let bin = (high - low) / BINS as f64;
         let ends = law.points.iter().map(|p| p.x).fold((high, low), |(l, h), x| (l.min(x), h.max(x)));
         let low = low.max(ends.0 - bin);
@@ -221,7 +221,8 @@ impl VariableTerms<'_> {
         law
     }
 
-    /// Friction changes its sign with the way: over anything but the velocity it has two branches.
+    /// Friction depends on the direction of motion: over any variable but the velocity the law has two
+    /// branches.
     fn shown_ways(&self) -> Vec<Way> {
         let mut effects = self.terms.iter().map(|(_, t)| &self.problem.catalogue[t.effect]);
         let rubs = effects.any(|effect| effect.place() == Place::Friction);
@@ -233,7 +234,7 @@ impl VariableTerms<'_> {
         }
     }
 
-    /// Whether a sample shows the twin's missing effort: at rest friction takes up any effort.
+    /// Whether a sample shows the twin's missing effort: at rest static friction balances any effort.
     fn is_shown(&self, o: &Observed) -> bool {
         let slow = STILL * self.problem.coverage.speed.1;
         let rests = o.v.abs() <= slow
@@ -257,13 +258,13 @@ impl VariableTerms<'_> {
         }
     }
 
-    /// Variable for the sorting into bins: an acceleration errs as the effort over it does, and large ones
-    /// would be those with large errors.
+    /// Value by which samples are sorted into bins. The error of an acceleration correlates with that of the
+    /// effort over it; sorting by it would select large errors.
     fn sorted_by(&self, o: &Observed) -> f64 {
         if self.variable == Variable::Acceleration { o.about } else { self.variable_value(o) }
     }
 
-    /// Edges of the bins; none reaches over rest.
+    /// Edges of the bins; no bin spans zero velocity.
     fn bin_edges(&self, low: f64, high: f64) -> Vec<f64> {
         if self.variable == Variable::Velocity && low < 0.0 && high > 0.0 {
             let below = ((BINS as f64 * -low / (high - low)).round() as usize).clamp(2, BINS - 2);
@@ -295,7 +296,7 @@ impl VariableTerms<'_> {
         curves
     }
 
-    /// The law at a value of its variable, with its gradient by all free parameters.
+    /// Value of the law, and its gradient with respect to all free parameters.
     fn value_and_gradient(&self, x: f64, way: Way) -> (f64, Vec<f64>) {
         let mut gradient = vec![0.0; self.model.free_count()];
         let (q, others) = &self.middle;
@@ -342,7 +343,7 @@ impl VariableTerms<'_> {
             if (way != Way::Both && way != own) || bin == 0 || bin >= edges.len() {
                 continue;
             }
-            // Efforts of other effects come off; without any this is the twin's missing effort.
+            // Subtract the efforts of other effects; without any the rest is the twin's missing effort.
             let effort = o.lacking - o.found + self.value_and_gradient(x, own).0;
             let sums = bins[bin - 1].entry(o.window).or_default();
             sums.iter_mut().zip([1.0, x, effort]).for_each(|(s, x)| *s += x);
@@ -350,17 +351,17 @@ impl VariableTerms<'_> {
         bins.iter().filter_map(|windows| self.mean_point(way, is_held_out, windows)).collect()
     }
 
-    /// The mean of a bin; `None` of too few samples or windows.
+    /// The mean of a bin; `None` if it has too few samples or windows.
     fn mean_point(&self, way: Way, is_held_out: bool, windows: &BinSums) -> Option<Point> {
         let total = windows.values().fold([0.0; 3], |t, w| [t[0] + w[0], t[1] + w[1], t[2] + w[2]]);
         let [count, x, effort] = total;
-        // Beside a push there are few samples, of one window.
+        // Around a push there are few samples, all of one window.
         let is_push = self.variable == Variable::Time;
         if count < 1.0 || !is_push && (count < LEAST_SAMPLES as f64 || windows.len() < LEAST_WINDOWS) {
             return None;
         }
         let mean = effort / count;
-        // Samples of a window err together: the scatter is that of windows.
+        // Samples of a window have correlated errors, so the scatter of windows is used.
         let n = windows.len() as f64;
         let squares: f64 = windows.values().map(|w| (w[2] - mean * w[0]).powi(2)).sum();
         let half = if n > 1.0 { HALF_WIDTH * (squares * n / (n - 1.0)).sqrt() / count } else { 0.0 };
@@ -368,15 +369,15 @@ impl VariableTerms<'_> {
     }
 }
 
-/// Sums of a bin: by window the count, the variable and the effort.
+/// Sums in a bin, for each window: count, variable, effort.
 type BinSums = BTreeMap<usize, [f64; 3]>;
 
-/// `n + 1` values from one end of a range to the other, evenly.
+/// `n + 1` equally spaced values over a range.
 fn even_values(from: f64, to: f64, n: usize) -> Vec<f64> {
     (0..=n).map(|i| from + (to - from) * i as f64 / n as f64).collect()
 }
 
-/// Values from one end of a range to the other, finer near the first.
+/// Values over a range, more closely spaced near its first end.
 fn finer_near(from: f64, to: f64) -> Vec<f64> {
     (0..=GRID).map(|i| from + (to - from) * (i as f64 / GRID as f64).powi(3)).collect()
 }

@@ -1,22 +1,22 @@
-//! Disagreement of a model and the measured motion: the variable of the residual effort, and its region. See
-//! docs/method.md 14.10.
+//! Locates disagreement of a model with the measured motion: the variable the residual effort depends on, and
+//! its region. See docs/method.md 14.10.
 
 use rand_core::Rng;
 
 use crate::{fit::problem::Problem, judge::screen::Screen};
 
 /// Share of the top speed below which the sign of a velocity is noise.
-/// chosen: little of a motion is as slow.
+/// chosen: only a small part of a motion is this slow.
 pub(super) const STILL: f64 = 0.01;
 
-/// A possible variable of the residual.
+/// A variable the residual effort may depend on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Variable {
-    /// Position, either way.
+    /// Position, in both directions of motion.
     Position,
-    /// Position while it grows.
+    /// Position while it increases.
     PositionRising,
-    /// Position while it falls.
+    /// Position while it decreases.
     PositionFalling,
     /// Velocity.
     Velocity,
@@ -58,7 +58,7 @@ impl Variable {
         }
     }
 
-    /// Unit at a turning or sliding joint.
+    /// Unit of the variable, for a turning or a sliding joint.
     #[must_use]
     pub fn unit(self, turns: bool) -> &'static str {
         match (self, turns) {
@@ -90,33 +90,34 @@ impl Variable {
 pub struct Bin {
     /// Edges.
     pub edges: (f64, f64),
-    /// Estimated residual effort, N m or N, by itself.
+    /// Residual effort estimated from this bin alone, N m or N.
     pub effort: f64,
-    /// Its distance from zero in standard errors.
+    /// This effort in units of its standard error.
     pub sigmas: f64,
 }
 
-/// How a residual depends on one variable.
+/// Dependence of the residual effort on one variable.
 #[derive(Clone, Debug)]
 pub struct Dependence {
     /// Variable.
     pub variable: Variable,
-    /// Twice the gain of log likelihood by a table over it.
+    /// Twice the log likelihood gained by a table of the residual over the variable.
     pub gain: f64,
     /// Number of bins with data.
     pub bins: Vec<Bin>,
-    /// Share of sign-flipped residuals with as large a gain by a table.
+    /// p value: share of sign-flipped residuals with at least this gain.
     pub p: f64,
-    /// The same after control of the false discovery rate over all variables.
+    /// q value: p after control of the false discovery rate over all variables.
     pub q: f64,
-    /// Interval about the strongest bin with the same sign of the residual and half its strength.
+    /// Interval around the strongest bin where the residual has the same sign and at least half its
+    /// significance.
     pub region: (f64, f64),
 }
 
-/// Sign flips of a permutation test.
+/// Number of sign flips in a permutation test.
 const FLIPS: usize = 999;
 
-/// Tests every variable; strongest first.
+/// Tests every variable; the strongest dependence comes first.
 #[must_use]
 pub fn dependences_by_strength(problem: &Problem, screen: &Screen, rng: &mut impl Rng) -> Vec<Dependence> {
     let mut found: Vec<Dependence> =
@@ -129,7 +130,8 @@ pub fn dependences_by_strength(problem: &Problem, screen: &Screen, rng: &mut imp
         least = least.min(found[i].p * found.len() as f64 / (rank + 1) as f64);
         found[i].q = least;
     }
-    // By chance a table gains one a bin; less two a bin, tables of different sizes compare.
+    // By chance a table gains one per bin; subtracting two per bin makes tables of different sizes
+    // comparable.
     let strength = |d: &Dependence| d.gain - 2.0 * d.bins.len() as f64;
     found.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
     found
@@ -172,14 +174,14 @@ fn bin_edges_of(screen: &Screen, problem: &Problem, variable: Variable) -> Vec<f
     let (Some(&low), Some(&high)) = (values.first(), values.last()) else { return Vec::new() };
     let share = |i: usize| i as f64 / n as f64;
     let mut edges: Vec<f64> = match variable {
-        // derived: half beyond the two signs.
+        // derived: half a unit beyond the two signs.
         Variable::Direction => vec![-1.5, 0.0, 1.5],
         Variable::Velocity | Variable::Effort | Variable::Acceleration => {
             (0..=n).map(|i| values[((values.len() - 1) as f64 * share(i)) as usize]).collect()
         }
         _ => (0..=n).map(|i| low + (high - low) * share(i)).collect(),
     };
-    // A variable at rest has equal quantiles there.
+    // A variable constant over many samples has equal quantiles there.
     edges.dedup_by(|a, b| *a - *b <= 1e-12);
     if let Some(last) = edges.last_mut() {
         // The highest value belongs to the last bin.
@@ -197,7 +199,7 @@ fn tested_dependence(
     let edges = bin_edges_of(screen, problem, variable);
     let runs = if variable == Variable::Time { problem.logs.len() } else { 1 };
     let per_run = (edges.len().saturating_sub(1)).min(30 / runs.min(30)).max(1);
-    // Time bins of every run stand beside each other; there are fewer of them where there are many runs.
+    // Time bins of all runs are placed in sequence; with many runs there are fewer bins per run.
     let edges: Vec<f64> = if runs > 1 {
         let low = edges[0];
         let high = edges[edges.len() - 1];
@@ -213,7 +215,7 @@ fn tested_dependence(
             let Some(x) = variable_at_sample(screen, problem, variable, span.log, span.start + i) else {
                 continue;
             };
-            // The bin with its begin at or below the value.
+            // The last bin starting at or below the value.
             let bin = edges.partition_point(|e| *e <= x);
             if bin > 0 && bin < edges.len() && first + bin - 1 < columns {
                 filled.effort[first + bin - 1][i] = 1.0;
@@ -222,7 +224,7 @@ fn tested_dependence(
         }
     })?;
     let flipped = (0..FLIPS).filter(|_| flipped_gain(&score, rng) >= score.gain).count();
-    // The recorded signs are one of the draws: p is never 0, and the test holds its level.
+    // The recorded signs count as one of the draws, so p is never 0 and the test keeps its level.
     let p = (flipped + 1) as f64 / (FLIPS + 1) as f64;
     let bins: Vec<Bin> = (0..columns)
         .map(|c| {
@@ -246,7 +248,7 @@ fn tested_dependence(
     Some(Dependence { variable, gain: score.gain, bins, p, q: p, region })
 }
 
-/// Gain of the same columns after the sign of each window's residual was drawn anew.
+/// Gain of the same columns with randomly flipped signs of the windows' residuals.
 fn flipped_gain(score: &crate::judge::screen::Score, rng: &mut impl Rng) -> f64 {
     let n = score.inverse.nrows();
     let mut z = nalgebra::DVector::zeros(n);
@@ -255,8 +257,8 @@ fn flipped_gain(score: &crate::judge::screen::Score, rng: &mut impl Rng) -> f64 
         if w % 64 == 0 {
             bits = rng.next_u64();
         }
-        // Whole windows change sign, since samples within one err together; without a further effect
-        // either sign was as likely.
+        // Whole windows are flipped, as samples within one have correlated errors; without a further effect
+        // either sign is equally likely.
         let sign = if bits >> (w % 64) & 1 == 1 { 1.0 } else { -1.0 };
         for (sum, x) in z.iter_mut().zip(window) {
             *sum += sign * x;

@@ -1,4 +1,4 @@
-//! Naming of effects: screening, search, verdict, proof on held-out runs, report.
+//! Names effects: screening, search, verdict, proof on held-out runs, report.
 
 pub mod assess;
 pub mod breadth;

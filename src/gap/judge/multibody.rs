@@ -1,5 +1,5 @@
-//! Joints of a chain in common motion, judged together: the findings at each are fitted again in one rollout
-//! of all, and made no richer than it asks for.
+//! Joints of a chain moving together, judged together: their findings are fitted again in one common rollout,
+//! and simplified as far as it allows.
 
 use crate::{
     fit::{
@@ -46,7 +46,7 @@ pub fn fit_chains(tree: &TwinTree, examined: &mut [Member]) {
     }
 }
 
-/// A joint and all others to move it or be moved by it, at any distance.
+/// A joint and all joints moving it or moved by it, at any distance in the tree.
 fn connected_joints(tree: &TwinTree, joint: usize) -> Vec<usize> {
     let mut all = vec![joint];
     let mut next = 0;
@@ -58,7 +58,7 @@ fn connected_joints(tree: &TwinTree, joint: usize) -> Vec<usize> {
     all
 }
 
-/// Models of joints fitted together, each with its uncertainty; `None` where the joints were not recorded
+/// Models of joints fitted together, each with its uncertainty; `None` if the joints were not recorded
 /// together, nothing was found at any, or held-out runs are predicted no better.
 fn fitted_together(tree: &TwinTree, members: &[&mut Member]) -> Option<Vec<(JointModel, Spread)>> {
     let models: Vec<JointModel> =
@@ -89,8 +89,8 @@ fn fitted_together(tree: &TwinTree, members: &[&mut Member]) -> Option<Vec<(Join
     Some(own)
 }
 
-/// The members' effects fitted together, without those the chain does not need, and special cases in place of
-/// general ones.
+/// The members' effects fitted together, without those unnecessary in the chain, and with special cases in
+/// place of general effects.
 fn simplest_fit(joints: &Joints, models: &[JointModel]) -> Option<MultibodyFit> {
     if joints.window_count() == 0 || models.iter().all(|m| m.terms.is_empty()) {
         return None;
@@ -117,17 +117,18 @@ fn simplest_fit(joints: &Joints, models: &[JointModel]) -> Option<MultibodyFit> 
     }
 }
 
-/// Twice the log likelihood less the prices of the models.
+/// Twice the log likelihood minus the prices of the models.
 fn fit_score(joints: &Joints, fitted: &MultibodyFit) -> f64 {
     let prices = joints.problems.iter().zip(&fitted.models).map(|(p, m)| price_of_model(p, m));
     fitted.twice_likelihood - prices.sum::<f64>()
 }
 
-/// Deviations of a strength from its neutral value to keep its effect.
-/// chosen: twice the log likelihood falls by their square without it, more than any effect costs.
+/// An effect is kept if a strength is at least this many standard deviations from its neutral value.
+/// chosen: without the effect twice the log likelihood falls by the square of this, more than any effect's
+/// price.
 const SURE: f64 = 6.0;
 
-/// The models with one effect less, or a special case in its place; and by how much each may fall behind.
+/// The models with one effect removed, or replaced by a special case, each with its allowed loss of score.
 fn simpler_models(joints: &Joints, fitted: &MultibodyFit) -> Vec<(Vec<JointModel>, f64)> {
     let models = &fitted.models;
     let mut all = Vec::new();
@@ -150,7 +151,7 @@ fn simpler_models(joints: &Joints, fitted: &MultibodyFit) -> Vec<(Vec<JointModel
     all
 }
 
-/// Whether a strength of a term, with columns from `first` on, is far from its neutral value.
+/// Whether any strength of a term, with columns from `first` on, is surely off its neutral value.
 fn has_sure_strength(problem: &Problem, fitted: &MultibodyFit, first: usize, term: &Term) -> bool {
     let parameters = problem.catalogue[term.effect].parameters();
     (0..term.p.len()).any(|k| {

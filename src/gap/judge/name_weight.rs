@@ -1,19 +1,19 @@
-//! Condition of a sole name: its weight among all rivals.
+//! Condition for a single name: its weight among all rivals.
 
-/// Weight of a name.
-/// chosen: one less a level of 5 %, as that of the intervals.
+/// Least weight of a single name.
+/// chosen: one minus a level of 5 %, as for the intervals.
 pub(super) const NAME_WEIGHT: f64 = 0.95;
 
-/// Twice the gain of log likelihood for one of `effects` effects to be there with the weight of a name.
-/// Beforehand each is as likely as any other, and one of them as likely as none.
+/// Least gain of twice the log likelihood for one of `effects` effects to have the weight of a name. A priori
+/// all effects are equally probable, and one effect is as probable as none.
 /// See docs/method.md (14.16).
 #[must_use]
 pub fn least_gain(effects: usize) -> f64 {
     2.0 * (effects as f64 * NAME_WEIGHT / (1.0 - NAME_WEIGHT)).ln()
 }
 
-/// Number of rivals, of weights sorted from the largest, in the smallest class with the weight of a name
-/// together with the one of weight `own`: none where it has this weight alone.
+/// Number of rivals in the smallest class reaching `NAME_WEIGHT` together with the set of weight `own`: none
+/// if this suffices alone. `rivals` are weights sorted from the largest.
 #[must_use]
 pub fn rivals_in_doubt(own: f64, rivals: &[f64]) -> usize {
     let wanted = NAME_WEIGHT * (own + rivals.iter().sum::<f64>());
@@ -25,7 +25,7 @@ pub fn rivals_in_doubt(own: f64, rivals: &[f64]) -> usize {
     held.take_while(|held| *held < wanted).count()
 }
 
-/// The rivals in doubt beside a set of weight 1, heaviest first, and the weight of all.
+/// The rivals in doubt beside a set of weight 1, heaviest first, and the total weight of all.
 #[must_use]
 pub fn in_doubt(mut rivals: Vec<(Vec<usize>, f64)>) -> (Vec<(Vec<usize>, f64)>, f64) {
     rivals.sort_by(|a, b| b.1.total_cmp(&a.1));

@@ -1,4 +1,4 @@
-//! Efforts at a joint by each moment of recorded motion.
+//! Efforts at a joint for each moment of the recorded motion.
 
 use crate::{
     fit::problem::Problem,
@@ -18,28 +18,30 @@ pub struct Observed<'a> {
     pub window: usize,
     /// Position of the joint, rad or m.
     pub q: f64,
-    /// Velocity.
+    /// Velocity, rad/s or m/s.
     pub v: f64,
-    /// Acceleration of the model. The recorded motion's errs with its positions, and a plot over it would
-    /// follow its errors.
+    /// Acceleration of the model. The acceleration of the recorded motion has the errors of its positions,
+    /// and a plot over it would follow these.
     pub a: f64,
-    /// The same a few samples before and after: it shares no error of the efforts with `a`.
+    /// The model's acceleration a few samples before and after: its errors are independent of those of the
+    /// effort here.
     pub about: f64,
     /// Measured effort, N m or N.
     pub u: f64,
     /// Seconds on the common axis of the runs.
     pub t: f64,
-    /// Positions of the other joints.
+    /// Positions of the other joints, rad or m.
     pub others: [f64; 8],
     carried: Option<&'a Carried>,
-    /// The twin's missing effort: required by the motion, less the measured effort and the twin's own.
+    /// The twin's missing effort: required by the motion, minus the measured and the twin's own effort, N m
+    /// or N.
     pub lacking: f64,
-    /// Effort of the model's effects.
+    /// Effort of the model's effects, N m or N.
     pub found: f64,
 }
 
 impl Observed<'_> {
-    /// The moment as an effect sees it.
+    /// The joint state at this moment, as needed by an effect.
     #[must_use]
     pub fn effect_state(&self) -> At<'_> {
         At {
@@ -74,7 +76,7 @@ pub fn observed_moments<'a>(problem: &'a Problem, model: &JointModel) -> Vec<Obs
             let q = (0.5 * (trace.position[k] + trace.position[k + 1]) - sensor.bias) / sensor.scale;
             let v = 0.5 * (trace.velocity[k] + trace.velocity[k + 1]) / sensor.scale;
             let recorded = (trace.velocity[k + 1] - trace.velocity[k]) / (dt * sensor.scale).max(1e-12);
-            // Under a found delay, the efforts as they act.
+            // If a delay was found, the efforts at the time they act.
             let u = model
                 .plant
                 .actuator
@@ -103,10 +105,10 @@ pub fn observed_moments<'a>(problem: &'a Problem, model: &JointModel) -> Vec<Obs
     seen
 }
 
-/// Samples on either side; the mean of their accelerations stands for the one between them.
+/// Offsets of neighboring samples; the mean of their accelerations stands in for the acceleration between.
 const BESIDE: [usize; 2] = [2, 3];
 
-/// Accelerations about the moments of a window.
+/// Sets `about` for the moments of a window.
 fn set_accelerations_beside(window: &mut [Observed]) {
     let a: Vec<f64> = window.iter().map(|o| o.a).collect();
     for (k, o) in window.iter_mut().enumerate() {
@@ -116,7 +118,7 @@ fn set_accelerations_beside(window: &mut [Observed]) {
     }
 }
 
-/// Effort of a model's effects at a moment, without an inertia; `smooth` is the effort without them.
+/// Effort of a model's effects at a moment, except an added inertia; `smooth` is the effort without them.
 fn found_beside_inertia(problem: &Problem, model: &JointModel, o: &Observed, smooth: f64) -> f64 {
     let gain = model.scalar_of(problem.catalogue, Place::Gain).map_or(1.0, |(x, _)| x);
     let mut sum = (gain - 1.0) * o.u;
@@ -125,7 +127,7 @@ fn found_beside_inertia(problem: &Problem, model: &JointModel, o: &Observed, smo
     for term in of(Place::Effort) {
         sum += term.value_at(problem.catalogue, &at);
     }
-    // A contact feels the sum of the others.
+    // A contact acts on the sum of the other efforts.
     at.load = smooth + sum;
     for term in of(Place::Contact) {
         sum += term.value_at(problem.catalogue, &at);

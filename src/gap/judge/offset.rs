@@ -1,5 +1,5 @@
-//! A friction with slightly different bounds either way, or one of the same bound both ways beside an offset
-//! of the effort: the laws are the same, and no motion distinguishes them.
+//! A friction with slightly different bounds in the two directions is the same law as a symmetric one with an
+//! offset of the effort; no motion distinguishes them.
 
 use nalgebra::DMatrix;
 
@@ -9,13 +9,13 @@ use crate::{
     model::joint_model::{JointModel, Term},
 };
 
-/// Deviation of an offset, as a share of the friction beside it.
-/// measured: eval/gap/machines.md; 0.14 to 0.2 of three real machines.
+/// Standard deviation of an offset, as a share of the friction.
+/// measured: eval/gap/machines.md; 0.14 to 0.2 on three real machines.
 const OFFSET: f64 = 0.15;
 
-/// The model with a Coulomb friction and a constant bias in place of an asymmetric friction, where its
-/// asymmetry is likelier an offset of such a size than any between none and all of it. A `given` effect keeps
-/// its name.
+/// Replaces an asymmetric friction by a Coulomb friction and a constant bias if its asymmetry is more
+/// probably such an offset than uniformly distributed between none and all of the friction. `given` effects
+/// keep their names.
 #[must_use]
 pub fn with_offset(
     problem: &Problem,
@@ -38,7 +38,7 @@ pub fn with_offset(
     };
     let mean = 0.5 * (term.p[0] + term.p[1]);
     let half = 0.5 * (term.p[1] - term.p[0]);
-    // Densities of the share: half of a normal distribution, and 1 from none to all.
+    // Densities of the share: half a normal distribution, and a uniform one with density 1.
     let share = half / (mean * OFFSET);
     let density = (2.0 / std::f64::consts::PI).sqrt() / OFFSET * (-0.5 * share * share).exp();
     if !(density > 1.0) {
@@ -47,7 +47,7 @@ pub fn with_offset(
     let mut other = model.clone();
     let place = model.terms.iter().position(|t| t.effect == asymmetric).unwrap_or_default();
     other.terms[place] = Term { effect: coulomb, p: vec![mean] };
-    // Next to it: both take its columns.
+    // In adjacent positions the two terms take over its columns.
     other.terms.insert(place + 1, Term { effect: bias, p: vec![half] });
     let mut by = DMatrix::identity(spread.covariance.nrows(), spread.covariance.nrows());
     let columns = [(at, at, 0.5), (at, at + 1, 0.5), (at + 1, at, -0.5), (at + 1, at + 1, 0.5)];

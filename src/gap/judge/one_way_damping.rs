@@ -1,4 +1,4 @@
-//! Damping that acts in one direction only, as that of a door closer: `effort = -b v` where `v > 0`.
+//! Damping acting in one direction only, as in a door closer: `effort = -b v` where `v > 0`.
 
 use crate::model::{
     effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude_parameter},
@@ -38,7 +38,7 @@ impl Effect for OneWayDamping {
     }
 
     fn in_format(&self, _format: Format, p: &[f64], _plant: &Plant) -> Expression {
-        // Formats damp both ways alike: half of it errs least over a motion to and fro.
+        // Formats damp both directions alike: half of it errs least over a motion to and fro.
         Expression::Approximated(vec![NearestEffect::other_effect("viscous_friction", vec![0.5 * p[0]])])
     }
 }

@@ -1,8 +1,8 @@
-//! Columns of a window, orthogonal to its start state.
+//! Makes the columns of a window orthogonal to its start state.
 
 use crate::fit::acting::{MAX_COLUMNS, Row};
 
-/// Residual, two orthonormal start columns, and parameter columns orthogonal to them.
+/// For each sample: residual, two orthonormal start columns, and the parameter columns orthogonal to these.
 #[must_use]
 pub fn orthogonal_columns(rows: &[Row], free: usize) -> Vec<Row> {
     let mut out: Vec<Row> = rows
@@ -14,7 +14,7 @@ pub fn orthogonal_columns(rows: &[Row], free: usize) -> Vec<Row> {
             o
         })
         .collect();
-    // Gram and Schmidt: the second start column without the first, all others without both.
+    // Gram-Schmidt: the second start column minus its part along the first, all others minus both parts.
     for basis in [1, 2] {
         let norm = out.iter().map(|r| r[basis] * r[basis]).sum::<f64>().sqrt();
         let scale = if norm > 1e-12 { 1.0 / norm } else { 0.0 };

@@ -1,4 +1,4 @@
-//! Before and after on runs unseen by any fit. See docs/method.md 14.12.
+//! Gap before and after on runs unseen by any fit. See docs/method.md 14.12.
 
 use crate::{
     fit::{
@@ -16,24 +16,24 @@ use crate::{
 pub struct RunGap {
     /// Name of the run.
     pub run: String,
-    /// Windows of the twin, start states free.
+    /// Over windows, for the twin, with fitted start states.
     pub before: f64,
-    /// Windows of the updated twin.
+    /// Over windows, for the updated twin.
     pub after: f64,
-    /// The twin from the start of each segment to its end, without correction.
+    /// For the twin simulated over each whole segment, without correction.
     pub full_before: f64,
-    /// The updated twin likewise.
+    /// The same for the updated twin.
     pub full_after: f64,
 }
 
-/// Residuals over all held-out runs.
+/// Root mean square residuals over all held-out runs, rad or m.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gap {
-    /// Windows of the twin.
+    /// Over windows, for the twin.
     pub before: f64,
-    /// Windows of the updated twin.
+    /// Over windows, for the updated twin.
     pub after: f64,
-    /// Noise of the measured positions.
+    /// Standard deviation of the measured positions.
     pub noise_floor: f64,
     /// Each run.
     pub runs: Vec<RunGap>,
@@ -44,40 +44,40 @@ pub struct Gap {
 /// Root mean square residuals of one window, rad or m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WindowGap {
-    /// Of the twin.
+    /// For the twin.
     pub before: f64,
-    /// Of the updated twin.
+    /// For the updated twin.
     pub after: f64,
 }
 
-/// Remaining share of the gap. See docs/method.md (14.19).
+/// Share of the gap left after the update. See docs/method.md (14.19).
 #[must_use]
 pub fn left_of(before: f64, after: f64, noise_floor: f64) -> f64 {
     ((after - noise_floor) / (before - noise_floor).max(1e-300)).max(0.0)
 }
 
-/// Residual of each sample of stretches of a held-out log before and after, and the measured position; for
-/// plots.
+/// Measured position and residuals of stretches of a held-out log, sample by sample, before and after the
+/// update; for plots.
 #[derive(Clone, Debug, Default)]
 pub struct ResidualSeries {
     /// Seconds.
     pub time_s: Vec<f64>,
-    /// Measured position.
+    /// Measured position, rad or m.
     pub position: Vec<f64>,
-    /// Residual of the twin.
+    /// Residual of the twin, rad or m.
     pub before: Vec<f64>,
-    /// Residual of the updated twin.
+    /// Residual of the updated twin, rad or m.
     pub after: Vec<f64>,
     /// Index of the first sample of each stretch.
     pub starts: Vec<usize>,
 }
 
-/// A held-out run for plots.
+/// Residuals of a held-out run, for plots.
 #[derive(Clone, Debug, Default)]
 pub struct RunSeries {
-    /// Its windows, each from a start state of its own.
+    /// Over its windows, each with its own start state.
     pub windows: ResidualSeries,
-    /// Its segments from their first state to their end.
+    /// Over its whole segments, each from its first state.
     pub whole: ResidualSeries,
 }
 
@@ -96,14 +96,15 @@ fn series_of(log: &JointLog, index: usize, both: [&[(Span, Vec<f64>)]; 2]) -> Re
     series
 }
 
-/// A model without the nuisance lag, and its start state of each window by plain least squares.
+/// A model without the nuisance lag, and its start state in each window by plain least squares.
 #[must_use]
 pub fn started_model(problem: &Problem, model: &JointModel) -> (JointModel, Vec<Start>) {
-    // The lag belongs to the stamps of the fitted runs, the lag of a servo to the servo.
+    // The lag belongs to the stamps of the fitted runs and is dropped; the lag of a servo belongs to the
+    // servo.
     let lag_s = if model.plant.actuator.is_late { model.lag_s } else { 0.0 };
     let model = JointModel { lag_s, ..model.clone() };
     let least = EffortNoise::white_noise(problem.min_sigma_u);
-    // With next to no effort noise, whitened residuals are the residuals up to a factor.
+    // With almost no effort noise, whitened residuals equal the residuals up to a factor.
     let starts = shooting_fit(problem, &model, None, least, Free::Starts, Pace::thorough(1)).starts;
     (model, starts)
 }
@@ -115,15 +116,15 @@ pub fn windowed_rmse(held_out: &Problem, model: &JointModel) -> f64 {
     rms(&window_residuals(held_out, &model, &starts).into_iter().flat_map(|(_, r)| r).collect::<Vec<_>>())
 }
 
-/// Compares two models on held-out runs. Start states are estimated for each model by plain least squares;
-/// those of the second are given back.
+/// Compares two models on held-out runs. Start states are fitted for each model by plain least squares; those
+/// of the second are returned.
 #[must_use]
 pub fn proven_gap(
     held_out: &Problem,
     before: &JointModel,
     after: &JointModel,
 ) -> (Gap, Vec<RunSeries>, Vec<Start>) {
-    // Each model starts where it fits best; else one would pay for start states of the other.
+    // Each model starts where it fits best, or one would suffer from the start states of the other.
     let [(before, before_starts), (after, after_starts)] =
         [before, after].map(|m| started_model(held_out, m));
     let one = window_residuals(held_out, &before, &before_starts);
@@ -161,7 +162,7 @@ fn rms_of_log(all: &[(Span, Vec<f64>)], index: usize) -> f64 {
     rms(&own.collect::<Vec<f64>>())
 }
 
-/// Residuals of each window from its start state.
+/// Residuals of each window simulated from its start state.
 #[must_use]
 pub fn window_residuals(problem: &Problem, model: &JointModel, starts: &[Start]) -> Vec<(Span, Vec<f64>)> {
     let drives = problem.model_drives(model);
@@ -179,7 +180,7 @@ pub fn window_residuals(problem: &Problem, model: &JointModel, starts: &[Start])
         .collect()
 }
 
-/// Residuals of whole segments; each starts in the state of its first window.
+/// Residuals of whole segments, each simulated from the start state of its first window.
 fn full_residuals(problem: &Problem, model: &JointModel, starts: &[Start]) -> Vec<(Span, Vec<f64>)> {
     let drives = problem.model_drives(model);
     let mut rollout = Rollout::default();

@@ -1,4 +1,4 @@
-//! Parameters as they are reported: fitted with small steps.
+//! Parameters as reported: fitted with small steps.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -16,17 +16,17 @@ use crate::{
     },
 };
 
-/// Least gain of log likelihood by a step before another one.
+/// Least gain of log likelihood by a step for another one to follow.
 /// chosen: half of the search's, as this is the last fit.
 const ENOUGH: f64 = 0.1;
-/// Settle times beside the best one, as shares of it: the grid's ratio of two is too coarse for an average.
-/// chosen: likely times lie close about the best.
+/// Settle times around the best one, as shares of it: the grid's ratio of two is too coarse for an average.
+/// chosen: likely times are close to the best.
 const NEAR: [f64; 4] = [0.7, 0.85, 1.2, 1.45];
 
 /// The model fitted with small steps, averaged over the settle times of friction by their likelihood, and its
-/// covariance with the moves of the parameters by the small steps and with the settle time: neither is known
-/// better. A delay is not known better than the stamps. Where something remains beyond noise, with its
-/// perhaps common part, and with the gain of the effort's sensor.
+/// uncertainty. The covariance includes the moves of the parameters due to the step size, to the settle time,
+/// and for a delay to the stamps. If something remains beyond noise, it also includes an error common to all
+/// windows and the gain error of the effort sensor.
 #[must_use]
 pub fn refined_model(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
     let problem = &problem.with_small_steps();
@@ -67,25 +67,25 @@ pub fn refined_model(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
     for (i, before) in coarse.model.free_parameters().into_iter().enumerate() {
         let spread: f64 =
             own.iter().zip(&weights).map(|(p, w)| w * (p[i] - parameters[i]).powi(2)).sum::<f64>() / total;
-        // Left by small steps, a third of their shift, and the spread over settle times.
+        // The error left by small steps, a third of their shift, and the spread over settle times.
         covariance[(i, i)] += (own[0][i] - before).powi(2) / STEP_RATIO + spread;
     }
     let model =
         JointModel { settle_s: mean(&|f| f.model.settle_s), ..fine.model.with_parameters(&parameters) };
-    // Beside a delay the lag was held at zero, and is as uncertain as its prior.
+    // With a delay in the model the lag was held at zero; its prior uncertainty is added.
     if let Some((_, at)) = model.scalar_of(problem.catalogue, Place::Delay) {
         covariance[(at, at)] += problem.lag_sigma_s * problem.lag_sigma_s;
     }
     (model, Spread { covariance, witnesses: fine.witnesses })
 }
 
-/// A fit from another one, with a given settle time.
+/// Refits with a given settle time, from another fit.
 fn fit_at(problem: &Problem, settle_s: f64, from: &Fit, pace: Pace) -> Fit {
     let model = JointModel { settle_s, ..from.model.clone() };
     shooting_fit(problem, &model, Some(&from.starts), from.noise, Free::All, pace)
 }
 
-/// Change of the parameters with a measured effort larger by one deviation of its sensor's gain.
+/// Change of the parameters if the measured effort is larger by one standard deviation of its sensor's gain.
 fn by_gain(problem: &Problem, fitted: &Fit, pace: Pace) -> Option<DVector<f64>> {
     let mut model = fitted.model.clone();
     if !model.plant.actuator.is_measured() {
@@ -96,8 +96,8 @@ fn by_gain(problem: &Problem, fitted: &Fit, pace: Pace) -> Option<DVector<f64>> 
     Some(DVector::from_vec(other.free_parameters()) - DVector::from_vec(fitted.model.free_parameters()))
 }
 
-/// Ratio of the squared shift between steps of the search and of the last fit to the remaining squared error:
-/// the error of a step is of first order at worst, and the last one is a quarter.
+/// Ratio of the squared shift between the steps of the search and of the last fit to the squared error still
+/// left: the error is of first order in the step at worst, and the last step is a quarter.
 /// derived: `((1 - 1/4) / (1/4))^2`.
 const STEP_RATIO: f64 = 9.0;
 

@@ -1,4 +1,4 @@
-//! A joint with doubtful input: a report without a diagnosis.
+//! The report of a joint with doubtful input, without a diagnosis.
 
 use super::{
     assess::{Runs, all_tracks, unproven_report},
@@ -14,7 +14,7 @@ use crate::{
     },
 };
 
-/// The report of a joint without a diagnosis: any effect would be one of the input.
+/// The report of a joint without a diagnosis: any effect found might only reflect the input.
 #[must_use]
 pub fn refused_report(effects: &Catalogue, plant: &Plant, doubt: &Doubt, runs: Runs) -> JointReport {
     let turns = runs.turns;

@@ -1,5 +1,5 @@
-//! Efforts of several effects regressed together on the misses of a fitted model, along the measured motion:
-//! fits from there begin in the right basin where effects found one by one take each other's place.
+//! Regression of several effects together on the residuals of a fitted model, along the measured motion. Fits
+//! started from it reach the right basin even if effects found one by one would imitate each other.
 
 use crate::{
     fit::problem::Problem,
@@ -13,12 +13,12 @@ use crate::{
     },
 };
 
-/// Tried shapes of an effect beside others.
-/// derived: the best alone, and the next one, should another effect take the place of the first.
+/// Number of shapes tried for each effect in a regression.
+/// derived: the best one alone, and the next one if another effect takes its place.
 const SHAPES: usize = 2;
 
-/// Amplitudes of effects at given shapes, all together, and their gain of twice the log likelihood to first
-/// order. `None` where the columns do not separate them.
+/// Amplitudes of effects with given shapes, regressed together, and the gain of twice the log likelihood to
+/// first order. `None` if the columns cannot be separated.
 #[must_use]
 pub fn regressed_terms(
     problem: &Problem,
@@ -61,7 +61,7 @@ pub fn regressed_terms(
     Some((score.gain, found))
 }
 
-/// Whether an effect is linear in its amplitudes as an effort along a measured motion is.
+/// Whether an effect acts as an effort along a measured motion, linear in its amplitudes.
 fn is_effort(problem: &Problem, effect: usize) -> bool {
     !matches!(
         problem.catalogue[effect].place(),
@@ -69,7 +69,7 @@ fn is_effort(problem: &Problem, effect: usize) -> bool {
     )
 }
 
-/// A model with its efforts regressed together; the others as they are.
+/// A model with its efforts regressed together; its other effects are unchanged.
 #[must_use]
 pub fn regressed_model(problem: &Problem, screen: &Screen, model: &JointModel) -> Option<JointModel> {
     let (efforts, others): (Vec<Term>, Vec<Term>) =
@@ -79,8 +79,8 @@ pub fn regressed_model(problem: &Problem, screen: &Screen, model: &JointModel) -
     Some(JointModel { terms, ..model.clone() })
 }
 
-/// Models of one effect, two, and so on, each with the further effect of most gain in a regression of all of
-/// them less the price of the parameters; while it gains.
+/// Models of one effect, two, and so on. Each adds the effect with the largest gain in a regression of all,
+/// minus the price of the parameters, as long as this increases.
 #[must_use]
 pub fn regressed_sets(
     problem: &Problem,

@@ -22,38 +22,38 @@ use crate::{
 pub struct JointReport {
     /// Name of the joint.
     pub joint: String,
-    /// The joint turns.
+    /// Whether the joint is revolute.
     pub turns: bool,
     /// Diagnosis.
     pub diagnosis: Diagnosis,
-    /// Before and after on held-out runs, where there are any.
+    /// Gap before and after on the held-out runs; `None` without any.
     pub gap: Option<Gap>,
-    /// Residuals of the held-out runs, under the nearest effects where nothing is named; for plots.
+    /// Residuals of the held-out runs, with the nearest effects if none is named; for plots.
     pub series: Vec<RunSeries>,
-    /// The findings as laws; for plots.
+    /// The findings as laws of effort over a variable; for plots.
     pub laws: Vec<Law>,
     /// Positions of all runs; for plots.
     pub tracks: Vec<Track>,
     /// Range of the fitted motion.
     pub coverage: Coverage,
-    /// The joint in the file of each format, where effects were named.
+    /// The joint in the file of each format, if effects were named.
     pub in_format: Vec<FormatModel>,
-    /// Windows of the held-out runs with their start states of the updated twin.
+    /// Windows of the held-out runs with the updated twin's start states.
     pub replay: Vec<ReplayWindow>,
-    /// Before and after on held-out runs with the nearest effects, where none is named.
+    /// Gap on the held-out runs with the nearest effects, if none is named.
     pub nearest: Option<Gap>,
-    /// Poses of the part out of the joint's reach, where poses were read.
+    /// Off-axis evidence from measured poses of the part, if there are any.
     pub off_axis: Option<OffAxis>,
-    /// Why it is not diagnosed, where twin and recording do not mean the same by their numbers.
+    /// Why there is no diagnosis: twin and recording seem to use different conventions.
     pub doubt: Option<Doubt>,
 }
 
-/// Measured positions of a run, or of a part of it.
+/// Measured positions of a run, or of part of one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Track {
     /// Run.
     pub run: String,
-    /// Only the proof reads it.
+    /// Whether the run is used for the proof only.
     pub is_held_out: bool,
     /// Seconds.
     pub time_s: Vec<f64>,
@@ -61,15 +61,15 @@ pub struct Track {
     pub position: Vec<f64>,
 }
 
-/// A window of a held-out run: with the recorded efforts from this state on, the updated twin gives the
-/// `after` residual.
+/// A window of a held-out run. Simulated from this state with the recorded efforts, the updated twin has the
+/// residual `after`.
 #[derive(Clone, Debug, Serialize, PartialEq)]
 pub struct ReplayWindow {
     /// Joint.
     pub joint: String,
     /// Run.
     pub run: String,
-    /// First sample, seconds from the first of the recording.
+    /// Time of the first sample, seconds from the start of the recording.
     pub start_s: f64,
     /// Number of samples.
     pub samples: usize,
@@ -79,7 +79,7 @@ pub struct ReplayWindow {
     pub velocity: f64,
 }
 
-/// Fate of an effect in a format.
+/// What happens to an effect in a format.
 #[derive(Clone, Debug, Serialize, PartialEq)]
 pub struct ExportNote {
     /// `urdf`, `mjcf`, `sdf` or `usd`.
@@ -93,15 +93,15 @@ pub struct ExportNote {
     /// `native`, `approximated`, `fitted again`, `replaced`, `left out`, `kept` (the twin's values),
     /// `not expressible`, or `not written` with the reason.
     pub status: String,
-    /// The effects in its place, or the effect with other parameters.
+    /// The effects replacing it, or the effect itself with other parameters.
     pub by: Vec<Held>,
-    /// Root mean square residual of the held-out runs with all of the joint's effects in the file, rad or m.
+    /// Root mean square residual of the held-out runs with the joint's effects in the file, rad or m.
     pub rmse: Option<f64>,
-    /// The twin's.
+    /// The same for the twin.
     pub before: Option<f64>,
 }
 
-/// An effect as a file has it.
+/// An effect as written in a file.
 #[derive(Clone, Debug, Serialize, PartialEq)]
 pub struct Held {
     /// Effect.
@@ -110,7 +110,7 @@ pub struct Held {
     pub parameters: Vec<HeldParameter>,
 }
 
-/// A parameter as a file has it.
+/// A parameter as written in a file.
 #[derive(Clone, Debug, Serialize, PartialEq)]
 pub struct HeldParameter {
     /// Name.
@@ -121,24 +121,24 @@ pub struct HeldParameter {
     pub unit: String,
 }
 
-/// `report.json`.
+/// Content of `report.json`.
 #[derive(Debug, Serialize)]
 pub struct Report {
     verdict: String,
     findings: Vec<FindingJson>,
-    /// Further effects in the files, since unseen runs are better with them; they may as well be absent.
+    /// Further effects in the files, improving unseen runs although they may be absent.
     unsure: Vec<FindingJson>,
-    /// Under `unknown`: the nearest effects, with too little explanation for a finding.
+    /// Under the verdict `unknown`: the nearest effects, explaining too little to be findings.
     nearest: Vec<NearestJson>,
     r#where: Vec<WhereJson>,
     gap: GapJson,
-    /// Remainder beside named effects, beyond noise.
+    /// Gap left beside named effects, beyond noise.
     remainder: Vec<RemainderJson>,
-    /// Poses of the parts out of the joints' reach.
+    /// Off-axis evidence from measured poses of the parts.
     off_axis: Vec<OffAxisJson>,
-    /// Findings of servos and of efforts without a known unit.
+    /// Fitted parameters of servos, and of efforts in an unknown unit.
     actuators: Vec<ActuatorJson>,
-    /// Joints without a diagnosis, since twin and recording do not mean the same by their numbers.
+    /// Joints without a diagnosis: twin and recording seem to use different conventions.
     doubts: Vec<DoubtJson>,
     exports: Vec<ExportNote>,
 }
@@ -192,27 +192,27 @@ struct WhereJson {
     p: f64,
 }
 
-/// The verdict over all joints: what was found anywhere counts before what was not.
+/// The verdict over all joints: findings at any joint count before their absence.
 #[must_use]
 pub fn overall_verdict(joints: &[JointReport]) -> Verdict {
     let order = [Verdict::Unknown, Verdict::Ambiguous, Verdict::Named, Verdict::Insufficient];
     order.into_iter().find(|v| joints.iter().any(|j| j.diagnosis.verdict == *v)).unwrap_or(Verdict::None)
 }
 
-/// The joint of the headline gap: the one with the largest gap relative to its noise, findings first.
+/// The joint shown in the headline: the one with the largest gap relative to its noise, findings first.
 #[must_use]
 pub fn main_joint(joints: &[JointReport]) -> Option<&JointReport> {
     let size = |j: &JointReport| j.gap.as_ref().map_or(-1.0, |g| headline_size(j, g));
     joints.iter().filter(|j| j.gap.is_some()).max_by(|a, b| size(a).total_cmp(&size(b)))
 }
 
-/// The gap over its noise, larger than any other where effects were found.
+/// The gap relative to its noise, plus a large number if effects were found.
 fn headline_size(joint: &JointReport, gap: &Gap) -> f64 {
     let found = f64::from(u8::from(!joint.diagnosis.findings.is_empty()));
     found * 1e12 + gap.before / gap.noise_floor.max(1e-12)
 }
 
-/// The report.
+/// The content of `report.json` for all joints.
 #[must_use]
 pub fn report(joints: &[JointReport], exports: Vec<ExportNote>) -> Report {
     let unit = |j: &JointReport| if j.turns { "rad" } else { "m" }.to_owned();
@@ -255,7 +255,7 @@ fn actuator_json(joint: &JointReport) -> Option<ActuatorJson> {
 }
 
 fn runs_of(joint: &JointReport, gap: &Gap) -> Vec<RunJson> {
-    // Over a whole run an unstable twin may leave all bounds, and JSON has no infinity.
+    // Over a whole run an unstable twin may diverge, and JSON has no infinity.
     let finite = |x: f64| x.is_finite().then_some(x);
     let mut runs = Vec::with_capacity(gap.runs.len());
     for r in &gap.runs {
@@ -272,15 +272,15 @@ fn runs_of(joint: &JointReport, gap: &Gap) -> Vec<RunJson> {
     runs
 }
 
-/// Least reported share of the gap left by names.
+/// A remainder beside named effects is reported from this share of the gap.
 /// chosen: the level of the intervals.
 const REPORTED_SHARE: f64 = 0.05;
-/// The same as a multiple of the noise.
+/// A remainder is reported from this multiple of the noise.
 /// chosen: three standard deviations.
 pub const REPORTED_NOISES: f64 = 3.0;
 
 impl JointReport {
-    /// Remainder beside names, beyond noise: its share of the gap, and its multiple of the noise.
+    /// Remainder beside named effects, beyond noise: its share of the gap, and its multiple of the noise.
     #[must_use]
     pub fn remainder_of_gap(&self) -> Option<(f64, f64)> {
         let gap = self.gap.as_ref().filter(|_| !self.diagnosis.findings.is_empty())?;
@@ -343,13 +343,13 @@ fn finding_json_of(joint: &JointReport, f: &Finding) -> FindingJson {
     }
 }
 
-/// Level of a reported dependence.
+/// Level below which a dependence is reported.
 /// chosen: the accepted share of false alarms.
 const LEVEL: f64 = 0.05;
 
 fn places_json(joint: &JointReport) -> Vec<WhereJson> {
     let d = &joint.diagnosis;
-    // Without an explanation the updated model fails there; with one the twin did.
+    // Without findings this is where the updated model fails; with findings, where the twin did.
     d.before
         .iter()
         .filter(|w| w.q <= LEVEL && w.gain > 2.0 * w.bins.len() as f64 + 10.0)
@@ -440,12 +440,12 @@ pub fn summary_of_joints(joints: &[JointReport]) -> String {
     lines.join("\n") + "\n"
 }
 
-/// A parameter with its interval.
+/// A parameter with its interval, in words.
 fn words(p: &ParameterEstimate) -> String {
     format!("{} {:.4} [{:.4}, {:.4}] {}", p.name, p.value, p.interval.0, p.interval.1, p.unit)
 }
 
-/// The gap as a bar of 30 characters: noise, remainder, closed part; logarithmic.
+/// The gap as a bar of 30 characters on a logarithmic scale: noise, remainder, closed part.
 fn bar(gap: &Gap) -> String {
     let top = (gap.before / gap.noise_floor.max(1e-12)).max(1.0).ln().max(1e-9);
     // derived: 30 characters.

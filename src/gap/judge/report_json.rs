@@ -1,17 +1,17 @@
-//! Findings and gaps as they stand in `report.json`, and what is read of it again. `null` is a number that is
-//! not finite, or not known.
+//! Findings and gaps as written to `report.json` and read from it. `null` stands for a number not finite or
+//! unknown.
 
 use serde::{Deserialize, Serialize};
 
-/// What is read of a `report.json`, of this version or an earlier one. Other keys may hold anything.
+/// The parts read from a `report.json`, of this version or an earlier one. Other keys are ignored.
 #[derive(Debug, Deserialize)]
 pub struct ReadDiagnosis {
     /// The verdict over all joints.
     pub verdict: String,
-    /// What was named.
+    /// Named effects.
     #[serde(default)]
     pub findings: Vec<FindingJson>,
-    /// Before and after.
+    /// Gap before and after the update.
     #[serde(default)]
     pub gap: GapJson,
 }
@@ -57,11 +57,11 @@ pub struct ParameterJson {
 #[derive(Debug, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct GapJson {
-    /// Of the twin.
+    /// With the twin.
     pub before: Option<f64>,
-    /// With what was found.
+    /// With the findings.
     pub after: Option<f64>,
-    /// Of the readings alone.
+    /// Expected from the noise of the readings alone.
     pub noise_floor: Option<f64>,
     /// `rad` or `m`.
     pub unit: Option<String>,

@@ -1,5 +1,5 @@
-//! Score test: the explanation by every candidate of a fitted model's residuals, to first order, at every
-//! shape. See docs/method.md (14.14).
+//! Score test: how much of a fitted model's residuals each candidate effect would explain, to first order,
+//! for each of its shapes. See docs/method.md (14.14).
 
 use nalgebra::{DMatrix, DVector};
 
@@ -20,84 +20,84 @@ use crate::{
     record::log::Span,
 };
 
-/// Least share of a column's information outside the span of the model's own parameters, and the addition to
-/// it for a finite inverse.
+/// Least share of a column's information outside the span of the model's own parameters, and the relative
+/// increase of the rest for a finite inverse.
 /// chosen: above rounding, below any visible effect.
 const SPANNED: [f64; 2] = [1e-6, 1e-7];
-/// Most columns of one score.
+/// Most columns in one score test.
 const MAX_TESTED: usize = 32;
 
 /// A fitted model's whitened residuals and the columns of its own unknowns.
 pub struct Screen<'p, 'c> {
     problem: &'p Problem<'c>,
-    /// Of the fitted model.
+    /// Whitening filter of the fitted model.
     pub whitening: Whitening,
-    /// Per window and sample: residual, two start columns, parameter columns; residual and parameters are
-    /// orthogonal to the start columns, and these to each other.
+    /// For each window and sample: residual, two start columns, parameter columns. The start columns are
+    /// orthonormal, the others orthogonal to them.
     windows: Vec<Vec<Row>>,
     /// Number of parameter columns.
     parameters: usize,
     /// Inverse of the parameters' normal matrix.
     inverse: DMatrix<f64>,
-    /// Parameters' products with the residual; near zero at a minimum.
+    /// Products of the parameter columns with the residual; near zero at a minimum.
     gradient: DVector<f64>,
-    /// Middle states of every log.
+    /// States halfway between the samples of every log.
     middle: Vec<Middle>,
     /// Predicted positions of each window.
     predicted: Vec<Vec<f64>>,
-    /// Positions and times of each window.
+    /// Ranges of position and time of each window.
     extents: Vec<Extent>,
 }
 
-/// States between samples.
+/// States halfway between samples.
 #[derive(Clone, Debug, Default)]
 pub struct Middle {
     /// Position.
     pub position: Vec<f64>,
-    /// Velocity.
+    /// Velocity, rad/s or m/s.
     pub velocity: Vec<f64>,
     /// Effort of the actuator.
     pub effort: Vec<f64>,
-    /// Its derivative by the recorded signal.
+    /// Derivative of this effort with respect to the recorded signal.
     pub by_signal: Vec<f64>,
     /// Acceleration of the model.
     pub acceleration: Vec<f64>,
     /// Acceleration of the smoothed motion.
     pub measured: Vec<f64>,
-    /// Share of a friction's bound against the motion, with its sign: 1 on the way up, about 0 at rest.
+    /// Signed share of the friction bound acting against the motion: 1 while moving up, about 0 at rest.
     pub grip: Vec<f64>,
     /// Positions of the other joints.
     pub others: Vec<[f64; 8]>,
 }
 
-/// Explanation by a set of columns.
+/// Result of a score test for a set of columns.
 #[derive(Clone, Debug)]
 pub struct Score {
-    /// Twice the gain of log likelihood.
+    /// Twice the gain of log likelihood, to first order.
     pub gain: f64,
-    /// Estimated amplitudes.
+    /// Estimated amplitude of each column.
     pub amplitude: Vec<f64>,
-    /// Squared normal scores of the single columns.
+    /// Squared normal score of each column alone.
     pub single: Vec<f64>,
-    /// Each window's products with the residual, for tests by sign flips.
+    /// Products of each window's columns with its residual, for tests by sign flips.
     pub products: Vec<Vec<f64>>,
     /// Inverse of the columns' normal matrix.
     pub inverse: DMatrix<f64>,
 }
 
-/// An effect at a shape, with its score.
+/// An effect with a shape, and its score.
 #[derive(Clone, Debug)]
 pub struct Hit {
     /// Index in the catalogue.
     pub effect: usize,
-    /// Start of a fit.
+    /// Parameters for the start of a fit.
     pub p: Vec<f64>,
-    /// Score.
+    /// Twice the gain of log likelihood, to first order.
     pub gain: f64,
 }
 
 impl<'p, 'c> Screen<'p, 'c> {
-    /// Prepares the score test at a fit.
+    /// Prepares score tests for a fit.
     #[must_use]
     pub fn new(problem: &'p Problem<'c>, fit: &Fit) -> Self {
         let whitening = Whitening::new(problem, &fit.model, &fit.noise);
@@ -129,7 +129,7 @@ impl<'p, 'c> Screen<'p, 'c> {
         }
         normal[(0, 0)] += 1.0 / (problem.lag_sigma_s * problem.lag_sigma_s);
         for i in 0..free {
-            // An undetermined parameter must not stop the inversion.
+            // An undetermined parameter must not prevent the inversion.
             normal[(i, i)] = normal[(i, i)] * (1.0 + 1e-9) + 1e-12;
         }
         let inverse = normal.try_inverse().unwrap_or_else(|| DMatrix::zeros(free, free));
@@ -138,14 +138,14 @@ impl<'p, 'c> Screen<'p, 'c> {
         Self { problem, whitening, windows, parameters: free, inverse, gradient, middle, predicted, extents }
     }
 
-    /// Middle states of every log.
+    /// States halfway between the samples of every log.
     #[must_use]
     pub fn middle_states(&self) -> &[Middle] {
         &self.middle
     }
 
-    /// Scores `count` columns. `fill(window, span, columns)` writes the efforts of columns of amplitude one
-    /// at each sample of a window, and marks the columns with others than zero.
+    /// Scores `count` columns. `fill(window, span, columns)` writes each column's effort for an amplitude of
+    /// one at each sample of a window, and marks the nonzero columns as active.
     pub fn score_columns(&self, count: usize, fill: impl FnMut(usize, Span, &mut Columns)) -> Option<Score> {
         match (3 + self.parameters).next_multiple_of(4) {
             4 => self.score_width::<4>(count, fill),
@@ -193,7 +193,8 @@ impl<'p, 'c> Screen<'p, 'c> {
             for i in (0..count).filter(|&i| columns.active[i]) {
                 for j in (0..=i).filter(|&j| columns.active[j]) {
                     let dot: f64 = seen[i].iter().zip(&seen[j]).map(|(a, b)| a * b).sum();
-                    // The start columns are orthonormal: their part of two columns comes off by two products.
+                    // The start columns are orthonormal: two products remove their part from the product of
+                    // two columns.
                     let dot = dot - starts[i][0] * starts[j][0] - starts[i][1] * starts[j][1];
                     normal[(i, j)] += dot;
                     if i != j {
@@ -214,7 +215,7 @@ impl<'p, 'c> Screen<'p, 'c> {
     ) -> Option<Score> {
         let count = normal.nrows();
         let raw: Vec<f64> = (0..count).map(|i| normal[(i, i)]).collect();
-        // (14.14): the part within the model's own parameters comes off.
+        // (14.14): remove the part explained by the model's own parameters.
         normal -= with_parameters * &self.inverse * with_parameters.transpose();
         let taken = with_parameters * &self.inverse * &self.gradient;
         let gradient = DVector::from_fn(count, |i, _| products.iter().map(|w| w[i]).sum::<f64>() - taken[i]);
@@ -230,7 +231,7 @@ impl<'p, 'c> Screen<'p, 'c> {
             }
         }
         for i in 0..count {
-            // So much information leaves an amplitude of zero, and a finite inverse.
+            // A huge diagonal sets this amplitude to zero and keeps the inverse finite.
             if normal[(i, i)].is_infinite() {
                 normal[(i, i)] = 1e300;
             }
@@ -247,7 +248,7 @@ impl<'p, 'c> Screen<'p, 'c> {
         })
     }
 
-    /// The best shapes of an effect, best first, `keep` at most.
+    /// The best shapes of an effect, best first, at most `keep`.
     #[must_use]
     pub fn best_hits(&self, index: usize, keep: usize) -> Vec<Hit> {
         let effect = self.problem.catalogue[index].as_ref();
@@ -262,13 +263,13 @@ impl<'p, 'c> Screen<'p, 'c> {
         hits
     }
 
-    /// The middle states of every log as effects see them.
+    /// The intermediate states of every log, as needed by effects.
     #[must_use]
     pub fn all_states(&self) -> Vec<Vec<At<'_>>> {
         (0..self.problem.logs.len()).map(|log| self.states_of_log(log)).collect()
     }
 
-    /// The middle states of a log.
+    /// The intermediate states of one log.
     fn states_of_log(&self, index: usize) -> Vec<At<'_>> {
         let log = &self.problem.logs[index];
         let m = &self.middle[index];
@@ -298,7 +299,7 @@ impl<'p, 'c> Screen<'p, 'c> {
     ) -> Option<Hit> {
         let score = self.score_columns(amplitude_count(effect), self.column_filler(effect, shape, states))?;
         let mut p = shape.to_vec();
-        // Delay and play are tested at their full size: it is the start already.
+        // Delay and play are tested at their full size, so the shape is already the start.
         if !matches!(effect.place(), Place::Delay | Place::Play) {
             for (i, a) in score.amplitude.iter().enumerate() {
                 let (low, high) = effect.parameter_bounds(i, &self.problem.coverage);
@@ -308,7 +309,8 @@ impl<'p, 'c> Screen<'p, 'c> {
         Some(Hit { effect: index, p, gain: score.gain })
     }
 
-    /// A function to fill the columns of the amplitudes of an effect; `states` are those of every log.
+    /// Returns a function filling the columns of an effect's amplitudes; `states` holds the states of every
+    /// log.
     pub fn column_filler<'s>(
         &'s self,
         effect: &'s dyn Effect,
@@ -325,7 +327,7 @@ impl<'p, 'c> Screen<'p, 'c> {
                 }
             }),
             Place::Delay => {
-                // The effort is not linear in the delay: each delay of the grid is a column of its own.
+                // The effort is not linear in the delay, so each delay of the grid is tested separately.
                 let late = problem.drives_late(shape[0]);
                 Box::new(move |_, span, columns| {
                     let d = &late[span.log];
@@ -337,8 +339,7 @@ impl<'p, 'c> Screen<'p, 'c> {
                     }
                 })
             }
-            // The predicted motion, not the measured one: a measured position has gone through the play
-            // already.
+            // Uses the predicted motion: the measured position has already passed through the play.
             Place::Play => Box::new(move |window, span, columns| {
                 let half_gap = shape[0];
                 let predicted = &self.predicted[window];
@@ -360,7 +361,7 @@ impl<'p, 'c> Screen<'p, 'c> {
         }
     }
 
-    /// The efforts of all amplitudes of an effect over a window.
+    /// Writes the efforts of all amplitudes of an effect over a window.
     fn fill_responses(
         &self,
         effect: &dyn Effect,
@@ -374,7 +375,7 @@ impl<'p, 'c> Screen<'p, 'c> {
         for (i, at) in states.iter().enumerate() {
             let mut r = Response::default();
             effect.write_response(at, shape, &mut r);
-            // Near rest friction takes up the acting effort, not its bound: a larger bound changes little.
+            // Near rest friction balances the acting effort, so a larger bound changes little.
             let factor = if is_friction { -grip[i] } else { 1.0 };
             for ((effort, active), by) in columns.effort.iter_mut().zip(&mut columns.active).zip(&r.p) {
                 effort[i] = factor * by;
@@ -383,13 +384,13 @@ impl<'p, 'c> Screen<'p, 'c> {
         }
     }
 
-    /// The effort at a sample by amplitude one of an effect without an effort of its own.
+    /// The effort at a sample equivalent to amplitude one of an effect not itself an effort.
     fn scalar_effort(&self, place: Place, log: usize, k: usize) -> f64 {
         let m = &self.middle[log];
         let load = || self.problem.plant.load_at(self.problem.logs[log].carried.get(k), m.position[k]);
-        // First-order changes of (14.3), a recorded position y being s q + o.
+        // First-order changes of (14.3) for a recorded position y = s q + o.
         match place {
-            // The machine's acceleration, where the model is far from it.
+            // The measured acceleration, for a model far from the machine.
             Place::Inertia if self.problem.weighing != Weighing::Innovations => -m.measured[k],
             Place::Inertia => -m.acceleration[k],
             Place::Gain => m.effort[k],
@@ -403,13 +404,13 @@ impl<'p, 'c> Screen<'p, 'c> {
     }
 }
 
-/// Number of an effect's amplitudes among its parameters; they come first.
+/// Number of an effect's amplitudes; they are its first parameters.
 #[must_use]
 pub fn amplitude_count(effect: &dyn Effect) -> usize {
     effect.parameters().iter().filter(|p| p.neutral.is_some()).count()
 }
 
-/// Positions and times of a window.
+/// Ranges of position and time of all windows.
 fn window_extents(problem: &Problem, middle: &[Middle]) -> Vec<Extent> {
     let mut extents = Vec::with_capacity(problem.windows.len());
     for span in &problem.windows {
@@ -424,7 +425,7 @@ fn window_extents(problem: &Problem, middle: &[Middle]) -> Vec<Extent> {
     extents
 }
 
-/// States between samples and the model's acceleration there.
+/// States halfway between samples, with the model's acceleration there.
 fn middles_of_logs(problem: &Problem, model: &JointModel) -> Vec<Middle> {
     let catalogue: &Catalogue = problem.catalogue;
     let added = model.scalar_of(catalogue, Place::Inertia).map_or(0.0, |(x, _)| x);
@@ -460,7 +461,7 @@ fn middles_of_logs(problem: &Problem, model: &JointModel) -> Vec<Middle> {
             let sum = acting.efforts_at(&at);
             let free = u + sum.effort;
             let slow = STILL * problem.coverage.speed.1;
-            // At rest friction takes up the acting effort, as far as its bound reaches.
+            // At rest friction balances the acting effort, up to its bound.
             let friction = if v.abs() > slow {
                 sum.friction * v.signum()
             } else {

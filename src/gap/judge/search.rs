@@ -1,5 +1,5 @@
-//! Search for the best set of effects of the logs: singles, then pairs and triples grown from several of
-//! them.
+//! Searches the best set of effects for the logs: single effects, then pairs and triples grown from several
+//! of them.
 
 use rayon::prelude::*;
 
@@ -39,37 +39,37 @@ impl Candidate {
     }
 }
 
-/// Limits of a search.
+/// What a search may find.
 #[derive(Clone, Copy, Debug)]
 pub struct Scope<'a> {
-    /// Indices of effects in the catalogue.
+    /// Catalogue indices of the effects tried.
     pub effects: &'a [usize],
-    /// Tried sets beside those grown one by one; the fits begin at their parameters.
+    /// Additional sets to be tried; their fits start from these parameters.
     pub seeds: &'a [JointModel],
-    /// Least gain of score by one more effect.
+    /// Least gain of score for one more effect.
     pub least_gain: f64,
 }
 
-/// Sets by size: index 0 holds the twin itself, then singles, pairs, ...; each sorted, best first.
+/// Fitted sets by size: index 0 holds the twin itself, then singles, pairs, ...; each list best first.
 #[derive(Debug)]
 pub struct Search {
-    /// Candidates by the number of effects.
+    /// Candidates, by number of effects.
     pub by_size: Vec<Vec<Candidate>>,
-    /// Index of the disturbance in the catalogue.
+    /// Catalogue index of the disturbance.
     pub disturbance: Option<usize>,
-    /// Least gain of score by one more effect.
+    /// Least gain of score for one more effect.
     pub least_gain: f64,
 }
 
 impl Search {
-    /// The smallest set without a larger one ahead by the gain wanted of one more effect.
+    /// The largest set whose score exceeds that of the accepted smaller one by the wanted gain.
     #[must_use]
     pub fn accepted_set(&self) -> &Candidate {
         let nothing = self.by_size[0][0].score;
         let mut best = &self.by_size[0][0];
         for sets in self.by_size.iter().skip(1) {
             let gained = best.score - nothing;
-            // Sets behind the finalists were not fitted to the end.
+            // Sets after the finalists were not fitted to the end.
             let mut finalists = sets.iter().take(FINALISTS);
             if let Some(first) = finalists.find(|c| c.score > best.score + self.wanted_gain(c, gained)) {
                 best = first;
@@ -78,16 +78,16 @@ impl Search {
         best
     }
 
-    /// Gain of score for acceptance of a set after a gain of `gained`.
+    /// Gain of score needed to accept a set, if the smaller one already gained `gained`.
     fn wanted_gain(&self, set: &Candidate, gained: f64) -> f64 {
         let has_push = self.disturbance.is_some_and(|d| set.effects().contains(&d));
-        // A misread window looks like a push: a push must bring more than may be left.
+        // A badly predicted window resembles a push, so a push must gain more than a fit may leave.
         let share = if set.fit.model.terms.len() > 1 && has_push { MAX_LEFT } else { MIN_SHARE };
         self.least_gain.max(gained * share)
     }
 }
 
-/// Price of a set of effects: each parameter, and each choice of shape. See docs/method.md (14.15).
+/// Price of a set of effects, for each parameter and each choice of a shape. See docs/method.md (14.15).
 #[must_use]
 pub fn price_of_model(problem: &Problem, model: &JointModel) -> f64 {
     model.terms.iter().map(|t| term_price(problem, t)).sum()
@@ -102,19 +102,19 @@ fn term_price(problem: &Problem, term: &Term) -> f64 {
 #[must_use]
 pub fn scored_candidate(problem: &Problem, fit: Fit) -> Candidate {
     let score = 2.0 * fit.log_likelihood - price_of_model(problem, &fit.model);
-    // A sole effect may be weak: there is no other with a shape to mend.
+    // A single effect may be weak: there is no other whose shape it could be correcting.
     let whole = fit.model.terms.len() < 2
         || (fit.model.terms.iter().all(|t| is_felt(problem, t)) && !mends_fall(problem, &fit.model));
     Candidate { score: if score.is_finite() && whole { score } else { f64::NEG_INFINITY }, fit }
 }
 
-/// Least effort of an effect beside others at its strongest, as a share of the recorded efforts' root mean
-/// square. A smaller one mends the shape of the others.
+/// Least peak effort of an effect in a larger set, as a share of the recorded efforts' root mean square. A
+/// smaller one only corrects the shape of the others.
 /// tuned: tests/python/gap/generate.py.
 const MIN_FELT: f64 = 0.02;
 
-/// Whether efforts of the velocity alone stand beside a friction falling with speed and are smaller than the
-/// open part of an explanation of this fall: they mend its shape, unknown to the laws in use.
+/// Whether velocity-dependent efforts only correct the shape of a friction falling with speed: they are
+/// smaller than an explanation of this fall may leave open, as its exact law is unknown.
 fn mends_fall(problem: &Problem, model: &JointModel) -> bool {
     let of = |t: &Term| &problem.catalogue[t.effect];
     let fall = model.terms.iter().map(|t| of(t).friction_fall(&t.p)).fold(0.0, f64::max);
@@ -132,7 +132,7 @@ fn mends_fall(problem: &Problem, model: &JointModel) -> bool {
     })
 }
 
-/// Whether an effort or a friction is strong enough to stand beside other effects.
+/// Whether an effort or a friction is strong enough for a set with other effects.
 fn is_felt(problem: &Problem, term: &Term) -> bool {
     let effect = &problem.catalogue[term.effect];
     if !matches!(effect.place(), Place::Effort | Place::Contact | Place::Friction) {
@@ -165,11 +165,11 @@ fn is_felt(problem: &Problem, term: &Term) -> bool {
     false
 }
 
-/// Effort noise at the begin of a fit, as a share of the recorded effort.
+/// Effort noise at the start of a fit, as a share of the recorded effort.
 /// chosen: a start value, replaced by the fit.
 const FIRST_NOISE: f64 = 0.02;
 
-/// The twin as it is, with its start states and noise fitted.
+/// The twin as given, with its start states and noise fitted.
 #[must_use]
 pub fn fitted_twin(problem: &Problem) -> Candidate {
     let guess =
@@ -187,7 +187,7 @@ pub fn fitted_twin(problem: &Problem) -> Candidate {
     )
 }
 
-/// Searches sets of effects up to `breadth.largest`; stops growing where one more effect brings too little.
+/// Searches sets of effects up to `breadth.largest`; stops growing if one more effect gains too little.
 #[must_use]
 pub fn searched_sets(problem: &Problem, breadth: &Breadth, scope: &Scope) -> Search {
     let disturbance = scope.effects.iter().copied().find(|e| problem.catalogue[*e].is_of_one_run());
@@ -206,17 +206,17 @@ pub fn searched_sets(problem: &Problem, breadth: &Breadth, scope: &Scope) -> Sea
         let (grown, tried) = match size {
             1 => (1, breadth.singles),
             2 => (breadth.grown, breadth.partners),
-            // Only the best pair grows: a third effect adds little beside it.
+            // Only the best pair grows: a third effect adds little to it.
             _ => (1, breadth.partners - 1),
         };
         let best_before = best_score(&by_size);
-        // One more effect must bring a share of the others' gain: an inexact shape is no further effect.
+        // One more effect must add a share of the others' gain: an inexact shape is not a further effect.
         let wanted = least_gain.max(MIN_SHARE * (best_before - nothing));
         let mut found: Vec<Candidate> = Vec::new();
         for (rank, parent) in distinct_parents(problem, &by_size[size - 1], grown).into_iter().enumerate() {
             let hits = ranked_hits(problem, parent, scope.effects, tried, if size == 1 { 2 } else { 1 });
             let hope = hits.first().map_or(f64::NEG_INFINITY, |h| h[0].gain);
-            // Not even the first order promises enough beside the best set.
+            // Even to first order no effect promises enough with the best set.
             if rank == 0 && hope < least_gain {
                 break;
             }
@@ -234,7 +234,7 @@ pub fn searched_sets(problem: &Problem, breadth: &Breadth, scope: &Scope) -> Sea
             sets = with_exchanges(problem, &by_size[0][0], sets, &by_size[1]);
         }
         let best = sets.first().map_or(f64::NEG_INFINITY, |c| c.score);
-        // Growing one by one misses sets with members visible only beside each other.
+        // Growing one by one misses sets whose members are visible only together.
         let smaller: Vec<Candidate> = if size > 1 {
             sets.iter().take(2).flat_map(|c| without_one(problem, c, &by_size[size - 1])).collect()
         } else {
@@ -252,19 +252,19 @@ pub fn searched_sets(problem: &Problem, breadth: &Breadth, scope: &Scope) -> Sea
     Search { by_size, disturbance, least_gain }
 }
 
-/// Score of the best set.
+/// Highest score of all sets.
 fn best_score(by_size: &[Vec<Candidate>]) -> f64 {
     by_size.iter().filter_map(|s| s.first()).map(|c| c.score).fold(f64::NEG_INFINITY, f64::max)
 }
 
-/// A set fitted from given parameters to the end.
+/// Fits a set to the end, starting from given parameters.
 #[must_use]
 pub fn fitted_from_seed(problem: &Problem, base: &Candidate, seed: &JointModel) -> Candidate {
     fitted_to_end(problem, seed, &base.fit, Pace { searches: true, ..Pace::NEXT })
 }
 
-/// Sets with, beside them, the best of them with each of its effects in exchange for each of the leading
-/// single ones. Fits begin at the start states of `base`.
+/// Adds sets made from the best one by exchanging each of its effects for each of the leading single ones.
+/// Fits start from the start states of `base`.
 fn with_exchanges(
     problem: &Problem,
     base: &Candidate,
@@ -280,7 +280,7 @@ fn with_exchanges(
     best_of_each_set(sets.into_iter().chain(fitted).collect())
 }
 
-/// The best candidates; of two with an effect and its special case the better one.
+/// The best candidates; if two differ only by an effect and its special case, the better one.
 fn distinct_parents<'c>(problem: &Problem, candidates: &'c [Candidate], count: usize) -> Vec<&'c Candidate> {
     let mut chosen: Vec<&Candidate> = Vec::new();
     for c in candidates {
@@ -291,7 +291,7 @@ fn distinct_parents<'c>(problem: &Problem, candidates: &'c [Candidate], count: u
     chosen
 }
 
-/// Whether two sets differ by one effect and its special case.
+/// Whether two sets differ only by one effect and its special case.
 fn is_related(problem: &Problem, a: &Candidate, b: &Candidate) -> bool {
     let [a, b] = [a, b].map(|c| specs_of_set(problem, c));
     match (without_names_of(&a, &b).as_slice(), without_names_of(&b, &a).as_slice()) {
@@ -304,12 +304,12 @@ fn specs_of_set(problem: &Problem, set: &Candidate) -> Vec<&'static Spec> {
     set.effects().into_iter().map(|e| problem.catalogue[e].effect_spec()).collect()
 }
 
-/// The effects with a name of none of the others.
+/// The effects whose names are not among the others.
 fn without_names_of<'s>(effects: &[&'s Spec], others: &[&Spec]) -> Vec<&'s Spec> {
     effects.iter().copied().filter(|s| !others.iter().any(|o| o.name == s.name)).collect()
 }
 
-/// The candidate with each of its effects taken away in turn, refitted, without the known sets.
+/// Refits of the candidate with each of its effects removed in turn, without the known sets.
 fn without_one(problem: &Problem, candidate_: &Candidate, known: &[Candidate]) -> Vec<Candidate> {
     let mut models = Vec::new();
     for i in 0..candidate_.fit.model.terms.len() {
@@ -322,7 +322,7 @@ fn without_one(problem: &Problem, candidate_: &Candidate, known: &[Candidate]) -
     models.par_iter().map(|model| fitted_to_end(problem, model, &candidate_.fit, Pace::NEXT)).collect()
 }
 
-/// A model fitted from the start states and the noise of another fit, first at a pace, then to the end.
+/// Fits a model from the start states and the noise of another fit, first at a pace, then to the end.
 fn fitted_to_end(problem: &Problem, model: &JointModel, from: &Fit, pace: Pace) -> Candidate {
     let begun = shooting_fit(problem, model, Some(&from.starts), from.noise, Free::All, pace);
     let starts = Some(begun.starts.as_slice());
@@ -332,19 +332,19 @@ fn fitted_to_end(problem: &Problem, model: &JointModel, from: &Fit, pace: Pace) 
     )
 }
 
-/// Least gain by one more effect, as a share of the gain so far.
+/// Least gain for one more effect, as a share of the gain so far.
 /// tuned: tests/python/gap/generate.py.
 const MIN_SHARE: f64 = 0.04;
-/// Candidates fitted to the end after a first pass over all.
+/// Number of candidates fitted to the end after a first pass over all.
 const FINALISTS: usize = 5;
 
-/// Most fits in a row of a candidate with play.
+/// Most successive fits of a candidate with play.
 const PLAY_FITS: usize = 3;
-/// Least gain of each before the next.
+/// Least gain of one of them for the next to follow.
 /// chosen: with a gain of one in the log likelihood, a parameter moves by 1.4 of its standard deviations.
 const MIN_GAIN_OF_PLAY_FIT: f64 = 2.0;
 
-/// Fits a parent with each of the hits; the leading ones after a first round are fitted to the end.
+/// Fits a parent with each of the hits added; the leading ones after a first round are fitted to the end.
 #[must_use]
 pub fn grown_sets(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>]) -> Vec<Candidate> {
     let jobs: Vec<JointModel> = hits.iter().flatten().flat_map(|h| starts_of(problem, parent, h)).collect();
@@ -357,7 +357,7 @@ pub fn grown_sets(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>]) -> V
     fits
 }
 
-/// A short fit from the measured starts of the parent, seen through the sensor of the new model.
+/// A short fit with the parent's measured start states, converted to the sensor of the new model.
 fn first_fit(problem: &Problem, parent: &Candidate, model: &JointModel) -> Candidate {
     let seen = parent.fit.model.position_sensor(problem.catalogue);
     let sees = model.position_sensor(problem.catalogue);
@@ -373,7 +373,7 @@ fn first_fit(problem: &Problem, parent: &Candidate, model: &JointModel) -> Candi
     )
 }
 
-/// A candidate fitted on from its end, where this raises its score.
+/// Continues the fit of a candidate, if this raises its score.
 fn fitted_on(problem: &Problem, c: &Candidate, pace: Pace) -> Candidate {
     let again = shooting_fit(problem, &c.fit.model, Some(&c.fit.starts), c.fit.noise, Free::All, pace);
     let again = scored_candidate(problem, again);
@@ -381,7 +381,7 @@ fn fitted_on(problem: &Problem, c: &Candidate, pace: Pace) -> Candidate {
 }
 
 /// A candidate fitted to the end, unless its parent is better. One with play is fitted several times: play is
-/// found window by window, and under the smaller noise of a better fit more windows find their side of the
+/// found window by window, and with the smaller noise of a better fit more windows find their side of the
 /// gap.
 fn finalist_fit(problem: &Problem, parent: &Candidate, c: &Candidate) -> Candidate {
     let has_play = c.fit.model.position_sensor(problem.catalogue).half_gap > 0.0;
@@ -404,13 +404,13 @@ fn finalist_fit(problem: &Problem, parent: &Candidate, c: &Candidate) -> Candida
     now
 }
 
-/// Starts of a fit kept after a first round.
+/// Number of starts of a set kept after a first round.
 const STARTS: usize = 2;
 
-/// The most likely fits of each set of effects, all of them under the same noise.
+/// The most likely fits of each set of effects, all with the same noise.
 fn leading_starts(mut fits: Vec<Candidate>) -> Vec<Candidate> {
     fits.sort_by(|a, b| b.fit.log_likelihood.total_cmp(&a.fit.log_likelihood));
-    // Starts of one set pay the same price: their likelihoods compare.
+    // Starts of one set have the same price, so their likelihoods are comparable.
     let mut kept: Vec<Candidate> = Vec::new();
     for c in fits {
         if kept.iter().filter(|k| k.effects() == c.effects()).count() < STARTS {
@@ -420,7 +420,7 @@ fn leading_starts(mut fits: Vec<Candidate>) -> Vec<Candidate> {
     kept
 }
 
-/// Best shapes, so many of each, of the effects with the best scores beside a candidate.
+/// The effects with the highest scores in addition to a candidate, each with its best shapes.
 fn ranked_hits(
     problem: &Problem,
     parent: &Candidate,
@@ -428,7 +428,7 @@ fn ranked_hits(
     count: usize,
     shapes: usize,
 ) -> Vec<Vec<Hit>> {
-    // A fit has a fixed number of columns, and an effect may need three more.
+    // A fit has a fixed number of columns, and an effect may need three.
     if parent.fit.model.free_count() + 3 > MAX_FIT_FREE {
         return Vec::new();
     }
@@ -441,7 +441,7 @@ fn ranked_hits(
     });
     let mut hits: Vec<Vec<Hit>> =
         free.par_iter().map(|e| screen.best_hits(*e, shapes)).filter(|h| !h.is_empty()).collect();
-    // Less the price of the parameters (14.15): more of them gain more by chance.
+    // Minus the price of the parameters (14.15), since more parameters gain more by chance.
     let price = problem.independent_count().ln();
     let value = |h: &[Hit]| h[0].gain - price * h[0].p.len() as f64;
     hits.sort_by(|a, b| value(b).total_cmp(&value(a)));
@@ -449,19 +449,19 @@ fn ranked_hits(
     hits
 }
 
-/// Start models of a fit: the parent with the effect at its shape and at its restarts.
+/// Start models of a fit: the parent with the effect added at its shape and at its restart points.
 fn starts_of(problem: &Problem, parent: &Candidate, hit: &Hit) -> Vec<JointModel> {
     let effect = &problem.catalogue[hit.effect];
     let mut models = Vec::new();
     for p in effect.restart_points(&hit.p, &problem.coverage) {
         let mut model = parent.fit.model.with_effect(hit.effect, &p);
-        // A delay takes the place of the lag.
+        // A delay replaces the lag.
         if effect.place() == Place::Delay {
             model.lag_s = 0.0;
         }
         models.push(model);
     }
-    // The first friction brings its settle time along.
+    // The first friction comes with a settle time.
     if effect.place() != Place::Friction || parent.fit.model.has_friction(problem.catalogue) {
         return models;
     }
@@ -471,7 +471,7 @@ fn starts_of(problem: &Problem, parent: &Candidate, hit: &Hit) -> Vec<JointModel
     starts
 }
 
-/// One candidate a set of effects, the best of each; best set first.
+/// The best candidate of each set of effects; the best set comes first.
 #[must_use]
 pub fn best_of_each_set(mut found: Vec<Candidate>) -> Vec<Candidate> {
     found.sort_by(|a, b| b.score.total_cmp(&a.score));

@@ -1,5 +1,5 @@
-//! A found set of effects made no richer than the recording asks for: special cases in place of general
-//! effects, and no strength with zero in its interval.
+//! Simplifies a found set of effects as far as the recording allows: special cases replace general effects,
+//! and effects with zero in the interval of every strength are removed.
 
 use crate::{
     fit::{
@@ -11,12 +11,12 @@ use crate::{
 };
 use numeric::statistics::HALF_WIDTH_95;
 
-/// Allowed loss of score of a simpler set: a special case against its general effect, a set without an effect
-/// against the set with it.
+/// Allowed loss of score of a simpler set: with a special case instead of the general effect, or with one
+/// effect less.
 /// chosen: very strong evidence in twice the log of a Bayes factor (Kass and Raftery 1995).
 pub const SIMPLER: f64 = 10.0;
 
-/// The set with special cases where they do about as well, without unsure effects.
+/// Replaces effects by special cases that do about as well, and removes unsure effects.
 #[must_use]
 pub fn simplified_set(problem: &Problem, found: &Candidate) -> Candidate {
     let mut chosen = found.clone();
@@ -31,7 +31,8 @@ pub fn simplified_set(problem: &Problem, found: &Candidate) -> Candidate {
         model.terms.remove(doubtful);
         let without = refitted_set(problem, &chosen, &model);
         if without.score < chosen.score - SIMPLER {
-            // One short contact does not distinguish its strengths: each is unsure, and yet something pushes.
+            // One short contact does not separate its strengths: each is unsure, but together they are
+            // needed.
             kept = doubtful + 1;
         } else {
             chosen = without;
@@ -40,7 +41,7 @@ pub fn simplified_set(problem: &Problem, found: &Candidate) -> Candidate {
     chosen
 }
 
-/// A model fitted to the end from the start states and the noise of a candidate.
+/// Fits a model to the end, from the start states and the noise of a candidate.
 #[must_use]
 pub fn refitted_set(problem: &Problem, from: &Candidate, model: &JointModel) -> Candidate {
     scored_candidate(
@@ -49,20 +50,20 @@ pub fn refitted_set(problem: &Problem, from: &Candidate, model: &JointModel) -> 
     )
 }
 
-/// The special cases of an effect, with their shared parameters.
+/// The special cases of an effect, with the parameters they share with it.
 #[must_use]
 pub fn special_terms(problem: &Problem, term: &Term) -> Vec<Term> {
     let general = &problem.catalogue[term.effect];
     general.effect_spec().contains.iter().filter_map(|name| special_term(problem, term, name)).collect()
 }
 
-/// The special case of a name; `None` where the catalogue or the motion has none.
+/// The special case with a given name; `None` if the catalogue or the motion does not have it.
 fn special_term(problem: &Problem, term: &Term, name: &str) -> Option<Term> {
     let effect = problem.catalogue.iter().position(|e| e.name() == name)?;
     let mut p = problem.catalogue[effect].start_shapes(&problem.coverage).into_iter().next()?;
     let own = problem.catalogue[effect].parameters();
     for (k, (own, other)) in own.iter().zip(problem.catalogue[term.effect].parameters()).enumerate() {
-        // Shared parameters come first in both, so the same place and unit mean the same number.
+        // Shared parameters come first in both lists, so equal index and dimension mean the same parameter.
         if own.dimension == other.dimension {
             p[k] = term.p[k];
         }
@@ -70,7 +71,7 @@ fn special_term(problem: &Problem, term: &Term, name: &str) -> Option<Term> {
     Some(Term { effect, p })
 }
 
-/// A model with another effect in the place of its term `i`, fitted a little from the start states of a fit.
+/// Replaces term `i` of a model by another effect and refits it from the start states of a fit.
 #[must_use]
 pub fn fit_with_replacement(problem: &Problem, model: &JointModel, i: usize, other: Term, from: &Fit) -> Fit {
     let mut model = model.clone();
@@ -78,8 +79,8 @@ pub fn fit_with_replacement(problem: &Problem, model: &JointModel, i: usize, oth
     shooting_fit(problem, &model, Some(&from.starts), from.noise, Free::All, Pace::NEXT)
 }
 
-/// The best set with one effect replaced by a special case about as good, or one without only perhaps zero
-/// strengths. Shared parameters come first in both.
+/// The best set with one effect replaced by a special case, provided this does about as well or loses only
+/// strengths possibly zero. Shared parameters come first in both.
 fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
     let mut simpler = Vec::new();
     for (i, (at, term)) in chosen.fit.model.placed_terms().enumerate() {
@@ -111,7 +112,7 @@ fn is_sure(problem: &Problem, chosen: &Candidate, i: usize, at: usize, k: usize)
     neutral.is_some_and(|neutral| (term.p[k] - neutral).abs() > HALF_WIDTH_95 * deviation)
 }
 
-/// The first effect from `first` on without a strength surely off its neutral value.
+/// Index of the first effect, from `first` on, without any strength surely off its neutral value.
 fn doubtful_term(problem: &Problem, chosen: &Candidate, first: usize) -> Option<usize> {
     let terms = chosen.fit.model.placed_terms().enumerate().skip(first);
     for (i, (at, term)) in terms {

@@ -19,12 +19,12 @@ use crate::{
     },
 };
 
-/// Samples of a run.
+/// Number of samples of a run.
 const SAMPLES: usize = 800;
-/// Between two, seconds.
+/// Sample interval, seconds.
 const INTERVAL_S: f64 = 0.01;
 
-/// The twin's joint: a pendulum under a load of so many N m.
+/// The twin's joint: a pendulum with a load of `load` N m.
 pub fn pendulum(load: f64) -> Plant {
     let most_load = load;
     let load = Load { sine: load, ..Load::default() };
@@ -37,18 +37,18 @@ pub fn with(effects: &Catalogue, plant: &Plant, truth: &[(&str, &[f64])]) -> Joi
     truth.iter().fold(JointModel::of_plant(plant), |m, (name, p)| m.with_effect(index(name), p))
 }
 
-/// Runs of which the last is held out.
+/// Holds out the last run.
 pub fn split(mut logs: Vec<JointLog>) -> Runs {
     let held_out = logs.split_off(logs.len() - 1);
     Runs { fitted: logs, held_out, turns: true, hold: Hold::Zero, effects: Vec::new() }
 }
 
-/// A run of the joint as the model moves it, with white noise on the positions.
+/// A simulated run of the model, with white noise on the positions.
 pub fn simulated(effects: &Catalogue, truth: &JointModel, run: usize, rng: &mut impl Rng) -> JointLog {
     beside(effects, truth, run, rng, |_| 0.0)
 }
 
-/// A run in which an effort acts that is not recorded.
+/// A run with an additional, unrecorded effort.
 pub fn beside(
     effects: &Catalogue,
     truth: &JointModel,

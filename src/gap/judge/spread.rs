@@ -4,17 +4,18 @@ use nalgebra::{DMatrix, DVector};
 
 use numeric::statistics::{HALF_WIDTH_95, chi_square_95};
 
-/// How well parameters are known.
+/// Uncertainty of the parameters.
 #[derive(Clone, Debug)]
 pub struct Spread {
     /// Covariance of all free parameters.
     pub covariance: DMatrix<f64>,
-    /// Number of windows behind each.
+    /// Number of windows determining each of them.
     pub witnesses: Vec<f64>,
 }
 
 impl Spread {
-    /// Half width of the 95 % interval of a number with this gradient by the parameters from `first` on.
+    /// Half width of the 95 % interval of a number with this gradient with respect to the parameters from
+    /// `first` on.
     #[must_use]
     pub fn half_width(&self, first: usize, gradient: &[f64]) -> f64 {
         let n = gradient.len();
@@ -27,14 +28,14 @@ impl Spread {
         half_width(self.fewest_witnesses(shown.map(|i| first + i)) - 1.0) * variance.max(0.0).sqrt()
     }
 
-    /// Distance of the parameters from `first` on, `off` by so much, all together; 1 is the border of their
-    /// 95 % region; of one parameter, in half widths of its interval.
+    /// Distance of the parameters from `first` on when changed by `off`, jointly: 1 is the border of their
+    /// 95 % region. For a single parameter it is in half widths of its interval.
     #[must_use]
     pub fn distance_in_region(&self, first: usize, off: &[f64]) -> f64 {
         let n = off.len();
         let off = DVector::from_column_slice(off);
         let covariance = self.covariance.view((first, first), (n, n)).into_owned();
-        // A frozen parameter has no deviation; an undetermined one has an infinite one.
+        // A frozen parameter has zero variance; an undetermined one is infinitely uncertain.
         let is_fixed = covariance[(0, 0)] <= 0.0 && off.norm() > 0.0;
         let Some(known) = covariance.cholesky() else { return if is_fixed { f64::INFINITY } else { 0.0 } };
         let region = chi_square_95(n as f64) / chi_square_95(1.0);
@@ -42,15 +43,15 @@ impl Spread {
         (away / half_width(self.fewest_witnesses(first..first + n) - 1.0)).max(0.0)
     }
 
-    /// An interval is as good as the parameter of the fewest windows.
+    /// Smallest number of windows determining any of these parameters; it limits the interval.
     fn fewest_witnesses(&self, of: impl Iterator<Item = usize>) -> f64 {
         of.map(|i| self.witnesses[i]).fold(f64::INFINITY, f64::min)
     }
 }
 
-/// A covariance with the common error of all witnesses. Each is off by an error of its own, of variance n C
-/// with C the variance of their mean; a common error shows in no difference between them, and is taken to be
-/// as large: C + n C. See docs/method.md 14.11.
+/// Widens a covariance by an error common to all n witnesses. Each witness has its own error of variance n C,
+/// with C the variance of their mean. A common error is not visible in their differences and is assumed as
+/// large: C + n C. See docs/method.md 14.11.
 #[must_use]
 pub fn with_common(covariance: &DMatrix<f64>, witnesses: &[f64]) -> DMatrix<f64> {
     covariance.map_with_location(|i, j, c| c * ((1.0 + witnesses[i]) * (1.0 + witnesses[j])).sqrt())
@@ -61,8 +62,8 @@ pub fn with_common(covariance: &DMatrix<f64>, witnesses: &[f64]) -> DMatrix<f64>
 const TERMS: [([f64; 4], f64); 3] =
     [([1.0, 1.0, 0.0, 0.0], 4.0), ([3.0, 16.0, 5.0, 0.0], 96.0), ([-15.0, 17.0, 19.0, 3.0], 384.0)];
 
-/// Half width of a 95 % interval in standard deviations estimated with so many degrees of freedom, three at
-/// least: Student's quantile (Abramowitz and Stegun 26.7.5). See docs/method.md (14.18).
+/// Half width of a 95 % interval in estimated standard deviations, for at least three degrees of freedom:
+/// Student's quantile (Abramowitz and Stegun 26.7.5). See docs/method.md (14.18).
 fn half_width(freedom: f64) -> f64 {
     let z = HALF_WIDTH_95;
     let n = freedom.max(3.0);

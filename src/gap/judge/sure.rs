@@ -1,14 +1,14 @@
-//! Whether an effect is surely there in a recording with a remainder.
+//! Tests whether an effect is certainly present, in a recording with a remainder.
 
 use crate::{
     judge::spread::Spread,
     model::joint_model::{Catalogue, Term},
 };
 
-/// Whether the strengths of a term, with columns from `at` on, are surely not all neutral. The search asks
-/// for the addition of an effect to the samples, and the remainder adds to them too: the region of the
-/// strengths has the last word. A shape stands for a strength as well (a narrower one is stronger): an effect
-/// with a shape is not asked. See docs/method.md 14.11.
+/// Whether the strengths of a term, with columns from `at` on, are surely not all neutral. The search only
+/// asks whether an effect explains samples, and the remainder may contribute to these; so the confidence
+/// region of the strengths decides. An effect with a shape is accepted, since its shape can stand in for
+/// strength (a narrower one is stronger). See docs/method.md 14.11.
 #[must_use]
 pub fn is_surely_there(catalogue: &Catalogue, spread: &Spread, at: usize, term: &Term) -> bool {
     let parameters = catalogue[term.effect].parameters();

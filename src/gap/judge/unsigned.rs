@@ -1,4 +1,4 @@
-//! Efforts recorded by magnitude only, though the joint was driven both ways.
+//! Detects efforts recorded as magnitudes although the joint was driven in both directions.
 
 use std::f64::consts::LN_2;
 
@@ -9,17 +9,17 @@ use crate::{
     record::{log::rms, recording::Recording},
 };
 
-/// Tried frictions beside the twin's effort for a motion, as shares of it.
-/// chosen: none, and a half to twice of it: a sign follows either of the two.
+/// Tried frictions in addition to the twin's effort, as shares of it.
+/// chosen: none, and from half to twice: the sign follows the larger of the two.
 const FRICTIONS: [f64; 4] = [0.0, 0.5, 1.0, 2.0];
 /// Tried inertias, as multiples of the twin's.
-/// chosen: its own, and those of a small and a large gear.
+/// chosen: the twin's own, and those with a small and a large gear.
 const INERTIAS: [f64; 3] = [1.0, 4.0, 16.0];
-/// Largest factor of an effort without a sign, as a power of two: such efforts often are counts.
-/// derived: from counts of a millionth to mega counts.
+/// Largest factor of an effort without sign, as a power of two: such efforts are often in counts.
+/// derived: from counts of a millionth of a unit to a million units.
 const LARGEST_POWER: i32 = 20;
 
-/// Whether efforts of a joint were recorded and none is negative, in any run.
+/// Whether efforts of a joint were recorded and none is negative in any run.
 #[must_use]
 pub fn is_never_negative<'r>(runs: impl Iterator<Item = &'r Recording>, joint: &str) -> bool {
     let samples = runs.filter_map(|r| r.samples(joint)).flat_map(|s| s.effort.iter().copied());
@@ -27,9 +27,8 @@ pub fn is_never_negative<'r>(runs: impl Iterator<Item = &'r Recording>, joint: &
     known.iter().all(|u| *u >= 0.0) && known.iter().any(|u| *u > 0.0)
 }
 
-/// Log odds for never negative efforts as magnitudes, against efforts of one sense: with the sign of the
-/// required effort they are explained by the motion, and the motion by them. `None` where there is too little
-/// motion.
+/// Log odds of non-negative efforts being magnitudes, against efforts in one direction. With the sign of the
+/// required effort, motion and efforts must explain each other. `None` if there is too little motion.
 #[must_use]
 pub fn magnitude_odds(joint: &JointScene) -> Option<f64> {
     let stretches: Vec<&Stretch> = joint.stretches.iter().collect();
@@ -46,10 +45,11 @@ pub fn magnitude_odds(joint: &JointScene) -> Option<f64> {
                 .map(|(need, s)| (need + friction * size * s.velocity.signum()).signum())
                 .collect();
             let efforts = |delay_s: f64| signed_efforts(joint, &stretches, &sign, delay_s);
-            // The weight of each stretch depends on the remainder, and this on the sign.
+            // The weight of each stretch depends on the residual, and the residual on the sign.
             let with = joint.with_share(&stretches, &seen, &efforts(0.0));
             let Some(given) = with.baseline_evidence(&stretches, &all_gains()) else { continue };
-            // The sign comes from the motion it is to explain: a bit of each of its numbers.
+            // The sign is taken from the motion to be explained, which costs one bit per independent
+            // measurement.
             let odds = with.log_odds_of(&seen, &efforts, &given, &gains, (LN_2, 0.0));
             let tried = ((INERTIAS.len() * FRICTIONS.len()) as f64).ln();
             best = odds.map(|o| o.log - tried).into_iter().chain(best).reduce(f64::max);
@@ -58,7 +58,7 @@ pub fn magnitude_odds(joint: &JointScene) -> Option<f64> {
     best
 }
 
-/// Recorded efforts of a joint over stretches, late by a delay, times a sign each.
+/// Recorded efforts of a joint over stretches, late by a delay, each multiplied by a sign.
 fn signed_efforts(
     joint: &JointScene,
     stretches: &[&Stretch],
@@ -69,14 +69,14 @@ fn signed_efforts(
     own.into_iter().zip(sign).map(|(u, sign)| u.map(|u| u * sign)).collect()
 }
 
-/// Whether it is likelier than a name must be.
+/// Whether magnitudes are probable enough for a name.
 #[must_use]
 pub fn is_magnitude(joint: &JointScene) -> bool {
     magnitude_odds(joint).is_some_and(|odds| odds > LOG_ODDS)
 }
 
-/// Gives efforts the sign of the command less the position; whether the run has commands of the joint. Where
-/// none was given yet there is no effort.
+/// Gives efforts the sign of command minus position. Returns whether the run has commands of the joint.
+/// Before the first command efforts become NaN.
 pub fn sign_by_command(run: &mut Recording, joint: &str) -> bool {
     let Some(command) = run.commands.iter().find(|c| c.joint == joint) else { return false };
     let Some(samples) = run.joints.iter_mut().find(|s| s.name == joint) else { return false };

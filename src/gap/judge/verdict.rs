@@ -1,4 +1,4 @@
-//! Conclusion from the evidence: nothing, a name, a class of names, something unknown, or too little motion
+//! Draws the conclusion: agreement, one name, several possible names, an unknown cause, or too little motion
 //! for any of these.
 
 use rand_core::Rng;
@@ -37,11 +37,11 @@ use numeric::statistics::HALF_WIDTH_95;
 pub enum Verdict {
     /// The twin agrees with the recording.
     None,
-    /// Effects with their names.
+    /// Effects were identified by name.
     Named,
-    /// A class of effects without distinction by this recording.
+    /// Several effects are possible; the recording does not distinguish them.
     Ambiguous,
-    /// Something beyond the effects of the catalogue.
+    /// No effect of the catalogue explains the disagreement.
     Unknown,
     /// The recording is insufficient for a diagnosis.
     Insufficient,
@@ -66,29 +66,29 @@ impl Verdict {
 pub struct Diagnosis {
     /// Verdict.
     pub verdict: Verdict,
-    /// Named effects.
+    /// Effects found.
     pub findings: Vec<Finding>,
-    /// Where the twin and the recording disagree, strongest first.
+    /// Variables on which the disagreement of twin and recording depends, strongest first.
     pub before: Vec<Dependence>,
-    /// The updated model; the twin itself where nothing is named.
+    /// The updated model; the twin itself if nothing is named.
     pub model: JointModel,
-    /// Remaining share of the part to explain.
+    /// Share of the explainable gain left unexplained.
     pub left: f64,
-    /// Shortcomings of the recording.
+    /// What the recording lacks, as sentences for the user.
     pub lacks: Vec<String>,
-    /// Effort beyond the model.
+    /// Unexplained effort.
     pub noise: EffortNoise,
-    /// Findings of the actuator: gain or stiffness, damping, delay.
+    /// Fitted actuator parameters: gain or stiffness, damping, delay.
     pub actuator: Vec<ParameterEstimate>,
-    /// Under [`Verdict::Unknown`]: the nearest effects, with too little explanation for a name.
+    /// Under [`Verdict::Unknown`]: the nearest effects, explaining too little to be named.
     pub nearest: Option<Nearest>,
-    /// Uncertainty of the parameters of the model, or of the nearest effects; `None` where there are none.
+    /// Uncertainty of the parameters of the model, or of the nearest effects; `None` if there are none.
     pub spread: Option<Spread>,
-    /// Sets of as many effects with their weights, its own among them.
+    /// Sets of the same size with their weights, the chosen one included.
     pub weighed: Vec<(Vec<usize>, f64)>,
 }
 
-/// Effects nearest to an explanation.
+/// The effects nearest to an explanation.
 #[derive(Clone, Debug)]
 pub struct Nearest {
     /// The effects.
@@ -98,7 +98,7 @@ pub struct Nearest {
 }
 
 impl Diagnosis {
-    /// A verdict about a model without findings.
+    /// A verdict without findings, about a model.
     #[must_use]
     pub fn without_findings(verdict: Verdict, model: JointModel) -> Self {
         Self {
@@ -116,8 +116,8 @@ impl Diagnosis {
         }
     }
 
-    /// Takes the weights of sets of as many effects from another search, where its own is among them. It
-    /// stays the first name: none of the others counts more.
+    /// Takes over the weights of sets of the same size from another search, if it contains the set found. No
+    /// other set gets more weight than this one.
     pub fn weigh_as(&mut self, catalogue: &Catalogue, weighed: &[(Vec<usize>, f64)]) {
         let mut own: Vec<usize> = self.findings.iter().map(|f| f.index).collect();
         own.sort_unstable();
@@ -135,7 +135,7 @@ impl Diagnosis {
         }
     }
 
-    /// Takes the names back: they explain too little.
+    /// Withdraws the names, since they explain too little.
     pub fn withdraw_names(&mut self) {
         let twin = self.model.without_effects();
         let model = std::mem::replace(&mut self.model, twin);
@@ -143,7 +143,7 @@ impl Diagnosis {
         self.verdict = Verdict::Unknown;
     }
 
-    /// Marks each found effect as surely there or not, where something remains beyond noise.
+    /// Marks each found effect as certainly present or not, if something remains beyond noise.
     pub fn mark_sure_effects(&mut self, catalogue: &Catalogue) {
         if let Some(spread) = self.spread.as_ref().filter(|_| self.noise.has_remainder()) {
             for (finding, (at, term)) in self.findings.iter_mut().zip(self.model.placed_terms()) {
@@ -152,29 +152,29 @@ impl Diagnosis {
         }
     }
 
-    /// Effects that are surely there.
+    /// Effects certainly present.
     pub fn sure_findings(&self) -> impl Iterator<Item = &Finding> {
         self.findings.iter().filter(|f| f.is_sure)
     }
 
-    /// Perhaps absent effects.
+    /// Effects possibly absent.
     pub fn unsure_findings(&self) -> impl Iterator<Item = &Finding> {
         self.findings.iter().filter(|f| !f.is_sure)
     }
 
-    /// Whether the motion was enough for a diagnosis.
+    /// Whether the motion was sufficient for a diagnosis.
     #[must_use]
     pub fn is_sufficient(&self) -> bool {
         self.verdict != Verdict::Insufficient
     }
 
-    /// The effects of the findings, or the nearest ones.
+    /// The model with the findings, or with the nearest effects.
     #[must_use]
     pub fn effects_or_nearest(&self) -> &JointModel {
         self.nearest.as_ref().map_or(&self.model, |n| &n.model)
     }
 
-    /// Takes newly fitted effects, perhaps without some of the old ones, in place of its own.
+    /// Takes over refitted effects; some of the former ones may be missing.
     pub fn fit_again(&mut self, problem: &Problem, model: JointModel, spread: Spread, is_given: bool) {
         let own = self.nearest.as_mut().map_or(&mut self.findings, |n| &mut n.findings);
         let mut again = findings_of_model(problem, &model, &spread, &[], 1.0);
@@ -202,20 +202,20 @@ impl Diagnosis {
     }
 }
 
-/// Level of the test of a table.
+/// Significance level for a table of the residual.
 /// chosen: the accepted share of false alarms.
 const LEVEL: f64 = 0.01;
-/// Least range of a position for a diagnosis, in deviations of its noise.
-/// chosen: a motion is drawn by some tens of steps.
+/// Least range of the positions for a diagnosis, in standard deviations of their noise.
+/// chosen: the motion is then resolved by some tens of steps.
 const LEAST_RANGE: f64 = 30.0;
 /// Least credible delay, in sample intervals.
-/// chosen: less may be the discretization's.
+/// chosen: a smaller one may be a discretization error.
 const LEAST_DELAY: f64 = 0.25;
-/// Least credible change of a gain, a scale or an inertia, as a share.
-/// chosen: less may be the discretization's.
+/// Least credible relative change of a gain, a scale or an inertia.
+/// chosen: a smaller one may be a discretization error.
 const LEAST_CHANGE: f64 = 0.004;
 
-/// Shortcomings of the motion for any diagnosis, as sentences with a remedy.
+/// What the motion lacks for any diagnosis, as sentences telling the user what to record.
 #[must_use]
 pub fn missing_motion(coverage: &Coverage, windows: usize) -> Vec<String> {
     let mut lacks = Vec::new();
@@ -237,8 +237,8 @@ pub fn missing_motion(coverage: &Coverage, windows: usize) -> Vec<String> {
     lacks
 }
 
-/// Diagnoses a joint from its fitting runs. Given `effects`, indices in the catalogue, are fitted and no
-/// others are looked for; a search tries the sets of `seeds` beside its own.
+/// Diagnoses a joint from its fitted runs. Given `effects`, as catalogue indices, are fitted and nothing else
+/// is searched; a search also tries the sets `seeds`.
 #[must_use]
 pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng: &mut impl Rng) -> Diagnosis {
     let lacks = missing_motion(&problem.coverage, problem.windows.len());
@@ -251,7 +251,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     let chosen = &chosen;
     let base = &found.by_size[0][0];
     let twin = base.fit.model.without_effects();
-    // The twin under the noise of the chosen model: the part to explain.
+    // The twin with the noise of the chosen model shows how much there is to explain.
     let at_noise = shooting_fit(
         problem,
         &twin,
@@ -274,7 +274,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
         let Fit { covariance, witnesses, model, .. } = &base.fit;
         let spread = Spread { covariance: covariance.clone(), witnesses: witnesses.clone() };
         diagnosis.actuator = actuator_estimates(model, &spread, problem.turns);
-        // Something depends on a variable, and no effect of the catalog explains it.
+        // The residual depends on a variable, but no effect of the catalogue explains it.
         if unexplained > 0.0 {
             (diagnosis.verdict, diagnosis.left) = (Verdict::Unknown, 1.0);
         }
@@ -290,7 +290,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     diagnosis.findings = findings_of_model(problem, &model, &spread, &rivals, total);
     diagnosis.actuator = actuator_estimates(&model, &spread, problem.turns);
     (diagnosis.model, diagnosis.spread) = (model, Some(spread));
-    // Given effects stand or fall with the held-out runs alone.
+    // Given effects are judged by the held-out runs only.
     if effects.is_empty() {
         diagnosis.mark_sure_effects(problem.catalogue);
         if explains_too_little(problem, &diagnosis, base, chosen) {
@@ -300,16 +300,16 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     diagnosis
 }
 
-/// Twice the gain of log likelihood of a model over the twin: by smaller residuals under the model's noise,
-/// or, where a joint sticks and its residuals stay, each under its own noise.
+/// Twice the gain of log likelihood of a model over the twin: from smaller residuals under the model's noise,
+/// or, if a joint sticks and its residuals stay small, with each under its own noise.
 fn gain_to_explain(twin_at_noise: &Fit, twin: &Fit, chosen: &Fit) -> f64 {
     let saved = twin_at_noise.costs.iter().sum::<f64>() - chosen.costs.iter().sum::<f64>();
     saved.max(2.0 * (chosen.log_likelihood - twin.log_likelihood))
 }
 
-/// The largest promised gain of a table of the residual over a variable, 0 where none stands. A table stands
-/// by the rule for effects: its bins are priced as parameters are, docs/method.md (14.15), and it must gain
-/// as much as one more of so many tables.
+/// The largest gain promised by a table of the residual over a variable, or 0 if none is significant. Tables
+/// follow the rule for effects: bins are priced like parameters, docs/method.md (14.15), and the gain must
+/// suffice for one more effect among as many tables.
 fn unexplained_gain(tables: &[Dependence], independent: f64) -> f64 {
     let least = least_gain(Variable::ALL.len());
     let standing = tables.iter().filter(|t| t.q <= LEVEL);
@@ -317,12 +317,12 @@ fn unexplained_gain(tables: &[Dependence], independent: f64) -> f64 {
     gains.filter(|gain| *gain > least).fold(0.0, f64::max)
 }
 
-/// Remaining share of the part to explain, at most 1.
+/// Share of the explainable gain left unexplained, at most 1.
 fn share_left(unexplained: f64, to_explain: f64) -> f64 {
     (unexplained / to_explain.max(1e-9)).min(1.0)
 }
 
-/// Whether found effects leave too much for their names to stand.
+/// Whether the effects found leave too much unexplained to be named.
 fn explains_too_little(
     problem: &Problem,
     diagnosis: &Diagnosis,
@@ -336,7 +336,7 @@ fn explains_too_little(
         || !chosen.fit.model.terms.iter().all(|t| is_credible(problem, t))
 }
 
-/// Findings of a model's actuator, with intervals.
+/// The fitted actuator parameters of a model, with intervals.
 fn actuator_estimates(model: &JointModel, spread: &Spread, turns: bool) -> Vec<ParameterEstimate> {
     let actuator = &model.plant.actuator;
     let [gain, damping] = model.actuator_columns();
@@ -365,7 +365,7 @@ fn estimate(name: &str, value: f64, unit: &str, half: f64) -> ParameterEstimate 
     ParameterEstimate { name: name.to_owned(), value, unit: unit.to_owned(), interval }
 }
 
-/// The final set of effects of a search, or the given one.
+/// The final set of effects of a search, or the given set.
 fn chosen(problem: &Problem, effects: &[usize], seeds: &[JointModel]) -> (Search, Candidate) {
     if effects.is_empty() {
         let all = problem.sought_effects();
@@ -385,17 +385,18 @@ fn chosen(problem: &Problem, effects: &[usize], seeds: &[JointModel]) -> (Search
     }
 }
 
-/// Whether the effects leave more of the twin's effort noise, or of the effort itself, than noise.
+/// Whether the effects leave so much of the twin's effort noise, or of the effort itself, that it is not
+/// noise.
 fn is_noisy(problem: &Problem, base: &Candidate, chosen: &Candidate) -> bool {
     let left = chosen.fit.noise.share_of(&base.fit.noise);
     let loud = chosen.fit.noise.total_deviation() > MAX_LEFT * problem.coverage.effort_rms;
-    // Of its variance; where it is a large share of the effort itself, of its size.
+    // By variance; if the noise is a large share of the effort itself, by size.
     left * left > MAX_LEFT || (loud && left > MAX_LEFT)
 }
 
-/// Whether the effects have shapes of their own where something remains beside them: several shapes over the
-/// position mend another one, a shape perhaps at the end of its range is another one, and a push in one run
-/// is itself a remainder.
+/// Whether the effects have credible shapes beside a remainder. Not if several effects of position correct
+/// each other, if a shape may be at the end of its range, or if there is a push in one run, itself a
+/// remainder.
 fn is_shaped(problem: &Problem, chosen: &Candidate) -> bool {
     let terms = &chosen.fit.model.terms;
     let of = |t: &Term| &problem.catalogue[t.effect];
@@ -417,8 +418,8 @@ fn is_shaped(problem: &Problem, chosen: &Candidate) -> bool {
     true
 }
 
-/// Candidates of the same size with their weights relative to the chosen one. Generalizations of a chosen
-/// effect do not count, nor do other shapes of the same effect.
+/// Candidates of the same size, weighted relative to the chosen one. Generalizations of a chosen effect and
+/// other shapes of the same effect are not counted.
 fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usize>, f64)> {
     let own = chosen.effects();
     let own_names = names_of(problem.catalogue, &own);
@@ -427,7 +428,7 @@ fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usi
     let mut others: Vec<&Candidate> = Vec::new();
     for candidate in &found.by_size[own.len()] {
         let effects = candidate.effects();
-        // Scores price parameters; predictions do not, and a richer set is no rival there.
+        // Scores include a price for parameters, predictions do not: there a more complex set is no rival.
         let is_rival = (!predicts
             || model_richness(&candidate.fit.model) <= model_richness(&chosen.fit.model))
             && effects != own
@@ -451,15 +452,14 @@ fn names_of(catalogue: &Catalogue, effects: &[usize]) -> Vec<&'static str> {
     effects.iter().map(|e| catalogue[*e].name()).collect()
 }
 
-/// Whether an effect of a set contains one of another set, `own`, as a special case.
+/// Whether a set has an effect with a special case in the set `own`.
 fn generalizes(catalogue: &Catalogue, effects: &[usize], own: &[usize]) -> bool {
     let own_names = names_of(catalogue, own);
     let mut others = effects.iter().filter(|e| !own.contains(e));
     others.any(|e| catalogue[*e].effect_spec().contains.iter().any(|n| own_names.contains(n)))
 }
 
-/// A set with a partner in place of its first effect with an indistinguishable one: a rival of the same
-/// weight.
+/// The set with its first indistinguishable effect replaced by the partner: a rival of equal weight.
 fn indistinguishable_set(problem: &Problem, own: &[usize]) -> Option<Vec<usize>> {
     let (name, partner) = own.iter().find_map(|e| {
         let effect = &problem.catalogue[*e];
@@ -472,7 +472,7 @@ fn indistinguishable_set(problem: &Problem, own: &[usize]) -> Option<Vec<usize>>
     Some(effects)
 }
 
-/// Whether an effect is above the errors of the discretization.
+/// Whether an effect exceeds the errors of the discretization.
 fn is_credible(problem: &Problem, term: &Term) -> bool {
     match problem.catalogue[term.effect].place() {
         Place::Delay => term.p[0].abs() > LEAST_DELAY * problem.coverage.interval_s,
@@ -482,7 +482,7 @@ fn is_credible(problem: &Problem, term: &Term) -> bool {
     }
 }
 
-/// A set without effects within the errors of the discretization, if anything else is in it.
+/// Removes effects within the errors of the discretization, if any others are in the set.
 fn credible(problem: &Problem, chosen: Candidate) -> Candidate {
     let mut model = chosen.fit.model.clone();
     model.terms.retain(|t| is_credible(problem, t));

@@ -1,59 +1,59 @@
-//! The path from the recorded signal to the effort at the joint: the unit of an effort, or a servo behind a
+//! From the recorded signal to the effort at the joint: the unit of an effort, or a servo following a
 //! commanded position.
 
-/// `effort = gain * e - damping * velocity`, where `e` is the recorded effort, or under a servo `stiffness *
-/// (commanded - measured position)`; a servo gives `limit` at most.
+/// `effort = gain * e - damping * velocity`, where `e` is the recorded effort, or for a servo `stiffness *
+/// (commanded - measured position)`; a servo is limited to `limit`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Actuator {
     /// Factor of the recorded effort, or of the stiffness.
     pub gain: f64,
     /// Damping of the servo, N m s/rad or N s/m.
     pub damping: f64,
-    /// The servo, where commanded positions were recorded in place of efforts.
+    /// The servo, if commanded positions were recorded instead of efforts.
     pub servo: Option<Servo>,
-    /// Time from a command to its effect beyond the open part of the stamps, seconds.
+    /// Time from a command to its effect, seconds, in addition to the fitted lag of the stamps.
     pub delay_s: f64,
-    /// Factor of recorded efforts of unknown unit before the gain.
+    /// Factor applied to recorded efforts of unknown unit, before the gain.
     pub unit: f64,
-    /// Whether gain and damping are found with the effects: nuisances without findings.
+    /// Whether gain and damping are fitted with the effects, as nuisances without findings.
     pub is_found: [bool; 2],
-    /// Whether the delay is.
+    /// Whether the delay is fitted too.
     pub is_late: bool,
 }
 
-/// Standard deviation of the gain of a recorded effort, as a share.
-/// derived: the geometric middle of 1 % (torque sensors) and 10 % (torque constants of motors), as data
-/// sheets state them.
+/// Relative standard deviation of the gain of a recorded effort.
+/// derived: the geometric mean of 1 % (torque sensors) and 10 % (torque constants of motors), from data
+/// sheets.
 pub const GAIN_DEVIATION: f64 = 0.03;
 
-/// A servo before its gain.
+/// A servo, before the gain is applied.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Servo {
-    /// N m/rad or N/m.
+    /// Stiffness, N m/rad or N/m.
     pub stiffness: f64,
-    /// Largest effort, N m or N; infinite without one.
+    /// Largest effort, N m or N; infinite if unlimited.
     pub limit: f64,
 }
 
 /// Effort of an actuator with its derivatives.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Acted {
-    /// N m or N.
+    /// Effort, N m or N.
     pub effort: f64,
-    /// By the position of the joint.
+    /// Derivative with respect to the position of the joint.
     pub q: f64,
-    /// By its velocity.
+    /// Derivative with respect to its velocity.
     pub v: f64,
-    /// By the signal: the recorded effort, or the commanded position.
+    /// Derivative with respect to the signal: the recorded effort, or the commanded position.
     pub signal: f64,
-    /// By the position read by a servo.
+    /// Derivative with respect to the position read by a servo.
     pub read: f64,
-    /// By gain and damping.
+    /// Derivatives with respect to gain and damping.
     pub p: [f64; 2],
 }
 
 impl Default for Actuator {
-    /// The recorded effort, as it is.
+    /// The recorded effort, unchanged.
     fn default() -> Self {
         Self {
             gain: 1.0,
@@ -68,7 +68,7 @@ impl Default for Actuator {
 }
 
 impl Actuator {
-    /// The effort under a signal, at a position and a velocity; `measure` is (scale, offset) of the position
+    /// The effort for a signal, at a position and a velocity; `measure` is (scale, offset) of the position
     /// read by a servo.
     #[must_use]
     #[inline]
@@ -85,7 +85,7 @@ impl Actuator {
         };
         let wanted = servo.stiffness * (signal - measure.0 * q - measure.1);
         let effort = self.gain * wanted - self.damping * v;
-        // A servo at its limit does not answer.
+        // A servo at its limit does not respond.
         if effort.abs() > servo.limit {
             return Acted { effort: servo.limit.copysign(effort), ..Acted::default() };
         }
@@ -100,7 +100,7 @@ impl Actuator {
         }
     }
 
-    /// Whether it is a recorded effort of a known unit, as good as its sensor.
+    /// Whether it is a recorded effort in a known unit, with the accuracy of its sensor.
     #[must_use]
     pub fn is_measured(&self) -> bool {
         self.servo.is_none() && !self.is_found[0]
@@ -112,18 +112,18 @@ impl Actuator {
         if self.servo.is_some() { "servo" } else { "effort" }
     }
 
-    /// Number of found parameters.
+    /// Number of fitted parameters.
     #[must_use]
     pub fn found_count(&self) -> usize {
         self.is_found.iter().filter(|f| **f).count()
     }
 
-    /// Found ones of gain and damping.
+    /// Values of gain and damping, as far as they are fitted.
     pub fn found_values(&self) -> impl Iterator<Item = f64> {
         [self.gain, self.damping].into_iter().zip(self.is_found).filter(|(_, found)| *found).map(|(x, _)| x)
     }
 
-    /// With other values of the found parameters.
+    /// The actuator with other values of the fitted parameters.
     #[must_use]
     pub fn with_found(&self, values: &[f64]) -> Self {
         let mut values = values.iter();

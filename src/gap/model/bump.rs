@@ -1,18 +1,18 @@
-//! Effects at one position: where they are looked for, and how far a fit may move them.
+//! Effects at one position: the searched positions and widths, and their bounds in a fit.
 
 use super::effect::{Coverage, Dimension, Extent, Parameter, amplitude_parameter, shape_parameter};
 
-/// Searched widths of local effects, as shares of the range, each with its number of centers.
-/// chosen: from a hundredth to an eighth of the range; centers lie less than a width apart: no place falls
-/// between two bumps.
+/// Searched widths of local effects, as shares of the range, each with its number of center positions.
+/// chosen: from a hundredth to an eighth of the range; centers are less than a width apart, so no position is
+/// missed.
 const BUMPS: [(f64, i32); 3] = [(0.012, 90), (0.03, 45), (0.075, 20)];
-/// Largest strength, in efforts (root mean square).
+/// Largest strength, as a multiple of the root mean square effort.
 /// chosen: far beyond the drive's effort.
 const LARGEST: f64 = 20.0;
 /// Least and largest width, as shares of the range.
-/// chosen: a few samples, and a width beyond local.
+/// chosen: a few samples, and more than a local effect.
 const WIDTHS: [f64; 2] = [0.003, 0.25];
-/// Parameters of a local effect of a strength.
+/// Parameters of a local effect: the named strength, position and width.
 #[must_use]
 pub const fn bump_parameters(strength: &'static str) -> [Parameter; 3] {
     [
@@ -22,13 +22,13 @@ pub const fn bump_parameters(strength: &'static str) -> [Parameter; 3] {
     ]
 }
 
-/// Whether a local effect with a reach of so many widths acts on a stretch of motion.
+/// Whether a local effect reaching `reach` widths acts on a stretch of motion.
 #[must_use]
 pub fn bump_meets(extent: &Extent, shape: &[f64], reach: f64) -> bool {
     Extent::meets_interval(extent.position, shape[1], reach * shape[2])
 }
 
-/// Starting points of a local effect: no strength, at positions with widths.
+/// Start values of a local effect: zero strength, at all searched positions and widths.
 #[must_use]
 pub fn bump_starts(coverage: &Coverage) -> Vec<Vec<f64>> {
     let (low, high) = coverage.position;

@@ -1,4 +1,4 @@
-//! Effects: their equation, its derivatives, the searched shapes, and their place in the formats.
+//! Effects: equation, derivatives, searched shapes, and expression in file formats.
 
 use super::{
     format::{Expression, Format, JointNumbers},
@@ -9,7 +9,7 @@ use crate::record::{carried::Carried, log::JointLog};
 /// Most parameters of one effect.
 pub const MAX_PARAMETERS: usize = 5;
 
-/// Dimension of a parameter; the text depends on the kind of joint.
+/// Physical dimension of a parameter; its unit depends on the kind of joint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dimension {
     /// rad, m.
@@ -30,14 +30,14 @@ pub enum Dimension {
     Inertia,
     /// s.
     Time,
-    /// cycles/rad, cycles/m times 2 pi.
+    /// cycles/rad or cycles/m, times 2 pi.
     WaveNumber,
     /// 1.
     Ratio,
 }
 
 impl Dimension {
-    /// Unit of the dimension at a turning or sliding joint.
+    /// Unit for a turning or a sliding joint.
     #[must_use]
     pub fn unit_name(self, turns: bool) -> &'static str {
         let (turning, sliding) = match self {
@@ -64,9 +64,9 @@ pub struct Parameter {
     pub name: &'static str,
     /// Its dimension.
     pub dimension: Dimension,
-    /// Value of an absent effect; `None` for a shape parameter.
+    /// Value at which the effect vanishes; `None` for a shape parameter.
     pub neutral: Option<f64>,
-    /// Whether it may be below zero.
+    /// Whether it may be negative.
     pub signed: bool,
 }
 
@@ -75,44 +75,44 @@ pub struct Parameter {
 pub enum Place {
     /// A smooth effort.
     Effort,
-    /// The push of a contact; it may take a share of the other efforts off.
+    /// The push of a contact; it may absorb a share of the other efforts.
     Contact,
     /// A bound on the set-valued friction.
     Friction,
-    /// Added to the inertia.
+    /// An addition to the inertia.
     Inertia,
-    /// Factor of the measured effort.
+    /// A factor of the measured effort.
     Gain,
-    /// Time by which the effort acts later.
+    /// A delay of the effort.
     Delay,
-    /// Added to the measured position.
+    /// An addition to the measured position.
     Bias,
-    /// Factor of the measured position.
+    /// A factor of the measured position.
     Scale,
-    /// Half of the gap between the joint and its sensor.
+    /// Half the gap between the joint and its sensor.
     Play,
 }
 
-/// State of a joint, for the evaluation of an effect.
+/// State of a joint, for evaluating an effect.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct At<'a> {
-    /// rad or m.
+    /// Position, rad or m.
     pub q: f64,
-    /// rad/s or m/s.
+    /// Velocity, rad/s or m/s.
     pub v: f64,
     /// Acting effort, N m or N.
     pub u: f64,
-    /// Its derivatives by position and velocity, by a servo's feedback.
+    /// Its derivatives with respect to position and velocity, from a servo's feedback.
     pub feedback: [f64; 2],
-    /// Seconds; runs lie apart, see [`run_time_s`].
+    /// Time, seconds; runs are placed apart, see [`run_time_s`].
     pub t: f64,
-    /// Direction of motion against the friction: the sign of the velocity to stop.
+    /// Direction opposed by friction: the sign of the velocity, or at rest of the impending motion.
     pub direction: f64,
-    /// Positions of the other moving joints.
+    /// Positions of the other moving joints, rad or m.
     pub others: &'a [f64],
-    /// Sum of the smooth efforts with the acting one; only for [`Place::Contact`].
+    /// Sum of the smooth efforts, the acting one included; only for [`Place::Contact`].
     pub load: f64,
-    /// Effects of a chain's other joints on this one.
+    /// Inertia and load from the other joints of the chain.
     pub carried: Option<&'a Carried>,
 }
 
@@ -121,84 +121,83 @@ pub struct At<'a> {
 pub struct Response {
     /// Effort, or bound of the friction.
     pub value: f64,
-    /// Derivative by position.
+    /// Derivative with respect to position.
     pub q: f64,
-    /// Derivative by velocity.
+    /// Derivative with respect to velocity.
     pub v: f64,
-    /// Derivative by the measured effort.
+    /// Derivative with respect to the measured effort.
     pub u: f64,
-    /// Derivative by the sum of the smooth efforts.
+    /// Derivative with respect to the sum of the smooth efforts.
     pub load: f64,
-    /// Derivatives by the parameters.
+    /// Derivatives with respect to the parameters.
     pub p: [f64; MAX_PARAMETERS],
 }
 
-/// Range of the recorded motion; shapes are laid over it.
+/// Range of the recorded motion; the searched shapes are scaled to it.
 #[derive(Clone, Debug, Default)]
 pub struct Coverage {
-    /// Lowest and highest position.
+    /// Lowest and highest position, rad or m.
     pub position: (f64, f64),
-    /// Largest range of positions within a run.
+    /// Largest range of positions within a run, rad or m.
     pub travel: f64,
-    /// Speeds: median and highest of the moving samples.
+    /// Median and top speed of the moving samples.
     pub speed: (f64, f64),
-    /// Root mean square of the effort.
+    /// Root mean square effort, N m or N.
     pub effort_rms: f64,
     /// Sample interval, seconds.
     pub interval_s: f64,
-    /// Inertia of the twin.
+    /// The twin's inertia, kg m^2 or kg.
     pub inertia: f64,
-    /// Viscous damping of the twin.
+    /// The twin's viscous damping, N m s/rad or N s/m.
     pub damping: f64,
-    /// Standard deviation of the positions' noise.
+    /// Standard deviation of the position noise, rad or m.
     pub position_noise: f64,
-    /// Duration of each run.
+    /// Duration of each run, seconds.
     pub durations_s: Vec<f64>,
     /// Number of other moving joints.
     pub others: usize,
-    /// The joint turns.
+    /// Whether the joint is revolute.
     pub turns: bool,
-    /// The twin's load depends on the position.
+    /// Whether the twin's load depends on the position.
     pub has_load_slope: bool,
-    /// The joint shares a chain with other moving joints.
+    /// Whether the joint is in a chain with other moving joints.
     pub in_chain: bool,
 }
 
-/// Distance between the runs on the common time axis, seconds.
-/// chosen: longer than any run, and times keep nanoseconds.
+/// Spacing of the runs on the common time axis, seconds.
+/// chosen: longer than any run, while times keep nanosecond resolution.
 pub const RUN_SPACING_S: f64 = 1e5;
 
-/// Time of a sample on an axis without overlap of the runs.
+/// Time of a sample, seconds, on an axis where runs do not overlap.
 #[must_use]
 pub fn run_time_s(log_index: usize, log: &JointLog, sample: usize) -> f64 {
     RUN_SPACING_S * log_index as f64 + log.time_s[sample]
 }
 
-/// Fixed facts of an effect.
+/// Constant properties of an effect.
 #[derive(Clone, Copy, Debug)]
 pub struct Spec {
     /// Name in reports.
     pub name: &'static str,
-    /// Where it enters.
+    /// Where it enters the equation of motion.
     pub place: Place,
     /// Its parameters, those with a neutral value first.
     pub parameters: &'static [Parameter],
-    /// Its special cases; they are preferred where they do as well.
+    /// Names of its special cases, preferred if they do as well.
     pub contains: &'static [&'static str],
     /// The recording to distinguish it from similar effects.
     pub experiment: &'static str,
 }
 
 impl Spec {
-    /// Whether two effects are one, or one of them contains the other: beside each other they explain nothing
-    /// more.
+    /// Whether two effects are the same or one contains the other: together they explain no more.
     #[must_use]
     pub fn overlaps_with(&self, other: &Self) -> bool {
         self.name == other.name || self.contains.contains(&other.name) || other.contains.contains(&self.name)
     }
 }
 
-/// Positions and times of a stretch of motion; bounds are those of [`At::q`] and [`At::t`].
+/// Ranges of position and time of a stretch of motion, in terms of [`At::q`] and [`At::t`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extent {
     /// Lowest and highest position.
@@ -208,22 +207,22 @@ pub struct Extent {
 }
 
 impl Extent {
-    /// Whether an interval about a center meets these bounds.
+    /// Whether an interval about a center overlaps these bounds.
     #[must_use]
     pub fn meets_interval(bounds: (f64, f64), center: f64, half_width: f64) -> bool {
         center + half_width >= bounds.0 && center - half_width <= bounds.1
     }
 }
 
-/// A candidate. One file in `effects/` each.
+/// A candidate effect. Each has one file in `effects/`.
 pub trait Effect: Sync + Send + std::fmt::Debug {
-    /// Its fixed facts.
+    /// Its constant properties.
     fn effect_spec(&self) -> &'static Spec;
     /// Name in reports.
     fn name(&self) -> &'static str {
         self.effect_spec().name
     }
-    /// Where it enters.
+    /// Where it enters the equation of motion.
     fn place(&self) -> Place {
         self.effect_spec().place
     }
@@ -231,40 +230,41 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
     fn parameters(&self) -> &'static [Parameter] {
         self.effect_spec().parameters
     }
-    /// Value and derivatives; only for [`Place::Effort`], [`Place::Contact`] and [`Place::Friction`].
+    /// Writes value and derivatives; only for [`Place::Effort`], [`Place::Contact`] and [`Place::Friction`].
     fn write_response(&self, _at: &At, _p: &[f64], _out: &mut Response) {}
-    /// Starting points: full parameter vectors with the neutral ones at their neutral value. Empty where the
-    /// motion cannot show the effect. A single neutral one, unless there are parameters of a shape.
+    /// Start values for the search: full parameter vectors, amplitudes at their neutral values. Empty if the
+    /// motion cannot show the effect; a single vector if there are no shape parameters.
     fn start_shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
-        // One parameter without a neutral value empties the list: such an effect must bring its own grid.
+        // A shape parameter has no neutral value, and the list becomes empty: such effects define their own
+        // grid.
         self.parameters().iter().map(|p| p.neutral).collect::<Option<_>>().into_iter().collect()
     }
-    /// Whether an effect of this shape acts at all on a stretch of motion; only a matter of speed.
+    /// Whether an effect with this shape acts on a stretch of motion at all; used only for speed.
     fn reaches_extent(&self, _shape: &[f64], _extent: &Extent) -> bool {
         true
     }
-    /// Bounds of a parameter for this motion.
+    /// Bounds of a parameter for a motion.
     fn parameter_bounds(&self, index: usize, _coverage: &Coverage) -> (f64, f64) {
         let p = &self.parameters()[index];
         if p.signed { (-1e9, 1e9) } else { (0.0, 1e9) }
     }
-    /// Further starting points of a fit beginning at `p`.
+    /// Further start values of a fit starting at `p`.
     fn restart_points(&self, p: &[f64], _coverage: &Coverage) -> Vec<Vec<f64>> {
         vec![p.to_vec()]
     }
-    /// Whether it stands at the high end of the range, for an effect with two ends.
+    /// Whether it is at the upper end of the range, for an effect with two ends.
     fn is_upper(&self) -> bool {
         false
     }
-    /// Index of the parameter with the position of a contact's begin.
+    /// Index of the parameter for the position where a contact begins.
     fn contact_parameter(&self) -> Option<usize> {
         None
     }
-    /// The partner without distinction from this one by any recording of such a joint.
+    /// Name of an effect no recording of such a joint can distinguish from this one.
     fn indistinguishable_partner(&self, _coverage: &Coverage) -> Option<&'static str> {
         None
     }
-    /// Whether it happened in one run and is no property of the joint: it is never exported.
+    /// Whether it occurred in one run only and is no property of the joint: it is never exported.
     fn is_of_one_run(&self) -> bool {
         false
     }
@@ -272,29 +272,30 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
     fn is_of_velocity(&self) -> bool {
         false
     }
-    /// Whether it is a damping, and nothing else.
+    /// Whether it is a pure damping.
     fn is_of_damping(&self) -> bool {
         false
     }
-    /// Whether its effort depends on the position alone, by a shape of its own.
+    /// Whether its effort depends on the position alone, with a shape of its own.
     fn is_of_position(&self) -> bool {
         false
     }
-    /// Friction lost from rest to speed, for one falling with speed.
+    /// Decrease of the friction from rest to speed, for a friction falling with speed.
     fn friction_fall(&self, _p: &[f64]) -> f64 {
         0.0
     }
-    /// The twin's own amount of an amplitude; the updated twin has both, their product of a factor.
+    /// Value of an amplitude already present in the twin; the updated twin has the sum of both, or the
+    /// product for a factor.
     fn in_twin(&self, index: usize, _plant: &Plant) -> f64 {
         self.parameters()[index].neutral.unwrap_or_default()
     }
-    /// Its expression in a format at a joint of the twin.
+    /// How a format expresses it at a joint of the twin.
     fn in_format(&self, _format: Format, _p: &[f64], _plant: &Plant) -> Expression {
         Expression::NotExpressible
     }
-    /// Adds it to the numbers of the joint for files.
+    /// Adds it to the joint's numbers written to files.
     fn add_to_numbers(&self, _p: &[f64], _joint: &mut JointNumbers) {}
-    /// Parameters as a report names them, each with its gradient by the internal parameters.
+    /// Parameters as reported, each with its gradient with respect to the internal parameters.
     fn reported_parameters(&self, p: &[f64]) -> Vec<Reported> {
         let mut all = Vec::new();
         for (i, spec) in self.parameters().iter().enumerate() {
@@ -306,7 +307,7 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
     }
 }
 
-/// A parameter as a report gives it.
+/// A parameter as reported.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reported {
     /// Name.
@@ -315,27 +316,27 @@ pub struct Reported {
     pub dimension: Dimension,
     /// Value.
     pub value: f64,
-    /// Gradient by the internal parameters.
+    /// Gradient with respect to the internal parameters.
     pub gradient: [f64; MAX_PARAMETERS],
 }
 
-/// Shorthand for a parameter with a neutral value of zero.
+/// Shorthand for a parameter with the neutral value zero.
 #[must_use]
 pub const fn amplitude_parameter(name: &'static str, dimension: Dimension, signed: bool) -> Parameter {
     Parameter { name, dimension, neutral: Some(0.0), signed }
 }
 
 /// Largest ratio of two numbers of the same unit.
-/// derived: degrees for radians; a larger ratio is one of units.
+/// derived: degrees instead of radians; a larger ratio means another unit.
 pub const LARGEST_RATIO: f64 = 180.0 / std::f64::consts::PI;
 
-/// Shorthand for a factor, with a neutral value of one.
+/// Shorthand for a factor, with the neutral value one.
 #[must_use]
 pub const fn ratio_parameter(name: &'static str) -> Parameter {
     Parameter { name, dimension: Dimension::Ratio, neutral: Some(1.0), signed: false }
 }
 
-/// Shorthand for a parameter of the shape.
+/// Shorthand for a shape parameter.
 #[must_use]
 pub const fn shape_parameter(name: &'static str, dimension: Dimension, signed: bool) -> Parameter {
     Parameter { name, dimension, neutral: None, signed }

@@ -1,11 +1,11 @@
-//! A model as a file format holds it.
+//! A model as a file format can express it.
 
 use super::{
     format::{Expression, Format},
     joint_model::{Catalogue, JointModel, Term},
 };
 
-/// The model as a format holds it, in effects of the catalogue.
+/// The model as a format can express it, in effects of the catalogue.
 #[must_use]
 pub fn expressed_model(format: Format, model: &JointModel, catalogue: &Catalogue) -> JointModel {
     // The nuisances stay: they belong to the recording, not to the format.

@@ -1,6 +1,6 @@
-//! File formats, and their numbers of a joint: effects are written into them.
+//! File formats, and the numbers of a joint written to them.
 
-/// A file format for effects.
+/// A file format effects are written to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// URDF.
@@ -14,7 +14,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// All of them.
+    /// All formats.
     pub const ALL: [Self; 4] = [Self::Urdf, Self::Mjcf, Self::Sdf, Self::Usd];
 
     /// Name in reports.
@@ -29,26 +29,26 @@ impl Format {
     }
 }
 
-/// Expression of an effect in a format.
+/// How a format expresses an effect.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Expression {
-    /// The effect.
+    /// Exactly.
     Native,
-    /// The nearest effects of the catalogue.
+    /// By the nearest effects of the catalogue.
     Approximated(Vec<NearestEffect>),
-    /// Nothing like it.
+    /// Not at all.
     NotExpressible,
 }
 
 impl Expression {
-    /// The effect, where `can` holds.
+    /// Native if `can` holds, else not expressible.
     #[must_use]
     pub fn native_if(can: bool) -> Self {
         if can { Self::Native } else { Self::NotExpressible }
     }
 }
 
-/// An effect in place of another.
+/// An effect standing in for another.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NearestEffect {
     /// Its name; `None` for the same effect with other parameters.
@@ -58,13 +58,13 @@ pub struct NearestEffect {
 }
 
 impl NearestEffect {
-    /// Another effect.
+    /// Stands in by another effect.
     #[must_use]
     pub fn other_effect(name: &'static str, p: Vec<f64>) -> Self {
         Self { effect: Some(name), p }
     }
 
-    /// The same effect with other parameters.
+    /// Stands in by the same effect with other parameters.
     #[must_use]
     pub fn same_effect(p: Vec<f64>) -> Self {
         Self { effect: None, p }
@@ -74,9 +74,9 @@ impl NearestEffect {
 /// A spring.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Spring {
-    /// N m/rad or N/m.
+    /// Stiffness, N m/rad or N/m.
     pub stiffness: f64,
-    /// Stiffness growing with the square of the way, N m/rad^3 or N/m^3.
+    /// Stiffness growing with the square of the deflection, N m/rad^3 or N/m^3.
     pub cubic: f64,
     /// Position at rest, rad or m.
     pub rest: f64,
@@ -85,45 +85,45 @@ pub struct Spring {
 /// A stop at one end of a joint's range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stop {
-    /// At the high end.
+    /// Whether it is at the upper end.
     pub is_upper: bool,
     /// Position, rad or m.
     pub position: f64,
-    /// N m/rad or N/m.
+    /// Stiffness, N m/rad or N/m.
     pub stiffness: f64,
-    /// N m s/rad or N s/m.
+    /// Damping, N m s/rad or N s/m.
     pub damping: f64,
-    /// Share of the other efforts taken off.
+    /// Share of the other efforts absorbed by the stop.
     pub impedance: f64,
 }
 
-/// Numbers of one joint with its effects; efforts in N m or N, angles in radians. A format writes those with
-/// a place in it.
+/// Numbers of one joint with its effects; efforts in N m or N, angles in radians. A format writes those it
+/// has a place for.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointNumbers {
     /// Viscous damping.
     pub damping: f64,
-    /// Drag by the square of the speed.
+    /// Drag, proportional to the square of the speed.
     pub drag: f64,
-    /// Friction while it slides.
+    /// Sliding friction.
     pub friction: f64,
-    /// Further friction of a joint at rest, until it breaks loose.
+    /// Additional friction at rest, until the joint breaks loose.
     pub breakaway_excess: f64,
-    /// A spring, where there is one.
+    /// A spring, if there is one.
     pub spring: Option<Spring>,
-    /// Inertia beside the links'.
+    /// Inertia in addition to the links'.
     pub armature: f64,
-    /// Position of the sensor where the joint is at 0.
+    /// Position shown by the sensor with the joint at 0.
     pub position_offset: f64,
     /// Constant effort.
     pub bias: f64,
     /// Factor of the effort.
     pub gear: f64,
-    /// Time by which the effort acts late, seconds.
+    /// Delay of the effort, seconds.
     pub delay_s: f64,
     /// Stops.
     pub stops: Vec<Stop>,
-    /// Load taken off by a tilt of the joint: factors of sin q and cos q.
+    /// Load removed by a tilt of the joint: factors of sin q and cos q.
     pub tilt: Option<[f64; 2]>,
 }
 

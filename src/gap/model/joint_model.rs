@@ -5,7 +5,7 @@ use crate::model::{
     plant::Plant,
 };
 
-/// Effects by index.
+/// The effects, by index.
 pub type Catalogue = [Box<dyn Effect>];
 
 /// An effect with its parameters.
@@ -18,7 +18,7 @@ pub struct Term {
 }
 
 impl Term {
-    /// Effort of the effect at a state, or bound of its friction, N m or N.
+    /// Effort of the effect at a state, or its friction bound, N m or N.
     #[must_use]
     pub fn value_at(&self, catalogue: &Catalogue, at: &At) -> f64 {
         let mut response = Response::default();
@@ -34,39 +34,40 @@ pub struct JointModel {
     pub plant: Plant,
     /// Added effects.
     pub terms: Vec<Term>,
-    /// Time by which stamps of effort and position disagree, seconds: a nuisance with a tight prior, never
+    /// Offset between the stamps of effort and position, seconds: a nuisance with a tight prior, never
     /// reported.
     pub lag_s: f64,
-    /// Time in which friction brings the joint to rest, seconds; 0 is exact stick. A nuisance, see
+    /// Time in which friction brings the joint to rest, seconds; 0 is exact sticking. A nuisance, see
     /// [`SETTLE_S`].
     pub settle_s: f64,
 }
 
-/// Tried settle times of friction. Exact stick is the ideal; friction of compliant contacts and of simulators
-/// with soft friction acts against the velocity of the joint a few milliseconds later.
-/// derived: none; the time constant of a soft constraint, MuJoCo's default of 20 ms; and its halves down to a
-/// step of a rollout: less settling is sticking.
+/// Tried settle times of friction, seconds. Exact sticking is the ideal; friction of compliant contacts, and
+/// of simulators with soft friction, stops the joint within a few milliseconds.
+/// derived: none; the time constant of a soft constraint, 20 ms by default in MuJoCo; and its halves down to
+/// one step of a rollout, below which settling is sticking.
 pub const SETTLE_S: [f64; 4] = [0.0, 0.005, 0.01, 0.02];
 
-/// Share of the load under which settling friction creeps on, as of a soft constraint of impedance 0.9.
-/// derived: one less the impedance, MuJoCo's default.
+/// Share of the load still moving a joint held by settling friction (creep), as for a soft constraint of
+/// impedance 0.9.
+/// derived: one minus the impedance, MuJoCo's default.
 pub const CREEP: f64 = 0.1;
 
-/// Friction of enough strength to hold a joint takes it over a step to `keep * v + creep * kick`, with `kick`
-/// the change of the velocity by the other efforts.
+/// Velocity of a joint held by friction after one step: `keep * v + creep * kick`, with `kick` the velocity
+/// change by the other efforts.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Settling {
-    /// Share of the velocity left.
+    /// Share of the velocity remaining.
     pub keep: f64,
     /// Share of the other efforts still acting.
     pub creep: f64,
 }
 
 impl Settling {
-    /// Of a settle time over a step, seconds.
+    /// For a settle time and a step, both in seconds.
     #[must_use]
     pub fn over_step(settle_s: f64, step_s: f64) -> Self {
-        // Exact stick, the limit of (14.8) at T = 0: nothing is left of the velocity, and nothing creeps.
+        // Exact sticking, the limit of (14.8) at T = 0: no velocity remains, and nothing creeps.
         if !(settle_s > 0.0 && step_s > 0.0) {
             return Self::default();
         }
@@ -77,13 +78,13 @@ impl Settling {
 }
 
 impl JointModel {
-    /// The twin as it is.
+    /// The twin's joint without effects.
     #[must_use]
     pub fn of_plant(plant: &Plant) -> Self {
         Self { plant: plant.clone(), terms: Vec::new(), lag_s: 0.0, settle_s: 0.0 }
     }
 
-    /// The twin of the model, with its actuator as it was found.
+    /// The model without effects, with its actuator as fitted.
     #[must_use]
     pub fn without_effects(&self) -> Self {
         let lag_s = if self.plant.actuator.is_late { self.lag_s } else { 0.0 };
@@ -110,7 +111,7 @@ impl JointModel {
         1 + self.terms.iter().map(|t| t.p.len()).sum::<usize>() + self.plant.actuator.found_count()
     }
 
-    /// All free parameters: the lag, the terms', and those found of the actuator.
+    /// All free parameters: the lag, the terms' parameters, and those fitted of the actuator.
     #[must_use]
     pub fn free_parameters(&self) -> Vec<f64> {
         let terms = self.terms.iter().flat_map(|t| t.p.iter().copied());
@@ -132,7 +133,7 @@ impl JointModel {
         model
     }
 
-    /// Indices of the actuator's gain and damping among the free parameters, where they are found.
+    /// Indices of the actuator's gain and damping among the free parameters, if they are fitted.
     #[must_use]
     pub fn actuator_columns(&self) -> [Option<usize>; 2] {
         let first = self.free_count() - self.plant.actuator.found_count();
@@ -158,13 +159,13 @@ impl JointModel {
         })
     }
 
-    /// The first parameter of the term with a place, and its index among the free parameters.
+    /// The first parameter of the term at a place, and its index among the free parameters.
     #[must_use]
     pub fn scalar_of(&self, catalogue: &Catalogue, place: Place) -> Option<(f64, usize)> {
         self.placed_terms().find(|(_, t)| catalogue[t.effect].place() == place).map(|(at, t)| (t.p[0], at))
     }
 
-    /// Time by which the effort acts late: the nuisance and, where it is in the model, the delay.
+    /// Total delay of the effort, seconds: the nuisance lag, plus the delay if the model has one.
     #[must_use]
     pub fn delay_s(&self, catalogue: &Catalogue) -> f64 {
         self.plant.actuator.delay_s
@@ -172,7 +173,7 @@ impl JointModel {
             + self.scalar_of(catalogue, Place::Delay).map_or(0.0, |(d, _)| d)
     }
 
-    /// Whether the measured position is more than the position of the joint.
+    /// The sensor of the joint's position under this model.
     #[must_use]
     pub fn position_sensor(&self, catalogue: &Catalogue) -> Sensor {
         let of = |place, neutral| self.scalar_of(catalogue, place).map_or(neutral, |(x, _)| x);
@@ -180,13 +181,13 @@ impl JointModel {
     }
 }
 
-/// How a position is measured: `scale * play(q) + bias`. See docs/method.md (14.4).
+/// Measurement of the position: `scale * play(q) + bias`. See docs/method.md (14.4).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sensor {
     /// Offset of the measured position.
     pub bias: f64,
-    /// Factor of it.
+    /// Factor of the measured position.
     pub scale: f64,
-    /// Half of the play.
+    /// Half the gap of the play.
     pub half_gap: f64,
 }

@@ -1,4 +1,4 @@
-//! Model of a joint: the twin's joint, effects beside it, and their expression in file formats.
+//! The model of a joint: the twin's joint, added effects, and their expression in file formats.
 
 pub mod actuator;
 pub mod bump;

@@ -1,4 +1,4 @@
-//! One joint of the twin as a single degree of freedom: its inertia, and the efforts against its motion.
+//! One joint of the twin as a single degree of freedom: its inertia and the efforts on it.
 
 use super::actuator::Actuator;
 use crate::{
@@ -11,24 +11,24 @@ use crate::{
 /// See docs/method.md (14.3).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plant {
-    /// kg m^2 or kg.
+    /// Inertia, kg m^2 or kg.
     pub inertia: f64,
-    /// N m s/rad or N s/m.
+    /// Viscous damping, N m s/rad or N s/m.
     pub damping: f64,
     /// Coulomb friction, N m or N.
     pub friction: f64,
     /// Gravity load `constant + sine * sin(q) + cosine * cos(q)`, N m or N.
     pub load: Load,
-    /// Amplitude of the load where the axis lies flat: the largest load by gravity at any tilt.
+    /// Amplitude of the load with a horizontal axis: the largest gravity load at any tilt, N m or N.
     pub most_load: f64,
     /// The path from the recorded signal to the effort.
     pub actuator: Actuator,
 }
 
-/// A load by position.
+/// A load depending on position, N m or N.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Load {
-    /// Same everywhere.
+    /// Constant part.
     pub constant: f64,
     /// Factor of sin(q).
     pub sine: f64,
@@ -40,7 +40,7 @@ impl Load {
     /// Load and its slope at a position.
     #[must_use]
     pub fn load_and_slope(&self, position: f64) -> (f64, f64) {
-        // Slides and upright hinges: rollouts spend most of their time in sine and cosine.
+        // Sliding joints and upright hinges; rollouts spend most of their time in sine and cosine.
         if self.sine == 0.0 && self.cosine == 0.0 {
             return (self.constant, 0.0);
         }
@@ -48,20 +48,20 @@ impl Load {
         (self.constant + self.sine * s + self.cosine * c, self.sine * c - self.cosine * s)
     }
 
-    /// Largest load of any position.
+    /// Largest load at any position.
     #[must_use]
     pub fn amplitude(&self) -> f64 {
         self.constant.abs() + self.sine.hypot(self.cosine)
     }
 }
 
-/// Why a joint has no such form.
+/// Why a joint cannot be modelled this way.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlantError {
     /// No mass moves with the joint.
     #[error("joint '{0}' moves no mass: give the links below it an <inertial> with mass and inertia")]
     NoMass(String),
-    /// Its inertia or load depends on an unrecorded joint.
+    /// Its inertia or load depends on a joint not recorded.
     #[error(
         "joint '{0}' shares a chain with a joint that follows another one (<mimic>); such chains are not \
          diagnosed: hold the others still and give a twin in which they are fixed"
@@ -73,31 +73,31 @@ pub enum PlantError {
 }
 
 impl Plant {
-    /// Load and its slope at a position, in a chain under the motion of the others.
+    /// Load and its slope at a position; in a chain, with the motion of the others.
     #[must_use]
     pub fn load_at(&self, carried: Option<&Carried>, position: f64) -> (f64, f64) {
         carried.map_or_else(|| self.load.load_and_slope(position), |c| c.load_and_slope(position))
     }
 
-    /// Inertia, and its rate.
+    /// Inertia and its rate of change.
     #[must_use]
     pub fn inertia_at(&self, carried: Option<&Carried>) -> (f64, f64) {
         carried.map_or((self.inertia, 0.0), |c| (c.inertia, c.inertia_rate))
     }
 
-    /// An effort less damping and load at a state, N m or N; friction is not in it.
+    /// An effort minus damping and load at a state, N m or N, without friction.
     #[must_use]
     pub fn net_effort(&self, carried: Option<&Carried>, position: f64, velocity: f64, effort: f64) -> f64 {
-        // An inertia changing with the motion of a chain acts as damping.
+        // A change of inertia due to the motion of a chain acts as damping.
         let rate = self.inertia_at(carried).1;
         effort - (self.damping + rate) * velocity - self.load_at(carried, position).0
     }
 
-    /// The plant of a joint, its index in `tree.joints`; in a chain, with the others at 0.
+    /// The plant of the joint with this index in `tree.joints`; in a chain, with the others at 0.
     ///
     /// # Errors
-    /// [`PlantError`] where the joint moves no mass, shares a chain with a joint that follows another one, or
-    /// its dynamics are no numbers.
+    /// [`PlantError`] if the joint moves no mass, shares a chain with a joint following another one, or its
+    /// dynamics are not finite.
     pub fn of_joint(tree: &TwinTree, joint: usize) -> Result<Self, PlantError> {
         let spec = &tree.joints[joint];
         if tree.chain_joints(joint).iter().any(|&j| tree.joints[j].is_mimic) {
@@ -108,12 +108,13 @@ impl Plant {
         }
         let position = vec![0.0; tree.joints.len()];
         let inertia = tree.mass_matrix(&position)[(joint, joint)];
-        // Negated: an inertia of NaN is refused as well.
+        // Negated, so a NaN inertia is refused as well.
         if !(inertia > 1e-12) {
             return Err(PlantError::NoMass(spec.name.clone()));
         }
         let load = gravity_load(tree, joint);
-        // Along three axes the squares of a turning load add up to twice a flat axis'.
+        // Along three axes the squared amplitudes of a revolute joint's load add up to twice that with a
+        // horizontal axis.
         let mut along = tree.clone();
         let squares = (0..3).map(|axis| {
             along.gravity = nalgebra::Vector3::zeros();
@@ -138,7 +139,7 @@ fn gravity_load(tree: &TwinTree, joint: usize) -> Load {
     match tree.joints[joint].motion {
         Motion::Turn => {
             let quarter = std::f64::consts::FRAC_PI_2;
-            // Three positions fix a constant, a sine and a cosine (14.3).
+            // Three positions determine a constant, a sine and a cosine (14.3).
             let a = gravity_effort_at(tree, joint, 0.0);
             let b = gravity_effort_at(tree, joint, quarter);
             let c = gravity_effort_at(tree, joint, 2.0 * quarter);
@@ -149,21 +150,21 @@ fn gravity_load(tree: &TwinTree, joint: usize) -> Load {
                 cosine: without_rounding(a - constant),
             }
         }
-        // Gravity along a straight axis is the same everywhere.
+        // On a straight axis gravity is the same at every position.
         Motion::Slide | Motion::Fixed => {
             Load { constant: without_rounding(gravity_effort_at(tree, joint, 0.0)), sine: 0.0, cosine: 0.0 }
         }
     }
 }
 
-/// Effort of gravity on a joint at a position, the others at 0, N m or N.
+/// Gravity effort on a joint at a position, the others at 0, N m or N.
 fn gravity_effort_at(tree: &TwinTree, joint: usize, q: f64) -> f64 {
     let mut position = vec![0.0; tree.joints.len()];
     position[joint] = q;
     tree.gravity_effort(&position)[joint]
 }
 
-/// Rounding of a rotation is no load.
+/// Sets a load within rounding errors to zero.
 fn without_rounding(x: f64) -> f64 {
     if x.abs() < 1e-9 { 0.0 } else { x }
 }

@@ -1,15 +1,15 @@
-//! Effects of the motion of a chain's other joints on one joint.
+//! Effects of the other joints of a chain on one joint.
 
 use crate::trig::sin_cos;
 
-/// A joint between a sample and the next.
+/// Inertia and load of a joint between two samples, due to the other joints.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Carried {
-    /// kg m^2 or kg.
+    /// Inertia, kg m^2 or kg.
     pub inertia: f64,
-    /// Its rate, per second.
+    /// Its rate of change, kg m^2/s or kg/s.
     pub inertia_rate: f64,
-    /// Load: factors of 1, q, sin q, cos q, sin 2q, cos 2q.
+    /// Load, N m or N: factors of 1, q, sin q, cos q, sin 2q, cos 2q.
     pub load: [f64; 6],
 }
 

@@ -1,9 +1,9 @@
-//! One joint of a chain, the others moving as recorded: their effect on its inertia and its load.
+//! One joint of a chain, with the others moving as recorded: their effect on its inertia and load.
 //!
-//! From `M(q) a + h(q, v) = u`, the row of joint `j` reads `I a_j + dI/dt v_j + load(q_j) = u_j - friction`,
-//! where `I` is the diagonal of the mass matrix and does not depend on `q_j`; the load holds gravity and the
-//! other joints' accelerations, Coriolis and centrifugal efforts, and is a trigonometric polynomial of second
-//! order in the angle of a turning joint, linear in the position of a sliding one.
+//! From `M(q) a + h(q, v) = u`, the row of joint `j` reads `I a_j + dI/dt v_j + load(q_j) = u_j - friction`.
+//! `I` is the diagonal of the mass matrix and does not depend on `q_j`. The load holds gravity and the
+//! accelerations, Coriolis and centrifugal efforts of the other joints; it is a trigonometric polynomial of
+//! second order in the angle of a revolute joint, and linear in the position of a sliding one.
 
 use nalgebra::DVector;
 
@@ -20,11 +20,11 @@ use crate::{
     twin_tree::{Motion, TwinTree},
 };
 
-/// Time step of the rate of an inertia, seconds.
-/// chosen: a central difference over it errs by its square, and by rounding over it: both below 1e-8.
+/// Time step for the rate of an inertia, seconds.
+/// chosen: the error of a central difference is its square, plus rounding divided by it: both below 1e-8.
 const RATE_STEP_S: f64 = 1e-4;
 
-/// Effects of the joints in `others` on a joint from each stamp to the next.
+/// Effects of the joints `others` on a joint, from each stamp to the next.
 #[must_use]
 pub fn carried_by_stamp(
     tree: &TwinTree,
@@ -36,10 +36,10 @@ pub fn carried_by_stamp(
     let zero = vec![0.0; n];
     let mut unit = zero.clone();
     unit[joint] = 1.0;
-    // A unit acceleration of this joint alone: the diagonal of the mass matrix.
+    // With unit acceleration of this joint alone: the diagonal of the mass matrix.
     let inertia = |position: &[f64]| tree.inverse_dynamics(position, &zero, &unit, false)[joint];
     let mut all = Vec::with_capacity(stamps.len());
-    // Values count from stamp to stamp, so they are taken in the middle.
+    // Values apply from stamp to stamp, so they are evaluated halfway.
     for (from, to) in stamps.iter().zip(stamps.iter().skip(1).chain(stamps.last())) {
         let mut q = zero.clone();
         let mut v = zero.clone();
@@ -56,7 +56,7 @@ pub fn carried_by_stamp(
     all
 }
 
-/// Factors of the load of a joint ([`Carried::load`]) under the motion of all others, `q` to `a` by joint.
+/// Factors of a joint's load ([`Carried::load`]) under the motion of all others; `q`, `v`, `a` by joint.
 fn load_factors(tree: &TwinTree, joint: usize, mut q: Vec<f64>, v: &[f64], a: &[f64]) -> [f64; 6] {
     let mut load_at = |own: f64| load_at_position(tree, joint, own, &mut q, v, a);
     match tree.joints[joint].motion {
@@ -75,7 +75,7 @@ fn load_at_position(tree: &TwinTree, joint: usize, own: f64, q: &mut [f64], v: &
     tree.inverse_dynamics(q, v, a, true)[joint]
 }
 
-/// The trigonometric polynomial of second order through five angles.
+/// Fits a trigonometric polynomial of second order through five angles.
 fn load_harmonics(mut load_at: impl FnMut(f64) -> f64) -> [f64; 6] {
     let mut load = [0.0; 6];
     for i in 0..5 {
@@ -94,12 +94,11 @@ fn load_harmonics(mut load_at: impl FnMut(f64) -> f64) -> [f64; 6] {
     load
 }
 
-/// Motion of every joint in `joints` over a run. Where all of them have efforts at the same stamps, the
-/// accelerations are those of the twin under these efforts, changing with them at once, and a smooth
-/// remainder.
+/// Motion of each of the `joints` over a run. If all of them have efforts at the same stamps, accelerations
+/// are those of the twin under these efforts, following them without lag, plus a smooth remainder.
 ///
 /// # Errors
-/// [`RecordingError`] where the run has no position of one of them.
+/// [`RecordingError`] if the run has no position of one of them.
 pub fn joint_motions(
     tree: &TwinTree,
     joints: &[usize],
@@ -111,8 +110,8 @@ pub fn joint_motions(
     let free = joints.iter().map(|j| run.motion(name(j)).map(|m| (*j, m))).collect::<Result<Vec<_>, _>>()?;
     let logs: Option<Vec<JointLog>> =
         joints.iter().map(|j| run.joint(name(j), &[], told, &mut Vec::new()).ok()).collect();
-    // Missing efforts, or some at different stamps, give no common acceleration; then the positions alone
-    // must do.
+    // Without efforts, or with different stamps, there is no common acceleration; then only the positions are
+    // used.
     let logs = logs.filter(|logs| {
         let is_usable = |l: &JointLog| l.time_s == logs[0].time_s && l.commanded.is_empty();
         told.unit != EffortUnit::Unknown && logs.iter().all(is_usable)
@@ -146,10 +145,10 @@ fn expected_accelerations(
             let state = motion.state_at(0.5 * (time_s[k] + time_s[next]));
             (q[*j], v[*j]) = (state[0], state[1]);
         }
-        // M a = u - h - damping - friction, at the motion of the positions.
+        // M a = u - h - damping - friction, at the motion from the positions.
         let bias = tree.inverse_dynamics(&q, &v, &zero, true);
         let whole = tree.mass_matrix(&q);
-        // Rows of fixed joints are zero, and the whole matrix has no inverse.
+        // Rows of fixed joints are zero, so the full matrix would be singular.
         let mass = nalgebra::DMatrix::from_fn(motions.len(), motions.len(), |a, b| {
             whole[(motions[a].0, motions[b].0)]
         });

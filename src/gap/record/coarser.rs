@@ -1,17 +1,17 @@
-//! Logs with fewer samples.
+//! Resampling of logs to fewer samples.
 
 use crate::record::{carried::Carried, drive::Hold, log::JointLog};
 
 impl JointLog {
-    /// Samples in an interval, where those recorded lie closer; 1 elsewhere.
+    /// Number of recorded samples per interval of this length, at least 1.
     #[must_use]
     pub fn samples_in(&self, interval_s: f64) -> usize {
         self.interval_s().map_or(1, |own| ((interval_s / own) as usize).max(1))
     }
 
-    /// The same with samples of about `interval_s`, where those recorded lie closer: positions as they were
-    /// read, efforts and the other joints' effects in the mean over each interval: the efforts hold from each
-    /// sample to the next.
+    /// The log resampled to about `interval_s`, if recorded more densely: positions are picked, efforts and
+    /// the other joints' effects are averaged over each interval, so the new efforts hold from sample to
+    /// sample.
     #[must_use]
     pub fn with_interval(&self, interval_s: f64, hold: Hold) -> Self {
         let every = self.samples_in(interval_s);
@@ -23,7 +23,7 @@ impl JointLog {
         for segment in self.gapless_segments(0) {
             let end = segment.start + segment.len;
             for k in (segment.start..end).step_by(every) {
-                // The last interval of a segment is shorter; its last sample ends it.
+                // The last interval of a segment may be shorter; its last sample ends it.
                 let to = (k + every).min(end);
                 coarse.time_s.push(self.time_s[k]);
                 coarse.position.push(self.position[k]);
@@ -43,7 +43,7 @@ impl JointLog {
     }
 }
 
-/// Mean over time of values from sample `from` to sample `to`.
+/// Time average of values from sample `from` to sample `to`.
 fn mean_over(time_s: &[f64], values: &[f64], hold: Hold, from: usize, to: usize) -> f64 {
     let mut widths = Vec::with_capacity(to - from);
     let mut areas = Vec::with_capacity(to - from);

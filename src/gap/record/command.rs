@@ -1,4 +1,4 @@
-//! Commands of joints, and the known facts of their actuators.
+//! Commands of joints, and known properties of their actuators.
 
 use crate::record::drive::{Hold, Signal};
 
@@ -7,23 +7,22 @@ use crate::record::drive::{Hold, Signal};
 pub struct Command {
     /// Joint.
     pub joint: String,
-    /// Stamps, seconds from the first of the recording; they rise.
+    /// Stamps in increasing order, seconds from the start of the recording.
     pub time_s: Vec<f64>,
     /// Positions, rad or m; NaN where none was commanded.
     pub position: Vec<f64>,
     /// Velocities, rad/s or m/s; NaN where none was commanded.
     pub velocity: Vec<f64>,
-    /// The command runs straight from stamp to stamp; else it holds until the next one.
+    /// Whether the command is linear between stamps; else it holds until the next stamp.
     pub is_straight: bool,
 }
 
 impl Command {
-    /// Commanded position from each sample of the joint to the next, in the mean; NaN before the first
-    /// command.
+    /// Mean commanded position from each sample of the joint to the next; NaN before the first command.
     #[must_use]
     pub fn at_samples(&self, time_s: &[f64], position: &[f64]) -> Vec<f64> {
         let mut latest = f64::NEG_INFINITY;
-        // Backward stamps are left out of the log; here they repeat.
+        // Decreasing stamps are left out of the log; here they repeat the last one.
         let rising = time_s.iter().map(|t| {
             latest = latest.max(*t);
             latest
@@ -34,7 +33,8 @@ impl Command {
         self.at_stamps(&stamps, began.map_or(0.0, |(_, q)| *q))
     }
 
-    /// The same by stamps. Velocities alone add up from `start`, where the joint was at the first of them.
+    /// The same at given stamps. Commanded velocities are integrated from `start`, the joint's position at
+    /// the first one.
     fn at_stamps(&self, stamps: &[f64], start: f64) -> Vec<f64> {
         if !self.position.iter().any(|q| q.is_finite()) {
             return held_means(&self.time_s, &self.integrated_positions(start), true, stamps);
@@ -48,7 +48,7 @@ impl Command {
         held_means(&time_s, &position, self.is_straight, stamps)
     }
 
-    /// Integrals of held velocities.
+    /// Integrals of the held velocities.
     fn integrated_positions(&self, start: f64) -> Vec<f64> {
         let mut at = start;
         let mut last = (self.time_s.first().copied().unwrap_or(0.0), 0.0);
@@ -62,8 +62,8 @@ impl Command {
     }
 }
 
-/// A command in the mean from each stamp to the next; it stands until the next one comes, at any time. Stamps
-/// do not fall.
+/// Mean of a command from each stamp to the next; a command holds until the next one, however late. Stamps
+/// must not decrease.
 fn held_means(time_s: &[f64], position: &[f64], is_straight: bool, stamps: &[f64]) -> Vec<f64> {
     let Some(first) = time_s.first() else { return vec![f64::NAN; stamps.len()] };
     let mut signal = Signal::new(time_s, position, if is_straight { Hold::Linear } else { Hold::Zero });
@@ -79,23 +79,23 @@ fn held_means(time_s: &[f64], position: &[f64], is_straight: bool, stamps: &[f64
     means
 }
 
-/// Known facts of actuators; the others are found.
+/// Known properties of actuators; unknown ones are fitted.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Told {
     /// Unit of recorded efforts.
     pub unit: EffortUnit,
-    /// Of servos: those of single joints, and those of all others.
+    /// Known servos: those of single joints, and one for all others.
     pub servos: Vec<ToldServo>,
 }
 
 impl Told {
-    /// N m or N of one recorded unit, as far as it is known.
+    /// N m or N per recorded unit; 1 if it is unknown.
     #[must_use]
     pub fn effort_factor(&self) -> f64 {
         if let EffortUnit::Factor(factor) = self.unit { factor } else { 1.0 }
     }
 
-    /// Known facts of the servo of a joint.
+    /// The known servo of a joint.
     #[must_use]
     pub fn servo_of(&self, joint: &str) -> Option<&ToldServo> {
         let own = self.servos.iter().find(|s| s.joint.as_deref() == Some(joint));
@@ -109,20 +109,20 @@ pub enum EffortUnit {
     /// N m or N.
     #[default]
     Newton,
-    /// So many N m or N each.
+    /// This many N m or N per unit.
     Factor(f64),
-    /// Currents, duty cycles or counts: the factor is found.
+    /// Unknown, as for currents, duty cycles or counts: the factor is fitted.
     Unknown,
 }
 
-/// A position controller between commands and joint, as far as it is known.
+/// Known properties of a position controller.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ToldServo {
-    /// Joint; `None` for all without an entry.
+    /// Name of the joint; `None` for all joints without an entry of their own.
     pub joint: Option<String>,
-    /// N m/rad or N/m.
+    /// Stiffness, N m/rad or N/m.
     pub stiffness: Option<f64>,
-    /// N m s/rad or N s/m.
+    /// Damping, N m s/rad or N s/m.
     pub damping: Option<f64>,
     /// Largest effort, N m or N.
     pub limit: Option<f64>,

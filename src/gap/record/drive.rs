@@ -1,36 +1,36 @@
-//! The recorded signal, an effort or a commanded position, over the small steps of a rollout.
+//! The recorded signal, an effort or a commanded position, over the short steps of a rollout.
 
 use crate::record::log::JointLog;
 
-/// How the effort runs between samples.
+/// How a signal is interpolated between samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Hold {
-    /// It keeps its value until the next sample.
+    /// Constant until the next sample.
     #[default]
     Zero,
-    /// It runs straight to the next sample.
+    /// Linear to the next sample.
     Linear,
 }
 
 /// Most steps of a rollout between two samples.
-/// chosen: logs of 3 Hz; slower ones show no dynamics.
+/// chosen: enough for logs at 3 Hz; slower ones show no dynamics.
 const MOST_STEPS: f64 = 64.0;
 /// Longest step of a rollout, seconds.
-/// chosen: one step an interval at 200 Hz, the rate of most logs, with 4 % for the stamps.
+/// chosen: one step per interval at 200 Hz, the rate of most logs, with 4 % tolerance for the stamps.
 pub const MAX_STEP_S: f64 = 5.2e-3;
 
-/// Mean signal of every step, and its derivative by the delay.
+/// Mean signal of every step, and its derivative with respect to the delay.
 #[derive(Clone, Debug, Default)]
 pub struct Drive {
-    /// Steps between two samples.
+    /// Number of steps between two samples.
     pub steps: usize,
-    /// Mean signal of each step, `steps` an interval.
+    /// Mean signal of each step, `steps` per interval.
     pub signal: Vec<f64>,
-    /// Derivative of it by the delay, 1/s.
+    /// Derivative of this signal with respect to the delay, per second.
     pub by_delay: Vec<f64>,
 }
 
-/// A signal at a time and its integral from the start of the log.
+/// Evaluates a signal and its integral from the start of the log.
 pub struct Signal<'a> {
     time_s: &'a [f64],
     values: &'a [f64],
@@ -41,13 +41,13 @@ pub struct Signal<'a> {
 }
 
 impl<'a> Signal<'a> {
-    /// Of values by their rising stamps; one at least.
+    /// A signal of values at increasing stamps, at least one.
     #[must_use]
     pub fn new(time_s: &'a [f64], values: &'a [f64], hold: Hold) -> Self {
         Self { time_s, values, hold, at: 0, sum: 0.0 }
     }
 
-    /// Value and integral at `t`; calls must not go back in time.
+    /// Value and integral at time `t`; successive calls must not go back in time.
     pub fn value_and_integral(&mut self, t: f64) -> (f64, f64) {
         let time = self.time_s;
         let effort = self.values;
@@ -68,26 +68,26 @@ impl<'a> Signal<'a> {
                 let slope = (next - effort[k]) / (time[k + 1] - time[k]);
                 (effort[k] + slope * x, self.sum + x * (effort[k] + 0.5 * slope * x))
             }
-            // Before the first sample the signal counts as the first one.
+            // Before the first sample the signal has the value of the first one.
             _ => (effort[k], self.sum + x * effort[k]),
         }
     }
 }
 
 impl Drive {
-    /// Usual steps between two samples of a log.
+    /// Usual number of steps between two samples of a log.
     #[must_use]
     pub fn usual_steps(log: &JointLog) -> usize {
         log.interval_s().map_or(1, |dt| (dt / MAX_STEP_S).ceil().clamp(1.0, MOST_STEPS) as usize)
     }
 
-    /// The signal of a log, acting `delay_s` late, with so many steps between two samples.
+    /// The signal of a log acting `delay_s` seconds late, with `steps` steps between two samples.
     #[must_use]
     pub fn with_steps(log: &JointLog, hold: Hold, delay_s: f64, steps: usize) -> Self {
         Self::of_signal(&log.time_s, log.driving_signal(), hold, delay_s, steps)
     }
 
-    /// Of a signal by its stamps.
+    /// The same for any signal with its stamps.
     #[must_use]
     pub fn of_signal(time_s: &[f64], values: &[f64], hold: Hold, delay_s: f64, steps: usize) -> Self {
         let n = time_s.len();
@@ -103,7 +103,7 @@ impl Drive {
             for s in 0..steps {
                 let h = width / steps as f64;
                 let next = signal.value_and_integral(time_s[k] + (s + 1) as f64 * h - delay_s);
-                // Differences of the integral are exact also where a delay moves a sample into the step.
+                // Differences of the integral are exact even if a delay moves a sample into the step.
                 drive.signal.push((next.1 - last.1) / h);
                 drive.by_delay.push((last.0 - next.0) / h);
                 last = next;
@@ -112,14 +112,14 @@ impl Drive {
         drive
     }
 
-    /// Mean from a sample to the next.
+    /// Mean signal from a sample to the next.
     #[must_use]
     pub fn mean_after(&self, sample: usize) -> f64 {
         let steps = sample * self.steps..(sample + 1) * self.steps;
         self.signal[steps].iter().sum::<f64>() / self.steps as f64
     }
 
-    /// Mean from each sample to the next; `last` for the last one, without an interval.
+    /// Mean signal from each sample to the next; the last sample has no interval and gets `last`.
     #[must_use]
     pub fn means_by_sample(&self, last: Option<f64>) -> Vec<f64> {
         (0..self.signal.len() / self.steps.max(1)).map(|k| self.mean_after(k)).chain(last).collect()

@@ -1,4 +1,4 @@
-//! Poses and wrenches of a run turned into positions and efforts of joints, beside those of its joint states.
+//! Adds positions from poses and efforts from wrenches to the joint states of a run.
 
 use std::collections::BTreeMap;
 
@@ -12,12 +12,11 @@ use crate::{
     twin_tree::{Motion, TwinTree},
 };
 
-/// Gives the joints of a run their positions from poses, where these were asked for or nothing else reports
-/// them, and adds the efforts of wrenches to those of the joint states. Returns the further evidence of the
-/// poses, by joint.
+/// Sets positions of joints from poses, where requested or where nothing else reports them, and adds the
+/// efforts of wrenches to the recorded ones. Returns the off-axis evidence of the poses, by joint.
 ///
 /// # Errors
-/// [`TrackError`] for links and frames that the twin does not have.
+/// [`TrackError`] for links and frames missing in the twin.
 pub fn complete_run(
     run: &mut Recording,
     tree: &TwinTree,
@@ -45,7 +44,7 @@ pub fn complete_run(
             let of = |values: &[f64]| usable.iter().map(|&k| values[k]).collect::<Vec<f64>>();
             resampled(&of(&s.time_s), &of(&s.effort), &found.time_s, hold)
         });
-        // Unknown, unless a wrench gives it below.
+        // NaN unless a wrench gives the effort below.
         let effort = effort.unwrap_or_else(|| vec![f64::NAN; found.time_s.len()]);
         let velocity = vec![f64::NAN; found.time_s.len()];
         let name = name.clone();
@@ -55,10 +54,10 @@ pub fn complete_run(
         run.joints.retain(|s| s.name != samples.name);
         run.joints.push(samples);
     }
-    // Replaced joints stand at the end; the result must not depend on their choice.
+    // Replaced joints were appended; sorting makes the order independent of this.
     run.joints.sort_by(|a, b| a.name.cmp(&b.name));
     let mut added: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
-    // An unrecorded joint counts as standing at 0.
+    // An unrecorded joint is assumed at 0.
     let position = |j: usize, t: f64| run.samples(&tree.joints[j].name).map_or(0.0, |s| position_at(s, t));
     for track in &run.wrenches {
         for (j, efforts) in joint_efforts(tree, track, &position)?.into_iter().enumerate() {
@@ -73,7 +72,7 @@ pub fn complete_run(
     for (j, added) in added {
         let name = &tree.joints[j].name;
         let Some(samples) = run.joints.iter_mut().find(|s| s.name == *name) else { continue };
-        // An effort recorded as well acts beside the wrench.
+        // A recorded effort acts in addition to the wrench.
         let drives = samples.effort.iter().any(|u| u.is_finite());
         for (effort, added) in samples.effort.iter_mut().zip(&added) {
             *effort = if drives { *effort + added } else { *added };
@@ -82,7 +81,7 @@ pub fn complete_run(
     Ok(evidence)
 }
 
-/// Position of a joint at a time, straight between samples; the first or last one beyond them.
+/// Position of a joint at a time, linear between samples, constant beyond the ends.
 fn position_at(samples: &JointSamples, t: f64) -> f64 {
     let known = |k: &usize| samples.position[*k].is_finite();
     let next = samples.time_s.partition_point(|x| *x < t);

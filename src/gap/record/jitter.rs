@@ -1,4 +1,4 @@
-//! Noise of recorded positions, by how they scatter about a smooth motion.
+//! Noise of recorded positions, from their scatter about a smooth motion.
 
 use crate::record::{
     log::{JointLog, position_noise},
@@ -7,7 +7,7 @@ use crate::record::{
 };
 use numeric::statistics::CHI_SQUARE_999;
 
-/// Noise of logs of one joint: (14.1), and the jitter of the likeliest smooth motion, (14.5).
+/// Noise of the logs of one joint: (14.1), and the jitter giving the most likely smooth motion, (14.5).
 #[must_use]
 pub fn reading_noise(logs: &[JointLog]) -> ReadingNoise {
     let noise = ReadingNoise::at_rest(position_noise(logs));
@@ -18,7 +18,7 @@ pub fn reading_noise(logs: &[JointLog]) -> ReadingNoise {
     if !(top > 0.0) {
         return noise;
     }
-    // From a jitter of little effect at the top speed to far beyond the noise at rest.
+    // From a negligible jitter at the top speed to one far beyond the noise at rest.
     let grid = (0..JITTERS).map(|i| noise.at_rest / top * f64::from(i).exp2());
     let trials = grid.map(|jitter_s| ReadingNoise { jitter_s, ..noise });
     let best =
@@ -35,9 +35,9 @@ fn positions_likelihood(motions: &[SmoothMotion], logs: &[JointLog], noise: &Rea
     motions.iter().zip(logs).map(|(m, l)| m.log_likelihood_under(&l.position, noise)).sum()
 }
 
-/// Tried jitters, each twice the one before.
+/// Number of tried jitters, each twice the one before.
 const JITTERS: i32 = 8;
-/// Least gain of log likelihood by a jitter.
+/// Least gain of log likelihood for a jitter to be accepted.
 /// derived: half the quantile of chi-square with one degree of freedom.
 const ENOUGH: f64 = 0.5 * CHI_SQUARE_999[0];
 

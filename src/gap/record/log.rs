@@ -1,9 +1,9 @@
-//! Measured motion of one joint: samples, runs, and the windows of the shooting.
+//! Measured motion of one joint: samples, runs, and windows for the shooting.
 
 use crate::record::carried::Carried;
 use numeric::statistics::{MAD_IN_SIGMAS, median};
 
-/// One recorded run of one joint, stamps strictly increasing.
+/// One recorded run of one joint; stamps strictly increase.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct JointLog {
     /// Name of the run.
@@ -12,14 +12,13 @@ pub struct JointLog {
     pub time_s: Vec<f64>,
     /// Measured position, rad or m.
     pub position: Vec<f64>,
-    /// Effort at the joint from this sample on, N m or N; of a servo, its effort by the reading.
+    /// Effort at the joint from this sample on, N m or N; for a servo, computed from the readings.
     pub effort: Vec<f64>,
-    /// Commanded position of a servo from this sample on, rad or m; empty where efforts were recorded.
+    /// Commanded position of a servo from this sample on, rad or m; empty if efforts were recorded.
     pub commanded: Vec<f64>,
-    /// Measured positions of the twin's other moving joints, by joint, at the same stamps.
+    /// Measured positions of the twin's other moving joints at the same stamps, by joint.
     pub others: Vec<Vec<f64>>,
-    /// Effects of its chain's other joints on the joint, from each sample to the next; empty where it has
-    /// none.
+    /// Effects of the other joints of its chain, from each sample to the next; empty without a chain.
     pub carried: Vec<Carried>,
 }
 
@@ -34,24 +33,24 @@ pub struct Span {
     pub len: usize,
 }
 
-/// An interval longer than this many usual ones is a gap.
+/// An interval longer than this many usual ones counts as a gap.
 /// tuned: tests/python/gap/generate.py.
 pub const GAP_INTERVALS: f64 = 3.5;
 
 impl JointLog {
-    /// Drive of the joint: the commanded position of a servo, or the effort.
+    /// The signal driving the joint: the commanded position of a servo, or the effort.
     #[must_use]
     pub fn driving_signal(&self) -> &[f64] {
         if self.commanded.is_empty() { &self.effort } else { &self.commanded }
     }
 
-    /// Usual sample interval, seconds; `None` below two samples.
+    /// Usual sample interval, seconds; `None` with fewer than two samples.
     #[must_use]
     pub fn interval_s(&self) -> Option<f64> {
         median(self.time_s.windows(2).map(|w| w[1] - w[0]).collect())
     }
 
-    /// Runs of samples without a gap.
+    /// Segments of samples without a gap.
     #[must_use]
     pub fn gapless_segments(&self, log: usize) -> Vec<Span> {
         let Some(usual) = self.interval_s() else { return Vec::new() };
@@ -66,7 +65,7 @@ impl JointLog {
         spans
     }
 
-    /// Positions of the other joints between a sample and the next, the first eight.
+    /// Positions of the first eight other joints halfway between a sample and the next.
     #[must_use]
     pub fn others_after(&self, k: usize) -> [f64; 8] {
         let mut now = [0.0; 8];
@@ -76,7 +75,7 @@ impl JointLog {
         now
     }
 
-    /// A part of it.
+    /// The samples from `from` to `to`.
     #[must_use]
     pub fn part_between(&self, from: usize, to: usize) -> Self {
         Self {
@@ -90,7 +89,7 @@ impl JointLog {
         }
     }
 
-    /// Length, seconds.
+    /// Duration, seconds.
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         match (self.time_s.first(), self.time_s.last()) {
@@ -101,20 +100,21 @@ impl JointLog {
 }
 
 /// Fewest samples of a window.
-/// chosen: fewer say little beyond their start state.
+/// chosen: fewer reveal little beyond their start state.
 const LEAST_SAMPLES: usize = 8;
-/// Distance from a half of a fraction near 0 or near 1.
-/// chosen: a hundredth of a step is rounding.
+/// A number counts as whole if its fraction is farther than this from one half.
+/// chosen: within a hundredth of a step it is rounding.
 const NEAR_WHOLE: f64 = 0.49;
-/// Least gap between held positions without a split by rounding in the recording, as a share of the mean one.
-/// chosen: recordings have digits for a thousandth of a step.
+/// Least spacing of two different held positions, as a share of the mean spacing; a smaller one is rounding
+/// in the recording.
+/// chosen: recordings resolve a thousandth of a step.
 const SPLIT: f64 = 1e-3;
-/// Largest distance of a gap from a whole number of steps, steps.
+/// Largest deviation of a spacing from a whole number of encoder steps, in steps.
 /// chosen: a tenth of a step.
 const OFF_STEP: f64 = 0.1;
 
-/// Windows of about `length_s`, of equal size within each segment; segments shorter than a third of it are
-/// left out.
+/// Windows of about `length_s` seconds, equally long within each segment; segments shorter than a third of it
+/// are left out.
 #[must_use]
 pub fn shooting_windows(logs: &[JointLog], length_s: f64) -> Vec<Span> {
     let mut windows = Vec::new();
@@ -122,7 +122,7 @@ pub fn shooting_windows(logs: &[JointLog], length_s: f64) -> Vec<Span> {
         let Some(interval) = log.interval_s() else { continue };
         let wanted = (length_s / interval).round().max(LEAST_SAMPLES as f64) as usize;
         for segment in log.gapless_segments(index) {
-            // Such a segment says little beyond its own start state.
+            // Such a segment reveals little beyond its start state.
             if segment.len * 3 < wanted || segment.len < LEAST_SAMPLES {
                 continue;
             }
@@ -143,8 +143,8 @@ pub fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|r| r * r).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }
 
-/// White noise of the positions, rad or m: the median absolute fourth difference, hardly affected by motion
-/// of a mass. See docs/method.md (14.1).
+/// White noise of the positions, rad or m, from the median absolute fourth difference: the motion of a mass
+/// hardly contributes to it. See docs/method.md (14.1).
 #[must_use]
 pub fn position_noise(logs: &[JointLog]) -> f64 {
     let mut differences = Vec::new();
@@ -163,23 +163,23 @@ pub fn position_noise(logs: &[JointLog]) -> f64 {
     let sigma = difference / MAD_IN_SIGMAS / 70f64.sqrt();
     // A quantized encoder at rest still has its rounding noise.
     steps.sort_by(f64::total_cmp);
-    // A quantile, since rounding in the record may split single steps.
+    // A quantile, since rounding in the recording may split single steps.
     let smallest = steps.get(steps.len() / 50).copied().unwrap_or(0.0);
-    // Steps on a lattice are whole multiples of the smallest: fractions near 0 or near 1.
+    // Steps of an encoder are whole multiples of the smallest: fractions near 0 or near 1.
     let quantized = steps.iter().filter(|d| ((*d / smallest).fract() - 0.5).abs() > NEAR_WHOLE).count() * 10
         > steps.len() * 9;
     let step = if quantized { Some(smallest) } else { encoder_step(logs) };
-    // derived: the deviation of a uniform distribution over a step.
+    // derived: the standard deviation of a uniform distribution over a step.
     step.map_or(sigma, |step| sigma.max(step / 12f64.sqrt()))
 }
 
-/// Samples without any change of a held position.
+/// A position counts as held after this many samples without any change.
 const HELD_SAMPLES: usize = 4;
-/// Fewest different held positions of a lattice.
+/// Fewest different held positions to recognize an encoder.
 const MIN_HELD: usize = 8;
 
-/// Step of the encoder, rad or m, where the held positions of the joint are multiples of one: also positions
-/// interpolated between readings of the encoder show it at rest.
+/// Step of the encoder, rad or m, if the held positions are multiples of a step. At rest this is visible even
+/// in positions interpolated between encoder readings.
 fn encoder_step(logs: &[JointLog]) -> Option<f64> {
     let stretches = logs.iter().flat_map(|l| l.position.windows(HELD_SAMPLES));
     let mut held: Vec<f64> = stretches.filter(|w| w.iter().all(|q| *q == w[0])).map(|w| w[0]).collect();
@@ -190,7 +190,7 @@ fn encoder_step(logs: &[JointLog]) -> Option<f64> {
     }
     let mut gaps: Vec<f64> = held.windows(2).map(|w| w[1] - w[0]).collect();
     gaps.sort_by(f64::total_cmp);
-    // Rounding in the recording may split one step of the encoder into neighbors.
+    // Rounding in the recording may split one encoder step into neighbors.
     let trial =
         gaps.iter().copied().find(|g| *g > SPLIT * (held[held.len() - 1] - held[0]) / held.len() as f64)?;
     let on = gaps.iter().filter(|g| ((*g / trial).round() - *g / trial).abs() < OFF_STEP).count();

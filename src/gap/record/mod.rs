@@ -1,4 +1,4 @@
-//! Recorded runs turned into positions and efforts of one joint.
+//! Turns recorded runs into positions and efforts of single joints.
 
 pub mod carried;
 pub mod chain;

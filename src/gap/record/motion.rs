@@ -1,32 +1,32 @@
-//! Motion of a joint from its positions: a Kalman smoother with an expected acceleration and a remainder
-//! driven by white jerk; the positions choose its level. See docs/method.md (14.5).
+//! Motion of a joint from its positions: a Kalman smoother. The acceleration is an expected one plus a
+//! remainder driven by white jerk, with a level chosen by likelihood. See docs/method.md (14.5).
 
 use nalgebra::{Matrix3, Vector3};
 
 use crate::record::reading_noise::ReadingNoise;
 
-/// Motion at and between the stamps of the positions.
+/// Motion at the stamps of the positions and between them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SmoothMotion {
-    /// Seconds.
+    /// Stamps, seconds.
     pub time_s: Vec<f64>,
     /// (position, velocity, remainder of the acceleration) at each stamp.
     pub state: Vec<Vector3<f64>>,
-    /// Expected acceleration from each stamp to the next; empty for none.
+    /// Expected acceleration from each stamp to the next; empty if there is none.
     pub expected: Vec<f64>,
-    /// Level of the jerk, of the tried ones.
+    /// Index of the chosen level of the jerk.
     pub level: i32,
 }
 
 /// Lowest tried jerk, in ranges of the position per s^2 and root second.
 /// chosen: far below the jerk of any recorded motion.
 const LEAST_JERK: f64 = 1e-4;
-/// Tried levels of the jerk, each times the next lower one.
+/// Number of tried levels of the jerk, each `RATIO` times the next lower one.
 const LEVELS: i32 = 18;
-/// chosen: half a decade; the likelihood is flat about its top.
+/// Ratio of neighboring levels. chosen: half a decade; the likelihood is flat near its maximum.
 const RATIO: f64 = 3.0;
-/// Levels below a motion's for another noise.
-/// derived: noise taken for motion raises the level by its ratio to the true one, three decades.
+/// Number of levels below the present one tried for another noise.
+/// derived: noise taken for motion raises the level by its ratio to the true noise, at most three decades.
 const LOWER: i32 = 6;
 
 /// Jerk of a level, rad/s^2 or m/s^2 per root second.
@@ -34,7 +34,7 @@ fn jerk_of_level(position: &[f64], variances: &[f64], level: i32) -> f64 {
     let low = position.iter().copied().fold(f64::INFINITY, f64::min);
     let high = position.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let least = variances.iter().copied().fold(f64::INFINITY, f64::min).sqrt();
-    // A joint at rest has a scale of its own noise.
+    // A joint at rest has the scale of its own noise.
     LEAST_JERK * (high - low).max(10.0 * least).max(1e-12) * RATIO.powi(level)
 }
 
@@ -44,14 +44,14 @@ impl SmoothMotion {
     pub fn of_positions(time_s: &[f64], position: &[f64], noise: &ReadingNoise, expected: &[f64]) -> Self {
         let at_rest = vec![noise.variance_at_speed(0.0); position.len()];
         let motion = Self::likeliest_motion(time_s, position, &at_rest, expected);
-        // The speeds behind the errors of stamps are those of the sought motion: once is enough.
+        // The stamps' errors depend on the speeds of the sought motion: one repetition is enough.
         if noise.jitter_s > 0.0 {
             return Self::likeliest_motion(time_s, position, &motion.reading_variances(noise), expected);
         }
         motion
     }
 
-    /// The likeliest motion.
+    /// The motion with the most likely level of the jerk.
     fn likeliest_motion(time_s: &[f64], position: &[f64], variances: &[f64], expected: &[f64]) -> Self {
         let jerk = |level| jerk_of_level(position, variances, level);
         let filtered = |level| filter_positions(time_s, position, variances, jerk(level), expected);
@@ -59,7 +59,7 @@ impl SmoothMotion {
         let level = best.map_or(0, |b| b.1);
         let (passed, _) = filtered(level);
         let mut state: Vec<Vector3<f64>> = passed.iter().map(|p| p.updated.0).collect();
-        // Backward pass of Rauch, Tung and Striebel.
+        // Backward pass of the Rauch-Tung-Striebel smoother.
         for k in (0..state.len().saturating_sub(1)).rev() {
             let here = &passed[k];
             let next = &passed[k + 1];
@@ -70,19 +70,19 @@ impl SmoothMotion {
         Self { time_s: time_s.to_vec(), state, expected: expected.to_vec(), level }
     }
 
-    /// Variances of readings of the motion.
+    /// Variance of each reading of the motion.
     #[must_use]
     pub fn reading_variances(&self, noise: &ReadingNoise) -> Vec<f64> {
         self.state.iter().map(|s| noise.variance_at_speed(s[1])).collect()
     }
 
-    /// Log likelihood of the positions of the motion, under another noise; of the levels from well below the
+    /// Log likelihood of the motion's positions under another noise, for the best level from well below the
     /// motion's.
     #[must_use]
     pub fn log_likelihood_under(&self, position: &[f64], noise: &ReadingNoise) -> f64 {
         let variances = self.reading_variances(noise);
         let mut best = f64::NEG_INFINITY;
-        // Noise taken for motion asked for more jerk.
+        // Noise taken for motion had required more jerk.
         for level in self.level - LOWER..=self.level + 1 {
             let jerk = jerk_of_level(position, &variances, level);
             best = best.max(filter_positions(&self.time_s, position, &variances, jerk, &self.expected).1);
@@ -90,8 +90,8 @@ impl SmoothMotion {
         best
     }
 
-    /// Position, velocity and acceleration at a time; before and after the recording those at its ends, at
-    /// rest.
+    /// Position, velocity and acceleration at a time; outside the recording the joint rests at its first or
+    /// last position.
     #[must_use]
     pub fn state_at(&self, t: f64) -> Vector3<f64> {
         let Some(last) = self.state.len().checked_sub(1) else { return Vector3::zeros() };
@@ -116,7 +116,7 @@ struct Passed {
     transition: Matrix3<f64>,
 }
 
-/// Filters; gives every sample's beliefs and the log likelihood.
+/// Forward filter; returns the estimates at every sample and the log likelihood.
 fn filter_positions(
     time_s: &[f64],
     position: &[f64],
@@ -149,7 +149,7 @@ fn filter_positions(
         let predicted = belief;
         let s = predicted.1[(0, 0)] + variances[k];
         let innovation = y - predicted.0[0];
-        // The first innovations show the wide start only.
+        // The first innovations only reflect the wide initial state.
         if k > 5 {
             likelihood -= 0.5 * (innovation * innovation / s + s.ln());
         }

@@ -1,11 +1,11 @@
-//! The position of a joint from measured poses of its part, and the part of these poses out of the joint's
-//! reach.
+//! The position of a joint from measured poses of its part, and the off-axis part of these poses, impossible
+//! for the joint.
 //! See docs/method.md (14.2).
 //!
-//! The twin with its joint at `q` has `joint_from_part = motion(q)`. The rest, `E = joint_from_part *
-//! motion(q)^-1`, has a turn and a shift: at rest with an error of the twin's axis, going round with the part
-//! with an error of the tracked frame. Across the axis both are complex numbers: `a + b exp(i q)` at a
-//! turning joint, `a + b q` at a sliding one.
+//! The twin with its joint at `q` has `joint_from_part = motion(q)`. The remainder `E = joint_from_part *
+//! motion(q)^-1` has a rotation and a translation. They are constant for an error of the twin's axis, and
+//! rotate with the part for an error of the tracked frame. Perpendicular to the axis both are complex
+//! numbers: `a + b exp(i q)` for a revolute joint, `a + b q` for a sliding one.
 
 use nalgebra::{Complex, Matrix2, Matrix3, Matrix3x6, Matrix6, Vector2, Vector3, Vector6};
 
@@ -18,7 +18,7 @@ use crate::{
 };
 use geometry::{Pose, log_so3};
 
-/// Shift and turn across a joint, root mean square over the samples.
+/// Translation and rotation off a joint's motion, root mean square over the samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Across {
     /// Meters.
@@ -37,15 +37,15 @@ impl Across {
 /// Suspected cause of the off-axis part of poses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Suspect {
-    /// The joint makes the poses.
+    /// None: the joint explains the poses.
     None,
-    /// The axis stands elsewhere than in the twin.
+    /// The axis differs from the twin's.
     AxisOffset,
-    /// The tracked frame is not the link's.
+    /// The tracked frame is not the link's frame.
     TrackedFrame,
-    /// The part moves in a further way.
+    /// The part has an additional degree of freedom.
     SecondDof,
-    /// The part moves in another way.
+    /// The part moves by another type of joint.
     WrongJointType,
 }
 
@@ -66,48 +66,48 @@ impl Suspect {
 /// Evidence about a joint from poses of its part.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OffAxis {
-    /// Out of the joint's reach.
+    /// Off-axis part of the poses.
     pub measured: Across,
-    /// Its noise.
+    /// Noise of the poses.
     pub noise: Across,
-    /// Its remainder with another axis and another tracked frame.
+    /// Off-axis part left with a corrected axis and tracked frame.
     pub left: Across,
-    /// By how much the axis stands off the twin's; across it, and its tilt.
+    /// Deviation of the axis from the twin's: perpendicular offset and tilt.
     pub axis: Across,
-    /// By how much the tracked frame stands off the link's.
+    /// Deviation of the tracked frame from the link's.
     pub mount: Across,
     /// Suspected cause.
     pub suspect: Suspect,
 }
 
-/// Multiple of the noise without a meaning.
+/// A deviation below this multiple of the noise is not significant.
 /// chosen: three standard deviations.
 const NOISES: f64 = 3.0;
 /// Least noise: the rounding of the numbers.
-/// derived: six decimals, at least held by messages of poses.
+/// derived: six decimals, the least number in messages of poses.
 const LEAST: Across = Across { shift_m: 1e-6, turn_rad: 1e-6 };
-/// Remaining share of an accepted explanation: of poses off a joint, of the finding of a table over one
-/// variable, of noise, of the gap and the windows of held-out runs. An effect of less beside others need not
-/// be there.
+/// Largest share an explanation may leave: of off-axis poses, of the gain of a table over one variable, of
+/// noise, of the gap and the windows of held-out runs. An effect explaining less than this beside others is
+/// not needed.
 /// tuned: tests/python/gap/generate.py.
 pub const MAX_LEFT: f64 = 0.12;
 
-/// Positions of a joint with their evidence.
+/// Positions of a joint, with their evidence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PosedJoint {
     /// Stamps, seconds.
     pub time_s: Vec<f64>,
     /// Positions, rad or m.
     pub position: Vec<f64>,
-    /// Part of the poses out of the joint's reach.
+    /// Off-axis evidence.
     pub evidence: OffAxis,
 }
 
-/// A joint's positions from tracks of its part: in a frame of its parent part, or together with a track of
-/// the parent in the same frame. `None` without such a track.
+/// A joint's positions from tracks of its part, either in a frame of its parent part or with a track of the
+/// parent in the same frame. `None` without such a track.
 ///
 /// # Errors
-/// [`TrackError`] for links and frames that the twin does not have.
+/// [`TrackError`] for links and frames missing in the twin.
 pub fn posed_joint(
     tree: &TwinTree,
     joint: usize,
@@ -117,7 +117,7 @@ pub fn posed_joint(
     let own = tree.carrying_link(spec.child);
     let base = tree.carrying_link(spec.parent);
     let rest = tree.link_poses(&vec![0.0; tree.joints.len()]);
-    // Links fixed to each other move as one: any of their tracks serves, brought to the carrier.
+    // Links fixed to each other move together: a track of any of them is converted to the carrying link.
     let on_carrier = |link: usize| rest[tree.carrying_link(link)].inverse() * rest[link];
     let mut found: Vec<(usize, usize, &PoseTrack, Pose, Pose)> = Vec::new();
     for track in tracks {
@@ -135,12 +135,12 @@ pub fn posed_joint(
     let of_part = found.iter().filter(|f| f.1 == own);
     for (frame, _, track, carrier_from_frame, link_from_carrier) in of_part {
         let whole = |pose: &Pose| carrier_from_frame * pose * link_from_carrier;
-        // Given in the frame of the parent part: only the joint lies between.
+        // In a frame of the parent part, only the joint lies between.
         if *frame == base {
             let poses: Vec<Pose> = track.pose.iter().map(|p| base_from_joint.inverse() * whole(p)).collect();
             return Ok(posed_positions(spec, &track.time_s, &poses));
         }
-        // Else both parts must be tracked in one frame, and the joint is the difference.
+        // Else both parts must be tracked in one frame, and the joint is their relative pose.
         let Some(other) = found.iter().find(|o| o.1 == base && o.0 == *frame) else { continue };
         let mut time_s = Vec::new();
         let mut poses = Vec::new();
@@ -155,7 +155,7 @@ pub fn posed_joint(
     Ok(None)
 }
 
-/// The pose of a track at a time between its samples.
+/// The pose of a track at a time, interpolated between its samples.
 fn pose_at(track: &PoseTrack, t: f64) -> Option<Pose> {
     let next = track.time_s.partition_point(|x| *x < t);
     let b = track.pose.get(next)?;
@@ -168,19 +168,19 @@ fn pose_at(track: &PoseTrack, t: f64) -> Option<Pose> {
     a.try_lerp_slerp(b, (t - ta) / (tb - ta), 1e-9)
 }
 
-/// Positions and evidence from `joint_from_part` poses; `None` without any.
+/// Positions and evidence from `joint_from_part` poses; `None` if there are none.
 fn posed_positions(joint: &TwinJoint, time_s: &[f64], poses: &[Pose]) -> Option<PosedJoint> {
     let axis = joint.axis.into_inner();
     let mut position: Vec<f64> = Vec::with_capacity(poses.len());
     for p in poses {
         let q = match joint.motion {
             Motion::Fixed => 0.0,
-            // The turn about the axis nearest to the pose's rotation.
+            // The rotation about the axis closest to the pose's rotation.
             Motion::Turn => 2.0 * axis.dot(&p.rotation.imag()).atan2(p.rotation.w),
             Motion::Slide => axis.dot(&p.translation.vector),
         };
         let turns = std::f64::consts::TAU;
-        // Without a jump by a turn from sample to sample.
+        // Unwrapped, so there is no jump by a full turn between samples.
         let near = position
             .last()
             .map_or_else(|| (q / turns).round() * turns, |last| ((q - last) / turns).round() * turns);
@@ -203,13 +203,13 @@ fn off_axis_evidence(
         return None;
     }
     let axis = joint.axis.into_inner();
-    // The unit vector least along the axis: the product is far from zero.
+    // The unit vector least aligned with the axis keeps the cross product far from zero.
     let first = axis.cross(&Vector3::ith(axis.iamin(), 1.0)).normalize();
     let second = axis.cross(&first);
     let flat = |v: &Vector3<f64>| Complex::new(first.dot(v), second.dot(v));
     let shifts: Vec<Vector3<f64>> = left.iter().map(|e| e.translation.vector).collect();
     let turns: Vec<Vector3<f64>> = left.iter().map(|e| log_so3(&e.rotation)).collect();
-    // The basis going round or along with the part (14.2).
+    // The basis rotating or translating with the part (14.2).
     let basis: Vec<Complex<f64>> =
         position
             .iter()
@@ -221,7 +221,7 @@ fn off_axis_evidence(
                 }
             })
             .collect();
-    // Along the axis a shift is the same everywhere.
+    // Along the axis a translation is the same everywhere.
     let mean_along = shifts.iter().map(|s| axis.dot(s)).sum::<f64>() / shifts.len() as f64;
     let along: Vec<f64> = shifts
         .iter()
@@ -246,8 +246,8 @@ fn off_axis_evidence(
             Across { shift_m: shift_still.norm(), turn_rad: turn_still.norm() },
             Across { shift_m: shift_moving.norm().hypot(mean_along), turn_rad: turn_moving.norm() },
         ),
-        // A shift growing with the position is a tilt of the axis; a constant one may as well be the tracked
-        // frame's.
+        // A translation growing with the position is a tilt of the axis; a constant one may also come from
+        // the tracked frame.
         _ => (
             Across { shift_m: 0.0, turn_rad: shift_moving.norm() },
             Across { shift_m: shift_still.norm(), turn_rad: turn_still.norm() },
@@ -267,7 +267,7 @@ fn suspected_cause(joint: &TwinJoint, position: &[f64], poses: &[Pose], e: &OffA
     let travel = high - low;
     // Neither another axis nor another tracked frame explains these poses.
     if !e.left.is_within(NOISES, &e.noise) && !e.left.is_within(MAX_LEFT, &e.measured) {
-        // The type is called wrong only where the other type makes the poses; else there is a second
+        // The type is called wrong only if the other type explains the poses; otherwise there is a second
         // motion.
         let is_other = match joint.motion {
             Motion::Turn => is_still(poses, &e.noise),
@@ -275,7 +275,7 @@ fn suspected_cause(joint: &TwinJoint, position: &[f64], poses: &[Pose], e: &OffA
         };
         return if is_other { Suspect::WrongJointType } else { Suspect::SecondDof };
     }
-    // Sizes with a meaning: the axis must move the part by more than the noise over the travel.
+    // Significant sizes only: over the travel, the axis error must move the part by more than the noise.
     let moved = if joint.motion == Motion::Turn {
         Across { shift_m: e.axis.shift_m * travel.min(1.0), turn_rad: e.axis.turn_rad * travel.min(1.0) }
     } else {
@@ -284,21 +284,21 @@ fn suspected_cause(joint: &TwinJoint, position: &[f64], poses: &[Pose], e: &OffA
     if !moved.is_within(NOISES, &e.noise) { Suspect::AxisOffset } else { Suspect::TrackedFrame }
 }
 
-/// Whether no pose is turned against the mean of all by more than the noise.
+/// Whether no pose is rotated against the mean by more than the noise.
 fn is_still(poses: &[Pose], noise: &Across) -> bool {
     let first = poses[0].rotation.inverse();
     let turns: Vec<Vector3<f64>> = poses.iter().map(|p| log_so3(&(p.rotation * first))).collect();
     rms_from_mean(&turns) <= NOISES * noise.turn_rad
 }
 
-/// Root mean square distance from the mean.
+/// Root mean square deviation from the mean.
 fn rms_from_mean(values: &[Vector3<f64>]) -> f64 {
     let mean = values.iter().sum::<Vector3<f64>>() / values.len() as f64;
     rms(&values.iter().map(|v| (v - mean).norm()).collect::<Vec<_>>())
 }
 
-/// Whether a turn about one axis makes all poses: their turns have one direction, and one point `c` stands
-/// still, so the shifts are `a + (1 - turn) c`, within the noise.
+/// Whether a rotation about one axis explains all poses within the noise: all rotations have one direction,
+/// and one point `c` is fixed, so the translations are `a + (1 - rotation) c`.
 fn is_one_turn(poses: &[Pose], noise: &Across) -> bool {
     let first = poses[0].rotation.inverse();
     let turns: Vec<Matrix3<f64>> =
@@ -310,7 +310,7 @@ fn is_one_turn(poses: &[Pose], noise: &Across) -> bool {
         normal += rows.transpose() * rows;
         right += rows.transpose() * pose.translation.vector;
     }
-    // Along the axis the point is free: the shortest solution.
+    // The point is free along the axis: the shortest solution is taken.
     let Ok(found) = normal.svd(true, true).solve(&right, 1e-9 * normal.norm()) else { return false };
     let lever_m = found.fixed_rows::<3>(3).norm();
     let left: Vec<f64> = turns
@@ -320,17 +320,17 @@ fn is_one_turn(poses: &[Pose], noise: &Across) -> bool {
         .collect();
     let logs: Vec<Vector3<f64>> = poses.iter().map(|p| log_so3(&(p.rotation * first))).collect();
     let scatter: Matrix3<f64> = logs.iter().map(|w| w * w.transpose()).sum();
-    // Turns about one axis scatter along one line; the two smaller eigenvalues measure the rest.
+    // Rotations about one axis scatter along a line; the two smaller eigenvalues measure the deviation.
     let across = {
         let mut spreads: Vec<f64> = scatter.symmetric_eigenvalues().iter().copied().collect();
         spreads.sort_unstable_by(f64::total_cmp);
         ((spreads[0] + spreads[1]).max(0.0) / logs.len() as f64).sqrt()
     };
-    // An error of the turn moves the shift at the end of the lever.
+    // An error of the rotation moves the end of the lever.
     rms(&left) <= NOISES * noise.shift_m.hypot(lever_m * noise.turn_rad) && across <= NOISES * noise.turn_rad
 }
 
-/// Derivative of the shift of a turned pose by (a, c), see [`is_one_turn`].
+/// Derivative of the translation of a rotated pose with respect to (a, c), see [`is_one_turn`].
 fn design_rows(turn: &Matrix3<f64>) -> Matrix3x6<f64> {
     let mut rows = Matrix3x6::zeros();
     rows.fixed_columns_mut::<3>(0).copy_from(&Matrix3::identity());
@@ -338,11 +338,12 @@ fn design_rows(turn: &Matrix3<f64>) -> Matrix3x6<f64> {
     rows
 }
 
-/// Least variance of a changing basis, as a share of its mean square.
+/// Least variance of a varying basis, as a share of its mean square.
 /// chosen: above rounding, below any motion.
 const SPREAD: f64 = 1e-6;
 
-/// Least squares of `a + b basis`: a, b and the absolute residuals. `b` is 0 where the basis hardly changes.
+/// Least squares fit of `a + b basis`: returns a, b and the absolute residuals. `b` is 0 if the basis hardly
+/// varies.
 fn constant_and_moving(
     values: &[Complex<f64>],
     basis: &[Complex<f64>],
@@ -360,7 +361,7 @@ fn constant_and_moving(
     (a, b, values.iter().zip(basis).map(|(z, x)| (z - a - b * x).norm()).collect())
 }
 
-/// White noise of vectors, root of the summed variances.
+/// White noise of vectors: the root of the summed variances.
 fn vector_noise(time_s: &[f64], values: &[Vector3<f64>]) -> f64 {
     let mut variance = 0.0;
     for i in 0..3 {
@@ -372,7 +373,7 @@ fn vector_noise(time_s: &[f64], values: &[Vector3<f64>]) -> f64 {
 }
 
 impl OffAxis {
-    /// Distance of the poses from the joint as the largest multiple of the noise.
+    /// Largest off-axis deviation of the poses, as a multiple of the noise.
     #[must_use]
     pub fn largest_excess(&self) -> f64 {
         (self.measured.shift_m / self.noise.shift_m).max(self.measured.turn_rad / self.noise.turn_rad)

@@ -1,4 +1,4 @@
-//! Joints of a bag, before the cut to one joint: checks with the name of any missing part.
+//! Joints of a bag before the selection of single joints; checks name whatever is missing.
 
 use crate::record::{
     command::{Command, Told},
@@ -10,22 +10,22 @@ use crate::record::{
 
 use common::note::{Note, NoteCode};
 
-/// Largest difference of equal stamps, seconds.
+/// Stamps closer than this count as equal, seconds.
 /// chosen: above the rounding of seconds since the epoch, below any sample interval.
 const SAME_TIME_S: f64 = 1e-7;
 
-/// Samples of one joint as they were recorded.
+/// Recorded samples of one joint.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct JointSamples {
     /// Name of the joint.
     pub name: String,
-    /// Stamps, seconds from the first of the recording.
+    /// Stamps, seconds from the start of the recording.
     pub time_s: Vec<f64>,
-    /// Positions, rad or m; NaN where none was recorded.
+    /// Positions, rad or m; NaN if not recorded.
     pub position: Vec<f64>,
-    /// Efforts, N m or N; NaN where none was recorded.
+    /// Efforts, N m or N; NaN if not recorded.
     pub effort: Vec<f64>,
-    /// Velocities, rad/s or m/s; NaN where none was recorded.
+    /// Velocities, rad/s or m/s; NaN if not recorded.
     pub velocity: Vec<f64>,
 }
 
@@ -34,7 +34,7 @@ pub struct JointSamples {
 pub struct Recording {
     /// Name of the run.
     pub name: String,
-    /// Joints, by name.
+    /// Joints, sorted by name.
     pub joints: Vec<JointSamples>,
     /// Poses of links.
     pub poses: Vec<PoseTrack>,
@@ -42,11 +42,11 @@ pub struct Recording {
     pub wrenches: Vec<WrenchTrack>,
     /// Commands of joints.
     pub commands: Vec<Command>,
-    /// Oddities.
+    /// Notes on irregularities.
     pub warnings: Vec<Note>,
 }
 
-/// Why a run shows nothing of a joint.
+/// Why a run cannot be used for a joint.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RecordingError {
     /// The joint is not in the run.
@@ -59,10 +59,10 @@ pub enum RecordingError {
         run: String,
         /// Joint.
         joint: String,
-        /// Available joints.
+        /// Names of the joints in the run.
         has: String,
     },
-    /// No efforts.
+    /// No efforts and no commands of the joint.
     #[error(
         "run '{run}' has no effort of joint '{joint}' and nothing that it was commanded to: record the \
          effort (motor current times torque constant, or a force gauge as a wrench on its link), the \
@@ -74,7 +74,7 @@ pub enum RecordingError {
         /// Joint.
         joint: String,
     },
-    /// No positions.
+    /// No positions of the joint.
     #[error("run '{run}' has no position of joint '{joint}'")]
     NoPosition {
         /// Run.
@@ -92,21 +92,20 @@ pub enum RecordingError {
         run: String,
         /// Joint.
         joint: String,
-        /// Samples left.
+        /// Number of usable samples.
         samples: usize,
-        /// Length.
+        /// Their duration, seconds.
         seconds: f64,
     },
 }
 
 /// Fewest samples of a run.
 const MIN_SAMPLES: usize = 100;
-/// Half width of the mean for other joints' positions, samples.
+/// Positions of other joints are averaged over this many samples on either side.
 const OTHERS_HALF_WIDTH: usize = 4;
 
 impl JointSamples {
-    /// Gives a joint with velocities and no positions the integrals of the velocities, from 0; returns
-    /// whether it did.
+    /// Integrates the velocities of a joint without positions, from 0; returns whether it did.
     pub fn integrate(&mut self) -> bool {
         let has = |values: &[f64]| values.iter().any(|x| x.is_finite());
         if has(&self.position) || !has(&self.velocity) {
@@ -128,10 +127,10 @@ impl JointSamples {
 }
 
 impl Recording {
-    /// Motion of a joint from its positions; repeated and backward stamps and positions of NaN are left out.
+    /// Motion of a joint from its positions; repeated and decreasing stamps and NaN positions are left out.
     ///
     /// # Errors
-    /// [`RecordingError`] where the run has no position of the joint.
+    /// [`RecordingError`] if the run has no position of the joint.
     pub fn motion(&self, name: &str) -> Result<SmoothMotion, RecordingError> {
         let run = self.name.clone();
         let joint = name.to_owned();
@@ -153,7 +152,7 @@ impl Recording {
         Ok(SmoothMotion::of_positions(&logs[0].time_s, &logs[0].position, &noise, &[]))
     }
 
-    /// Samples of a joint.
+    /// Recorded samples of a joint.
     #[must_use]
     pub fn samples(&self, joint: &str) -> Option<&JointSamples> {
         self.joints.iter().find(|j| j.name == joint)
@@ -163,11 +162,11 @@ impl Recording {
         self.joints.iter().map(|j| format!("'{}'", j.name)).collect::<Vec<_>>().join(", ")
     }
 
-    /// The log of one joint; positions of `others` are brought to its stamps. Repeated and backward stamps
-    /// and samples with NaN are left out, each with a warning.
+    /// The log of one joint; positions of `others` are resampled to its stamps. Repeated and decreasing
+    /// stamps and samples with NaN are left out, each with a warning.
     ///
     /// # Errors
-    /// [`RecordingError`] where the run does not hold enough of the joint.
+    /// [`RecordingError`] if the run does not contain enough of the joint.
     pub fn joint(
         &self,
         name: &str,
@@ -185,7 +184,7 @@ impl Recording {
             return Err(RecordingError::NoPosition { run: run(), joint: joint() });
         }
         let has_effort = samples.effort.iter().any(|u| u.is_finite());
-        // Efforts come first, unless a servo is given.
+        // Efforts take precedence, unless a servo is given.
         let is_servo = told.servo_of(name).is_some() || !has_effort;
         let command = self.commands.iter().find(|c| c.joint == name).filter(|_| is_servo);
         if !has_effort && command.is_none() {
@@ -233,11 +232,11 @@ impl Recording {
             });
         }
         if command.is_some() {
-            // The servo's effort is known once its stiffness is.
+            // The servo's effort follows once its stiffness is known.
             log.commanded = std::mem::replace(&mut log.effort, vec![0.0; log.time_s.len()]);
         }
         let beside = others.iter().filter(|o| o.as_str() != name);
-        // A joint without samples counts as standing at 0.
+        // A joint without samples is assumed at 0.
         log.others = beside
             .map(|o| {
                 self.joints
@@ -277,9 +276,9 @@ fn at_stamps(joint: &JointSamples, stamps: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// Mean position over the neighbors of a sample (time, position).
+/// Mean position over the neighbors of a sample; samples are (time, position).
 fn mean_about(samples: &[(f64, f64)], k: usize) -> f64 {
-    // As wide on both sides, also at the ends: a lopsided mean would lag.
+    // Equally wide on both sides, also at the ends: an asymmetric mean would lag.
     let half = OTHERS_HALF_WIDTH.min(k).min(samples.len() - 1 - k);
     samples[k - half..=k + half].iter().map(|(_, q)| q).sum::<f64>() / (2 * half + 1) as f64
 }

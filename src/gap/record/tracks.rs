@@ -1,4 +1,4 @@
-//! Recorded poses and wrenches of links, and their effect on a joint of the twin.
+//! Recorded poses and wrenches of links, and their effect on the twin's joints.
 
 use nalgebra::Vector3;
 
@@ -14,11 +14,11 @@ use numeric::statistics::median;
 pub struct PoseTrack {
     /// Topic.
     pub topic: String,
-    /// Frame of the poses.
+    /// Frame in which the poses are given.
     pub frame: String,
     /// Link.
     pub link: String,
-    /// It was asked for, and counts before positions of joint states.
+    /// Whether it was requested; then it takes precedence over positions in joint states.
     pub asked: bool,
     /// Stamps, seconds from the first of the recording.
     pub time_s: Vec<f64>,
@@ -31,9 +31,9 @@ pub struct PoseTrack {
 pub struct WrenchTrack {
     /// Topic.
     pub topic: String,
-    /// Frame of the wrenches.
+    /// Frame in which the wrenches are given.
     pub frame: String,
-    /// Link under them.
+    /// Link they act on.
     pub link: String,
     /// Stamps, seconds from the first of the recording.
     pub time_s: Vec<f64>,
@@ -43,23 +43,23 @@ pub struct WrenchTrack {
     pub moment: Vec<Vector3<f64>>,
 }
 
-/// Topics beside the joint states, each with its link or joints.
+/// Topics in addition to the joint states, each with its link or joints.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Streams {
-    /// Wrenches.
+    /// Wrench topics with their links.
     pub wrenches: Vec<(String, String)>,
-    /// Poses.
+    /// Pose topics with their links.
     pub poses: Vec<(String, String)>,
-    /// Commands, each with the joints of its values where messages do not name them.
+    /// Command topics, each with its joints in order if the messages do not name them.
     pub commands: Vec<(String, Vec<String>)>,
-    /// Links with transforms (child frames) to read as poses.
+    /// Links with transforms (child frames) to be read as poses.
     pub links: Vec<String>,
 }
 
-/// Why a track is of no use.
+/// Why a track cannot be used.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TrackError {
-    /// No such link.
+    /// The frame is not in the twin.
     #[error(
         "topic '{topic}' is given in frame '{frame}', which is neither a link of the twin nor 'world'; its \
          links are {links}: name the frame in header.frame_id as the twin does"
@@ -69,10 +69,10 @@ pub enum TrackError {
         topic: String,
         /// Frame.
         frame: String,
-        /// Links.
+        /// Names of the twin's links.
         links: String,
     },
-    /// No such link.
+    /// The link is not in the twin.
     #[error(
         "topic '{topic}' is said to be about link '{link}', which the twin does not have; its links are \
          {links}"
@@ -82,10 +82,10 @@ pub enum TrackError {
         topic: String,
         /// Link.
         link: String,
-        /// Links.
+        /// Names of the twin's links.
         links: String,
     },
-    /// Nothing moves between frame and link.
+    /// No moving joint lies between the root and the link.
     #[error(
         "topic '{topic}': link '{link}' does not move with any joint of the twin; name a link behind a joint"
     )]
@@ -97,10 +97,10 @@ pub enum TrackError {
     },
 }
 
-/// Name for the root of the twin, if no link has it.
+/// Name of the twin's root, unless a link has this name.
 pub const WORLD: &str = "world";
 
-/// Index of the link of a frame; `None` for the world.
+/// Index of a frame's link; `None` for the world.
 ///
 /// # Errors
 /// [`TrackError::NoFrame`].
@@ -114,7 +114,7 @@ pub fn frame_link(tree: &TwinTree, topic: &str, frame: &str) -> Result<Option<us
     }
 }
 
-/// Index of a link behind a moving joint.
+/// Index of a link moved by a joint.
 ///
 /// # Errors
 /// [`TrackError::NoLink`], [`TrackError::Still`].
@@ -134,12 +134,12 @@ fn names(tree: &TwinTree) -> String {
     tree.links.iter().map(|l| format!("'{}'", l.name)).collect::<Vec<_>>().join(", ")
 }
 
-/// A signal brought to other stamps, NaN where there is none: under [`Hold::Zero`] its mean until the next
-/// stamp, every value held until the next one; under [`Hold::Linear`] its value at the stamp.
+/// A signal resampled to other stamps, NaN where it has no value: under [`Hold::Zero`] its mean until the
+/// next stamp, each value holding until the next one; under [`Hold::Linear`] its value at the stamp.
 #[must_use]
 pub fn resampled(time_s: &[f64], values: &[f64], stamps: &[f64], hold: Hold) -> Vec<f64> {
     let usual = median(time_s.windows(2).map(|w| w[1] - w[0]).collect());
-    // A value held across a gap would be an effort nobody recorded.
+    // A value held across a gap would be an effort never recorded.
     let widest = GAP_INTERVALS * usual.unwrap_or(0.0);
     let mut first = 0;
     let mut all = Vec::with_capacity(stamps.len());
@@ -178,12 +178,12 @@ fn held_mean(time_s: &[f64], values: &[f64], first: usize, from: f64, to: f64) -
     if to - from > 1e-9 { (sum + values[k] * (to - at)) / (to - from) } else { values[first] }
 }
 
-/// Effort of a wrench at every joint, N m or N, by stamp: with each joint at `position(joint, time)`. `None`
-/// at joints without the link behind them. A wrench in the frame of a link acts at this frame's origin; one
-/// in the frame of the root or the world acts at the origin of its link.
+/// Effort of a wrench at every joint, N m or N, for each stamp, with joints at `position(joint, time)`.
+/// `None` at joints not carrying the link. A wrench in the frame of a link acts at the origin of this frame;
+/// one in the frame of the root or the world acts at the origin of its link.
 ///
 /// # Errors
-/// [`TrackError`] for links and frames that the twin does not have.
+/// [`TrackError`] for links and frames missing in the twin.
 pub fn joint_efforts(
     tree: &TwinTree,
     track: &WrenchTrack,
@@ -202,7 +202,7 @@ pub fn joint_efforts(
         let moment = poses[frame].rotation * track.moment[k];
         for (j, own) in efforts.iter_mut().enumerate() {
             if let Some(own) = own {
-                // A joint feels the moment about its own origin.
+                // The moment about the joint's own origin acts on it.
                 let lever = poses[at].translation.vector - poses[tree.joints[j].child].translation.vector;
                 own.push(tree.effort_of(j, &poses, &force, &(moment + lever.cross(&force))));
             }

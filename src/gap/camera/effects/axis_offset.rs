@@ -1,8 +1,8 @@
-//! A joint's axis lies elsewhere or points elsewhere.
+//! The axis of a joint has another place or direction than in the twin.
 //!
-//! Two ways: the line alone is off: the child is right at position 0 and leaves its place as it moves, `M' =
-//! D M D^-1`; or the joint's frame is off with the child, `M' = D M`. Signature: a residual of the child's
-//! subtree, growing with the position (the line), or the same rigid motion in every state (the frame).
+//! Two cases. The axis alone is off: the child is right at position 0 and departs from its place as it moves,
+//! `M' = D M D^-1`. Or the joint's frame is off together with the child, `M' = D M`. Signature: a residual of
+//! the child's subtree, growing with the position (axis), or the same rigid motion in every state (frame).
 
 use crate::{
     camera::model::{
@@ -22,8 +22,8 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
         for j in free_joints(twin) {
             let shift_m = MISPLACED * scales.child_lever_m(twin, j);
             let turning = twin.joints[j].kind.is_turning();
-            // Turn, shift and both are ways of their own: one with fewer columns has more evidence where
-            // it suffices.
+            // Turn, shift and both together are trials of their own: where one suffices, its evidence is
+            // higher because it has fewer columns.
             let turns = columns_of_normals(HypothesisParameter::AxisTurn, j, MISPLACED);
             if turning {
                 let shifts = columns_of_normals(HypothesisParameter::AxisShift, j, shift_m);
@@ -31,7 +31,7 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
                 all.push((Some(j), shifts));
             }
             all.push((Some(j), turns));
-            // Along the axis of a slide a shift is a change of position.
+            // A shift along the axis of a slide is only a change of position.
             let along = if turning { 3 } else { 2 };
             let shifts: Vec<_> =
                 (0..along).map(|k| prior_column(HypothesisParameter::Frame(j, k), shift_m)).collect();
@@ -59,7 +59,7 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
     experiment: "film the joint at three more positions over its whole range",
 };
 
-/// The columns of a parameter of a joint's axis, one for each of its two normals.
+/// Prior columns of an axis parameter, one for each of the two normals of the axis.
 fn columns_of_normals(
     parameter: fn(usize, usize) -> HypothesisParameter,
     joint: usize,
@@ -68,7 +68,7 @@ fn columns_of_normals(
     (0..2).map(|k| prior_column(parameter(joint, k), prior)).collect()
 }
 
-/// A length with its interval widened by the twin's own error, `own`, a standard deviation.
+/// Widens the interval of a length by the twin's own error, the standard deviation `own`.
 fn with_own_error(mut p: ParameterEstimate, own: f64) -> ParameterEstimate {
     let own = HALF_WIDTH_95 * own;
     p.interval =

@@ -1,15 +1,14 @@
-//! A joint has play: its child stands off the joint's motion by a small rigid motion, another one in every
+//! A joint has play: its child departs from the joint's motion by a small rigid motion, different in every
 //! state.
 //!
-//! Signature: a small residual of the child's subtree, another one in every state, without an axis to explain
-//! it.
+//! Signature: a small residual of the child's subtree, different in every state, explained by no common axis.
 
 use crate::camera::model::{
     parameter::HypothesisParameter,
     trial::{CameraEffect, Column, STATEWISE, free_joints, prior_column},
 };
 
-/// Prior of play, in radians and as a share of the child's size.
+/// Standard deviation of the prior of play, in radians and as a share of the child's size.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 const PLAY: f64 = 0.01;
@@ -33,7 +32,8 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
             f.length_estimate("play_shift_rms", "m", &f.turn_columns(false)),
         ];
         for p in &mut all {
-            // The length is over all recordings together; reports give the root mean square of one.
+            // The length is taken over all recordings together; reports give the root mean square per
+            // recording.
             (p.value, p.interval) = (p.value / runs, (p.interval.0 / runs, p.interval.1 / runs));
         }
         all

@@ -1,5 +1,5 @@
-//! The camera stands off its reported pose, by the same rigid motion in every frame (a wrong hand-eye
-//! or mount transform): `world_from_camera = reported * X`.
+//! The camera is off its reported pose by the same rigid motion in every frame (a wrong hand-eye or mount
+//! transform): `world_from_camera = reported * X`.
 //!
 //! Signature: one rigid motion in the camera's frame explains the residuals of all views, from all sides, in
 //! all states; a wrong placement of the object would be one in the world's frame.

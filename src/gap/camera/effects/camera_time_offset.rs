@@ -1,14 +1,14 @@
-//! Images are stamped late or early: the pose at `stamp + delay` is the pose of the image.
+//! Images are stamped late or early: an image was taken at the pose of time `stamp + delay`.
 //!
-//! Signature: a residual in proportion to the camera's velocity, none while it rests, of the other sign on
-//! the way back.
+//! Signature: a residual proportional to the camera's velocity, zero while the camera rests, with the
+//! opposite sign on the way back.
 
 use crate::camera::model::{
     parameter::HypothesisParameter,
     trial::{CameraEffect, prior_column},
 };
 
-/// Prior of the offset, seconds.
+/// Standard deviation of the prior of the offset, seconds.
 ///
 /// chosen: one frame at 30 Hz
 const FRAME_S: f64 = 1.0 / 30.0;
@@ -17,7 +17,7 @@ const FRAME_S: f64 = 1.0 / 30.0;
 pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "camera_time_offset",
     trials: |_, runs, _| {
-        // Without the camera's velocities nothing shows a delay.
+        // Without the camera's velocities a delay is not observable.
         let known = runs.iter().all(|r| r.velocities.len() == r.frames.len() && !r.frames.is_empty());
         if known { vec![(None, vec![prior_column(HypothesisParameter::Delay, FRAME_S)])] } else { Vec::new() }
     },

@@ -1,4 +1,4 @@
-//! Depth readings are too long by a length: `reading = depth + bias`.
+//! Depth readings are too long by a constant length: `reading = depth + bias`.
 //!
 //! Signature: the same residual along every ray, near and far, on every part, in every state.
 

@@ -1,6 +1,6 @@
-//! Depth readings are too long by a share of the depth: `reading = scale * depth`.
+//! Depth readings are too long in proportion to the depth: `reading = scale * depth`.
 //!
-//! Signature: a residual along the ray in proportion to the depth, on every part, in every state.
+//! Signature: a residual along the ray proportional to the depth, on every part, in every state.
 
 use crate::camera::model::{
     parameter::HypothesisParameter,
@@ -14,7 +14,7 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
     trials: |_, _, _| vec![(None, vec![prior_column(HypothesisParameter::DepthScale, MISCALIBRATED)])],
     log_odds: 0.0,
     reported: |f| {
-        // The column is the scale less one.
+        // The column holds `scale - 1`.
         let mut p = f.column_estimate("scale", "1", 0);
         (p.value, p.interval) = (1.0 + p.value, (1.0 + p.interval.0, 1.0 + p.interval.1));
         vec![p]

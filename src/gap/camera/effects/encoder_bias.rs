@@ -27,7 +27,7 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
     log_odds: 0.0,
     reported: |f| {
         let turns = f.trial.joint.is_some_and(|j| f.twin.joints[j].kind.is_turning());
-        // The column is added to reported positions, so the bias is its opposite.
+        // The column is added to the reported positions, so the bias has the opposite sign.
         let mut p = f.column_estimate("bias", if turns { "rad" } else { "m" }, 0);
         (p.value, p.interval) = (-p.value, (-p.interval.1, -p.interval.0));
         vec![p]

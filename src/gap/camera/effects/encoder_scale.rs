@@ -23,7 +23,7 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
     log_odds: 0.0,
     reported: |f| {
         let mut p = f.column_estimate("scale", "1", 0);
-        // The encoder reports `scale` times the position.
+        // `scale = reported / position`, the inverse of the column's factor.
         let low = 1.0 / (1.0 + p.interval.1);
         let high = 1.0 / (1.0 + p.interval.0);
         (p.value, p.interval) = (1.0 / (1.0 + p.value), (low, high));

@@ -20,8 +20,8 @@ use super::{
     record::frames::FrameRun,
 };
 
-/// All smooth effects. Two more are found in other ways: another type of joint (`judge::other_types`) and
-/// missing geometry (`judge::missing_geometry`).
+/// All effects with smooth parameters. Two more are found by search: another joint type
+/// (`judge::other_types`) and missing geometry (`judge::missing_geometry`).
 pub const CATALOGUE: [CameraEffect; 10] = [
     depth_scale::EFFECT,
     depth_bias::EFFECT,
@@ -35,7 +35,7 @@ pub const CATALOGUE: [CameraEffect; 10] = [
     encoder_bias::EFFECT,
 ];
 
-/// All trials of the effects of the catalogue.
+/// All trials of the catalogue's effects.
 #[must_use]
 pub fn all_trials(twin: &SeenTwin, runs: &[FrameRun], scales: &Scales) -> Vec<Trial> {
     let mut all = Vec::new();

@@ -1,6 +1,6 @@
 //! A turning joint also advances: a screw where the twin has a revolute joint, `advance = pitch * angle`.
 //!
-//! Signature: a residual of the child's subtree along the axis in proportion to the position. Reported as
+//! Signature: a residual of the child's subtree along the axis, proportional to the position. Reported as
 //! `wrong_joint_type`.
 
 use crate::camera::model::{
@@ -9,16 +9,16 @@ use crate::camera::model::{
     trial::{CameraEffect, free_joints, prior_column},
 };
 
-/// Least pitch with a search of its own, in sizes of the child a radian.
+/// Least pitch tried by a search, in sizes of the child per radian.
 ///
-/// derived: half a turn takes a part of the object's size off its surface; a screw of less pitch is found
-/// from the revolute joint
+/// derived: half a turn moves part of the object off its surface; a smaller pitch is found by refining the
+/// revolute joint
 pub const LEAST_PITCH: f64 = GATE * MISPLACED / std::f64::consts::PI;
-/// Searched pitches each way, each twice the one before.
+/// Number of searched pitches in each direction, each twice the one before.
 pub const PITCHES: i32 = 5;
-/// Standard deviation of the prior of the pitch, in sizes of the child a radian.
+/// Standard deviation of the prior of the pitch, in sizes of the child per radian.
 ///
-/// derived: half the steepest searched pitch
+/// derived: half the largest searched pitch
 const PITCH: f64 = 0.5 * LEAST_PITCH * (1 << (PITCHES - 1)) as f64;
 
 /// The effect.

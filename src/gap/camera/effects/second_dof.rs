@@ -1,14 +1,14 @@
-//! A joint's child moves in a second way: a slide or a turn beyond the joint's own, by another amount in
-//! every state.
+//! A joint's child has a second degree of freedom: a slide or a turn beyond the joint's own, by a different
+//! amount in every state.
 //!
-//! Signature: residuals of the child's subtree, multiples of one rigid motion, unrelated to the position.
+//! Signature: residuals of the child's subtree are multiples of one rigid motion, unrelated to the position.
 
 use crate::camera::model::{
     parameter::HypothesisParameter,
     trial::{CameraEffect, STATEWISE, free_joints, prior_column},
 };
 
-/// Prior of the second way, in radians and as a share of the child's size.
+/// Standard deviation of the prior of the second motion, in radians and as a share of the child's size.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 const SECOND: f64 = 0.15;

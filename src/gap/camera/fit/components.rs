@@ -1,32 +1,32 @@
-//! The variance components: errors without names, of the twin, of the camera's poses, and of single patches.
+//! Variance components: errors not named as effects, of the twin, of the camera's poses, and of patches.
 
 use crate::{
     camera::model::scales::{GATE, Scales},
     record::off_axis::MAX_LEFT,
 };
 
-/// Largest component over the gate: a larger one is an effect.
+/// Largest component as a share of the gate: anything larger is an effect.
 ///
-/// derived: the share of one standard deviation of an effect's motion left open by an explanation; the gate
-/// is a multiple of that deviation
+/// derived: the share of an effect's standard deviation an explanation may leave (`MAX_LEFT`); the gate is a
+/// multiple of that deviation
 const LARGEST: f64 = MAX_LEFT / GATE;
-/// Values of each component in the grid.
+/// Number of values of each component in the grid.
 const STEPS: [usize; 3] = [4, 3, 3];
 
-/// Standard deviations of the errors without names, meters.
+/// Standard deviations of the unnamed errors, meters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VarianceComponents {
-    /// Of the surface of the twin, and of where its parts and joints stand.
+    /// Of the twin's surface, and of the placement of its parts and joints.
     pub surface_m: f64,
-    /// Of the camera's pose in a frame, at the object.
+    /// Of the camera's pose in a frame, as displacement at the object.
     pub frame_m: f64,
-    /// Of a patch in a frame by itself.
+    /// Of each patch in each frame, independently.
     pub rest_m: f64,
 }
 
 impl VarianceComponents {
-    /// The searched grid: each component from the twin's accuracy to a share of the gate, evenly on a
-    /// logarithmic scale: the evidence is flat on it.
+    /// The searched grid. Each component runs from the twin's accuracy to a share of the gate in equal steps
+    /// of its logarithm, since the evidence varies slowly over it.
     #[must_use]
     pub fn search_grid(scales: &Scales) -> Vec<Self> {
         let [surface, frame, rest] = STEPS.map(|n| component_values(scales, n));
@@ -39,7 +39,7 @@ impl VarianceComponents {
         all
     }
 
-    /// The middle of the grid, while a hypothesis is being moved.
+    /// The middle of the grid, used while a hypothesis is being moved.
     #[must_use]
     pub fn middle_of_grid(scales: &Scales) -> Self {
         // The geometric mean, since the grid is even on a logarithmic scale.
@@ -47,7 +47,7 @@ impl VarianceComponents {
         Self { surface_m: m, frame_m: m, rest_m: m }
     }
 
-    /// All of them together, for a single reading.
+    /// Standard deviation of all three together, for a single reading.
     #[must_use]
     pub fn total_m(&self) -> f64 {
         self.surface_m.hypot(self.frame_m).hypot(self.rest_m)
@@ -57,7 +57,7 @@ impl VarianceComponents {
 /// The largest value of a component, meters.
 #[must_use]
 pub fn largest_m(scales: &Scales) -> f64 {
-    // A twin of less accuracy leaves a grid of one value.
+    // Where the twin's accuracy is worse than that, the grid has one value.
     (LARGEST * scales.gate_m()).max(scales.accuracy_m)
 }
 

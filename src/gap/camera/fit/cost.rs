@@ -9,18 +9,19 @@ use crate::camera::{
 ///
 /// derived: half the square of three standard deviations
 const CONFLICT_COST: f64 = 4.5;
-/// Costs within this ratio are the same.
+/// Costs within this ratio count as equal.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 pub const SAME_COST: f64 = 1.05;
 
-/// Mean cost of all pixels, conflicts at a fixed cost: comparable between hypotheses of different types.
+/// Mean cost of all pixels; a conflict has a fixed cost, so hypotheses of different joint types are
+/// comparable.
 #[must_use]
 pub fn mean_cost(problem: &FrameProblem, hypothesis: &Hypothesis) -> f64 {
     mean_costs_by_part(problem, hypothesis).last().copied().unwrap_or(f64::INFINITY)
 }
 
-/// Mean cost of the pixels of every part, and over all.
+/// Mean cost of the pixels of each part, followed by the mean over all pixels.
 #[must_use]
 pub fn mean_costs_by_part(problem: &FrameProblem, hypothesis: &Hypothesis) -> Vec<f64> {
     let samples = problem.pixel_samples(hypothesis, problem.gate_m());
@@ -31,7 +32,7 @@ pub fn mean_costs_by_part(problem: &FrameProblem, hypothesis: &Hypothesis) -> Ve
         let (part, cost) = match &s.sample {
             Sample::Match { seen, residual_m, sigma_m, .. } => {
                 // docs/method.md (15.9): a match never costs more than a conflict, so no pose gains by
-                // losing matches.
+                // turning matches into conflicts.
                 let variance = sigma_m * sigma_m + unnamed_m * unnamed_m;
                 (Some(seen.part), (0.5 * residual_m * residual_m / variance).min(CONFLICT_COST))
             }

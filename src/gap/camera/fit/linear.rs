@@ -16,36 +16,36 @@ use crate::camera::{
     },
 };
 
-/// A hypothesis with the values of its effects.
+/// A hypothesis and the values of the effects applied to it.
 #[derive(Clone, Debug)]
 pub struct State {
     /// The hypothesis.
     pub hypothesis: Hypothesis,
-    /// Values of parameters of effects in it.
+    /// Values of the effects' parameters applied to the hypothesis.
     pub applied: Vec<(HypothesisParameter, f64)>,
 }
 
-/// A linear system about a state.
+/// The system linearized about a state.
 pub struct Linear {
-    /// Patches in the order of the rows.
+    /// Patches in the order of the matrix rows.
     pub patch_means: Vec<PatchMean>,
-    /// The system: nuisance first, then the columns of all trials.
+    /// The system: nuisance columns first, then the columns of all trials.
     pub system: System,
-    /// Columns of each trial.
+    /// Column indices of each trial.
     pub of_trial: Vec<Vec<usize>>,
 }
 
-/// A set of trials with its solution.
+/// A set of trials and its solution.
 #[derive(Clone, Debug)]
 pub struct Chosen {
-    /// Trials.
+    /// Indices of the trials.
     pub set: Vec<usize>,
-    /// Solution: nuisance, then the trials' columns in order.
+    /// Solution: nuisance values, then the values of the trials' columns in order.
     pub solution: Solution,
 }
 
 impl FrameProblem<'_> {
-    /// Linearizes about a state.
+    /// Linearizes the residuals about a state.
     #[must_use]
     pub fn linear_system(&self, state: &State, gate_m: f64) -> Linear {
         let samples = self.pixel_samples(&state.hypothesis, gate_m);
@@ -67,7 +67,7 @@ impl FrameProblem<'_> {
                     .collect(),
             );
         }
-        // Residuals count without the explanation in the state.
+        // The part of the residual explained by the state's effects is added back.
         let with_residual = means
             .into_iter()
             .map(|c| {
@@ -83,17 +83,17 @@ impl FrameProblem<'_> {
         Linear { patch_means, system, of_trial }
     }
 
-    /// Columns of a set of trials behind the nuisance.
+    /// Columns of a set of trials, after the nuisance columns.
     #[must_use]
     pub fn columns_of_set(&self, linear: &Linear, set: &[usize]) -> Vec<usize> {
         (0..self.nuisance.len()).chain(set.iter().flat_map(|&t| linear.of_trial[t].iter().copied())).collect()
     }
 
-    /// One step of a state with a set of trials free; all other effects go.
+    /// One Gauss-Newton step of a state with a set of trials free; all other effects are removed.
     pub fn step_state(&self, state: &mut State, set: &[usize], components: &VarianceComponents, gate_m: f64) {
         let mut linear = self.linear_system(state, gate_m);
         let subset = self.columns_of_set(&linear, set);
-        // Outliers show only about a solution, and have drawn the first one.
+        // Outliers are visible only about a solution, and the first solution was biased by them.
         for _ in 0..2 {
             let Some(solution) =
                 linear.system.reduced_system(components).and_then(|r| r.solution_of(&subset))
@@ -115,7 +115,8 @@ impl FrameProblem<'_> {
         let mut steps = Vec::new();
         for (&c, &x) in subset.iter().zip(values.iter()).take(n) {
             let parameter = linear.system.columns[c].parameter;
-            // Errors of the twin and of reported positions explain residuals; twin and reports stay as given.
+            // Errors of the twin and of reported positions explain residuals but do not change the twin or
+            // the reports.
             let stays = match parameter {
                 HypothesisParameter::Mesh(..)
                 | HypothesisParameter::AxisTurn(..)
@@ -133,12 +134,12 @@ impl FrameProblem<'_> {
         for (&c, &x) in subset.iter().zip(values.iter()).skip(n) {
             target.push((linear.system.columns[c].parameter, x));
         }
-        // Values count from the twin as given, steps from the present state.
+        // Solved values are relative to the twin as given, steps to the present state.
         for (p, x) in &target {
             let applied = state.applied.iter().find(|a| a.0 == *p).map_or(0.0, |a| a.1);
             steps.push((*p, x - applied));
         }
-        // Effects no longer chosen are taken back.
+        // Effects no longer chosen are set back to zero.
         for (p, x) in state.applied.iter().filter(|a| !target.iter().any(|t| t.0 == a.0)) {
             steps.push((*p, -x));
         }
@@ -146,10 +147,11 @@ impl FrameProblem<'_> {
         state.applied = target;
     }
 
-    /// All sizes of the errors without names, eliminated.
+    /// The reduced systems for all grid values of the unnamed errors.
     #[must_use]
     pub fn reduce_all(&self, linear: &mut Linear, around: &[usize]) -> Vec<Reduced> {
-        // Outliers of the set known so far; without one, the motion of an effect would count as outliers.
+        // Outliers are taken about the set known so far; otherwise the motion of an effect would count as
+        // outliers.
         if around.len() > self.nuisance.len()
             && let Some(solution) = linear
                 .system
@@ -165,7 +167,7 @@ impl FrameProblem<'_> {
             .collect()
     }
 
-    /// Solution of a set, with the most probable sizes of the errors.
+    /// Solution of a set with the most probable variance components.
     #[must_use]
     pub fn chosen_of_set(&self, linear: &Linear, reduced: &[Reduced], set: &[usize]) -> Option<Chosen> {
         let subset = self.columns_of_set(linear, set);
@@ -173,7 +175,7 @@ impl FrameProblem<'_> {
         Some(Chosen { set: set.to_vec(), solution: reduced.get(i)?.solution_of(&subset)? })
     }
 
-    /// Evidence of a set alone.
+    /// Evidence of a set, without its solution.
     #[must_use]
     pub fn evidence_of_set(&self, linear: &Linear, reduced: &[Reduced], set: &[usize]) -> f64 {
         best_evidence(reduced, &self.columns_of_set(linear, set)).0 + self.log_odds(set)

@@ -1,10 +1,10 @@
 //! The linear mixed model of the residuals of patches. See docs/method.md (15.5).
 //!
-//! `y = A x + B f + p + e`: parameters `x` with Gaussian priors; an error `f` of every frame's pose; an error
-//! `p` of every patch of the twin's surface, the same in all frames; an error `e` of every patch in a frame
-//! by itself. These are the errors of a camera and a reconstruction without any effect, and their variance
-//! components are found from the data: an effect must explain the residuals better than they do. Frames and
-//! patches are eliminated once: every set of parameters is judged by a small system.
+//! `y = A x + B f + p + e`: parameters `x` with Gaussian priors; an error `f` of each frame's pose; an error
+//! `p` of each patch of the twin's surface, the same in all frames; an error `e` of each patch in each frame.
+//! A camera and a reconstruction make these errors without any effect. Their variance components are
+//! estimated from the data, and an effect must explain the residuals better than they do. Frames and patches
+//! are eliminated once, so every set of parameters is judged by a small system.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Vector3};
 use rayon::prelude::*;
@@ -19,15 +19,15 @@ use crate::camera::{
 };
 use numeric::statistics::{SIGMAS_PER_MAD, median};
 
-/// Cells and the derivatives of their residuals.
+/// The linear system of the patches: residuals and their derivatives.
 pub struct System {
     /// Columns.
     pub columns: Vec<Column>,
-    /// One row a patch in a frame: derivatives, then the residual.
+    /// One row per patch and frame: derivatives, then the residual.
     pub matrix: DMatrix<f64>,
-    /// Derivatives for the pose of the frame.
+    /// Derivatives with respect to the pose of the frame.
     frame_rows: DMatrix<f64>,
-    /// First row of each frame, and the number of rows behind the last.
+    /// First row of each frame, and at the end the number of rows.
     starts: Vec<usize>,
     patch: Vec<usize>,
     patches: usize,
@@ -44,7 +44,7 @@ impl System {
         radius_m: f64,
         derivative: impl Fn(HypothesisParameter, &PatchMean) -> f64 + Sync,
     ) -> (Self, Vec<PatchMean>) {
-        // A frame's rows stand together: its pose error is one block.
+        // Rows of a frame are contiguous: its pose error is one block.
         means.sort_by_key(|(c, _)| (c.seen.run, c.seen.frame, c.patch));
         let n = means.len();
         let rows: Vec<Vec<f64>> = means
@@ -74,7 +74,7 @@ impl System {
         for (v, r) in self.variance.iter_mut().zip(residuals) {
             let limit = 3.0 * (spread * spread + *v).sqrt();
             if r.abs() > limit {
-                // The patch stays, with its excess as variance.
+                // The patch stays; its excess is added to its variance.
                 *v += r * r - limit * limit;
             }
         }
@@ -114,8 +114,8 @@ impl System {
             let mut corner = gram.view_mut((fx, fx), (x, x));
             corner += block.view((6, 6), (x, x));
         }
-        // Patches first: each has one error, so their block is diagonal. (15.6) gets ln det V in the same
-        // parts.
+        // Patches first: each has one error, so their block is diagonal. The same steps give ln det V of
+        // (15.6).
         let precision = components.surface_m.powi(-2);
         for (p, w) in weights.iter().enumerate() {
             by_patch.row_mut(p).scale_mut((w + precision).sqrt().recip());
@@ -127,7 +127,7 @@ impl System {
         for i in 0..fx {
             corner[(i, i)] += frame_precision;
         }
-        // Eliminated patches tie their frames together: one factor for all frames.
+        // Eliminating patches couples their frames: one Cholesky factor for all frames.
         let chol = Cholesky::new(corner)?;
         log_det += log_determinant(&chol) - fx as f64 * frame_precision.ln();
         let mut side = gram.view((0, fx), (fx, x)).into_owned();
@@ -145,7 +145,7 @@ impl System {
         })
     }
 
-    /// Residuals of the patches less the explanation by the parameters.
+    /// Residuals of the patches minus their part explained by the parameters.
     #[must_use]
     pub fn residuals_left(&self, subset: &[usize], values: &DVector<f64>) -> Vec<f64> {
         let last = self.matrix.ncols() - 1;
@@ -158,8 +158,8 @@ impl System {
     }
 }
 
-/// Derivative of a patch's residual by the pose of its frame about the middle of the view: shifts in meters,
-/// turns in meters at the object's radius.
+/// Derivative of a patch's residual with respect to its frame's pose, about the middle of the view: shifts in
+/// meters, turns in meters of arc at the object's radius.
 fn frame_derivative(mean: &PatchMean, k: usize, radius_m: f64) -> f64 {
     let seen = &mean.seen;
     let e = seen.camera.rotation * Vector3::from_fn(|i, _| if i == k % 3 { 1.0 } else { 0.0 });

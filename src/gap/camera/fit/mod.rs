@@ -1,4 +1,4 @@
-//! Residuals of the posed twin, and the mixed model to weigh parameters against errors without names.
+//! Residuals of the posed twin, and the mixed model weighing parameters against unnamed errors.
 
 pub mod components;
 pub mod cost;

@@ -1,4 +1,5 @@
-//! Residuals averaged over patches of surface, frame by frame: neighboring pixels err together.
+//! Residuals averaged over patches of surface in each frame, since the errors of neighboring pixels
+//! correlate.
 //! See docs/method.md 15.4.
 
 use std::collections::BTreeMap;
@@ -12,29 +13,29 @@ use crate::camera::{
 use geometry::Pose;
 use numeric::statistics::{SIGMAS_PER_MAD, median};
 
-/// Least length of a mean of unit normals with a direction.
+/// Least length of a mean of unit normals; a shorter mean has no direction.
 ///
 /// chosen: far above rounding, far below any patch's
 const LEAST_NORMAL: f64 = 1e-6;
 /// Fewest pixels of a patch in a frame.
 const MIN_PIXELS: usize = 4;
-/// Side of a patch over the size of the object.
+/// Side of a patch as a share of the object's size.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 const PATCH: f64 = 0.2;
 
-/// A patch of a part's surface as one frame sees it.
+/// A patch of a part's surface seen in one frame.
 #[derive(Clone, Copy, Debug)]
 pub struct PatchMean {
-    /// Where, on average.
+    /// Mean surface point.
     pub seen: SurfacePoint,
     /// Index of the patch.
     pub patch: usize,
-    /// Mean residual across the surface, meters.
+    /// Mean residual normal to the surface, meters.
     pub residual_m: f64,
-    /// Variance of the mean by the camera's noise, square meters.
+    /// Variance of the mean due to the camera's noise, square meters.
     pub variance_m2: f64,
-    /// Pixels.
+    /// Number of pixels.
     pub pixels: usize,
 }
 
@@ -43,13 +44,13 @@ type Key = (usize, [i32; 3], usize);
 /// A surface point, its residual and the residual's standard deviation, meters.
 type PixelReading = (SurfacePoint, f64, f64);
 
-/// Mean of a quantity by the inverse variances of the residuals; `weight` is their sum.
+/// Mean of a quantity, weighted by the inverse variances of the residuals; `weight` is their sum.
 fn weighted_mean(kept: &[&PixelReading], weight: f64, of: &dyn Fn(&PixelReading) -> f64) -> f64 {
     kept.iter().map(|g| of(g) * g.2.powi(-2)).sum::<f64>() / weight
 }
 
-/// Averages samples of the frames accepted by `is_used`. Patches are cubes in the part's frame, split by the
-/// facing side of the surface. Returns the means and the number of patches.
+/// Averages samples over patches, in the frames accepted by `is_used`. Patches are cubes in the part's frame,
+/// split by the direction of the surface normal. Returns the means and the number of patches.
 #[must_use]
 pub fn patch_means(
     twin: &SeenTwin,
@@ -94,7 +95,7 @@ fn mean_of_patch(group: &[PixelReading]) -> Option<PatchMean> {
     }
     let middle = median(group.iter().map(|g| g.1).collect())?;
     let spread = SIGMAS_PER_MAD * median(group.iter().map(|g| (g.1 - middle).abs()).collect())?;
-    // Readings in whole millimeters may not spread at all: a pixel's own noise is the least spread.
+    // Readings in whole millimeters may have no spread at all: a pixel's own noise is the least spread.
     let kept: Vec<_> = group.iter().filter(|g| (g.1 - middle).abs() <= 3.0 * spread.max(g.2)).collect();
     let weight: f64 = kept.iter().map(|g| g.2.powi(-2)).sum();
     let mean = |f: &dyn Fn(&PixelReading) -> f64| weighted_mean(&kept, weight, f);
@@ -105,7 +106,7 @@ fn mean_of_patch(group: &[PixelReading]) -> Option<PatchMean> {
         slant: mean(&|g| g.0.slant),
         ..kept.first()?.0
     };
-    // Where pixels scatter more than the camera's noise, the scatter counts.
+    // Where pixels scatter more than the camera's noise, the larger variance is taken.
     let scatter =
         (kept.iter().map(|g| (g.1 - middle).powi(2)).sum::<f64>() / kept.len() as f64) / kept.len() as f64;
     Some(PatchMean {

@@ -1,4 +1,4 @@
-//! Joint positions of a run, found by looking over the joints' ranges on coarse frames.
+//! Finds the joint positions of a run by a search over the joints' ranges on coarse frames.
 //! See docs/method.md 15.2.
 
 use std::f64::consts::PI;
@@ -12,40 +12,40 @@ use crate::camera::{
 };
 use geometry::Pose;
 
-/// Compared frames.
+/// Number of compared frames.
 const FRAMES: usize = 6;
-/// Width of the coarse images, pixels, about.
+/// Approximate width of the coarse images, pixels.
 const WIDTH: usize = 80;
-/// Fewest and most first steps over a joint's range.
+/// Fewest and most steps of the first scan over a joint's range.
 const STEPS: [usize; 2] = [12, 72];
-/// Refined minima of the first steps.
+/// Number of the scan's minima refined.
 const MINIMA: usize = 4;
-/// Halvings of the step.
+/// Number of halvings of the step.
 const HALVINGS: usize = 5;
-/// Rounds over all joints.
+/// Most rounds over all joints.
 const ROUNDS: usize = 3;
-/// Gain in the mean cost of a pixel for another round.
+/// Least gain in the mean cost of a pixel for another round.
 ///
 /// chosen: far below the cost of one joint in a wrong place
 const LEAST_GAIN: f64 = 1e-4;
 /// A range is searched beyond its limits by at least this share of the possible range.
 ///
-/// chosen: a twin may hold a joint as fixed
+/// chosen: the twin may describe a moving joint as fixed
 const LEAST_BEYOND: f64 = 0.1;
-/// First step of later rounds in steps of the first one.
+/// First step of later rounds, in steps of the first round.
 ///
-/// chosen: they only follow the other joints
+/// chosen: later rounds only follow changes of the other joints
 const LATER_STEP: f64 = 0.25;
 
 /// Coarse frames of a run.
 pub struct CoarseRun {
     run: FrameRun,
-    /// A depth further off than this counts as wrong.
+    /// A depth off by more than this, meters, counts as wrong.
     wrong_m: f64,
 }
 
 impl CoarseRun {
-    /// Some frames of a run, spread over it, at a coarse grid.
+    /// Some frames of a run, spread over it, at a coarse resolution.
     #[must_use]
     pub fn of_run(run: &FrameRun, scales: &Scales) -> Self {
         let n = run.frames.len();
@@ -63,7 +63,7 @@ impl CoarseRun {
                 positions: run.positions.clone(),
                 noise: run.noise,
             },
-            // One standard deviation of the motion by effects.
+            // One standard deviation of the displacement due to effects.
             wrong_m: 0.5 * scales.gate_m(),
         }
     }
@@ -100,10 +100,10 @@ impl CoarseRun {
             let object = frame.is_object(i);
             let cost = match (object && (frame.mask.is_some() || predicted > 0.0), predicted > 0.0) {
                 (true, true) if reading > 0.0 => ((measured - predicted).abs() / wrong_m).min(1.0),
-                // A missing reading on the object gives no depth.
+                // A missing reading on the object says nothing of its depth.
                 (true, true) => continue,
                 (true, false) => 1.0,
-                // A nearer reading may hide the twin; a farther one, or none, contradicts it.
+                // A nearer reading may belong to an occluder; a farther one, or none, contradicts the twin.
                 (false, true) if reading == 0.0 || measured > predicted + wrong_m => 1.0,
                 _ => continue,
             };
@@ -127,8 +127,8 @@ impl CoarseRun {
     }
 }
 
-/// Finds the positions of the joints in a run, one joint after the other from the root, again and again;
-/// recorded positions stay.
+/// Finds the positions of the joints in a run, one joint at a time from the root outward, in several rounds;
+/// recorded positions are kept.
 pub fn find_positions(twin: &SeenTwin, coarse: &CoarseRun, hypothesis: &mut Hypothesis, run: usize) {
     let mut best = coarse.mean_cost(twin, hypothesis, run);
     for round in 0..ROUNDS {
@@ -146,7 +146,7 @@ pub fn find_positions(twin: &SeenTwin, coarse: &CoarseRun, hypothesis: &mut Hypo
     }
 }
 
-/// Finds the position of one joint in a run, all others as they are; returns the cost.
+/// Finds the position of one joint in a run, the others fixed; returns the cost.
 pub fn find_position(
     twin: &SeenTwin,
     coarse: &CoarseRun,
@@ -170,19 +170,19 @@ fn search_joint(
 ) -> f64 {
     let spec = &twin.joints[joint];
     let turns = hypothesis.laws[joint].kind.is_turning();
-    // A slide carries its part past its own length at most.
+    // A slide moves its part by its own length at most.
     let wide = if turns { PI } else { 2.0 * twin.parts[spec.child].radius_m };
     let (low, high) = spec.limit.map_or((-wide, wide), |(l, h)| {
-        // Twins have limits as they were observed: the range is looked at its own width beyond them.
+        // A twin's limits are those observed: the search extends past them by the range's own width.
         let more = (h - l).max(LEAST_BEYOND * wide);
         ((l - more).max(-wide + l.min(0.0)), (h + more).min(wide + h.max(0.0)))
     });
     let start = hypothesis.positions[run][joint];
     let reach_m = if turns { (high - low) * twin.radius_m() } else { high - low };
-    // Steps of the length `wrong_m` pass over no minimum.
+    // Steps no longer than `wrong_m` skip no minimum.
     let count = ((reach_m / coarse.wrong_m).ceil() as usize).clamp(STEPS[0], STEPS[1]);
     let mut step = (high - low) / count as f64;
-    // The present position is one of the starts: the cost never rises.
+    // The present position is one of the starts, so the cost never rises.
     let mut minima = vec![(best, start)];
     if first {
         let mut scan = Vec::with_capacity(count + 1);

@@ -7,13 +7,13 @@ use crate::camera::{
 use geometry::Pose;
 use surface::{Paint, RenderItem, Rendered, render};
 
-/// Pose of the true camera of a frame under a hypothesis of its errors.
+/// Pose of the true camera of a frame, given the assumed camera errors.
 #[must_use]
 pub fn true_camera(run: &FrameRun, frame: usize, camera: &CameraErrors) -> Pose {
     let reported = run.frames[frame].world_from_camera;
     let moved =
         run.velocities.get(frame).map_or_else(Pose::identity, |twist| twist_motion(twist, camera.delay_s));
-    // Velocities are those of reported poses, so the delay acts before the camera's offset.
+    // Velocities are those of the reported poses, so the delay applies before the camera's offset.
     reported * moved * camera.reported_from_true
 }
 

@@ -1,4 +1,4 @@
-//! A twin and frames, prepared: usable pixels, effects, free nuisance parameters.
+//! A twin and its frames, prepared for a fit: usable pixels, effects, nuisance parameters.
 
 use std::sync::Arc;
 
@@ -16,23 +16,23 @@ use crate::camera::{
     record::{frames::FrameRun, options::FrameOptions, pixels::Pixels},
 };
 
-/// A twin to diagnose with its frames.
+/// A twin to diagnose, and its frames.
 pub struct FrameProblem<'a> {
     /// Twin.
     pub twin: &'a SeenTwin,
     /// Recordings.
     pub runs: &'a [FrameRun],
-    /// Their pixels.
+    /// The compared pixels of the recordings.
     pub pixels: Arc<Pixels>,
     /// All trials of effects.
     pub trials: Vec<Trial>,
-    /// Always free: placements and positions.
+    /// Nuisance parameters, always free: placements and positions.
     pub nuisance: Vec<Column>,
     /// Assumptions of the diagnosis.
     pub options: FrameOptions,
-    /// Lengths behind all gates and priors.
+    /// Lengths from which all gates and priors are derived.
     pub scales: Scales,
-    /// Known missing geometry of the twin: readings of it are left out.
+    /// Known missing geometry of the twin: its readings are left out.
     pub lacks: Vec<Missing>,
 }
 
@@ -53,7 +53,7 @@ impl<'a> FrameProblem<'a> {
         }
     }
 
-    /// The same for another twin.
+    /// The same problem for another twin.
     #[must_use]
     pub fn for_twin<'b>(&'b self, twin: &'b SeenTwin) -> FrameProblem<'b> {
         FrameProblem {
@@ -87,7 +87,7 @@ impl<'a> FrameProblem<'a> {
         samples
     }
 
-    /// Whether a frame is left to the proof.
+    /// Whether a frame is held out for the proof.
     #[must_use]
     pub fn is_held_out(&self, frame: usize) -> bool {
         let every = self.options.held_out_every;
@@ -95,11 +95,11 @@ impl<'a> FrameProblem<'a> {
     }
 }
 
-/// Always free: the object's place in a run, joint positions, and the twin's own errors.
+/// The nuisance parameters: the object's placement in each run, joint positions, and the twin's own errors.
 fn nuisance_columns(twin: &SeenTwin, runs: &[FrameRun], scales: &Scales) -> Vec<Column> {
     let mut all = Vec::new();
     let gate_m = scales.gate_m();
-    // Readings beyond the gate would be conflicts, so a step need not reach further.
+    // Readings beyond the gate would be conflicts, so a step need not reach farther.
     let [shift, turn] = [0.5 * gate_m, 0.5 * gate_m / scales.radius_m];
     for (r, run) in runs.iter().enumerate() {
         all.extend(
@@ -114,7 +114,7 @@ fn nuisance_columns(twin: &SeenTwin, runs: &[FrameRun], scales: &Scales) -> Vec<
             });
         }
     }
-    // The root's placement is free in every recording already.
+    // The root's placement is already free in every recording.
     for p in 1..twin.parts.len() {
         let turn = scales.lever_m(twin, p).recip();
         all.extend(
@@ -124,7 +124,7 @@ fn nuisance_columns(twin: &SeenTwin, runs: &[FrameRun], scales: &Scales) -> Vec<
     for j in free_joints(twin) {
         let turn = scales.child_lever_m(twin, j).recip();
         all.extend((0..2).map(|k| twin_column(HypothesisParameter::AxisTurn(j, k), turn)));
-        // The axis of a slide has a direction and no place.
+        // The axis of a slide has a direction but no position.
         if twin.joints[j].kind.is_turning() {
             all.extend((0..2).map(|k| twin_column(HypothesisParameter::AxisShift(j, k), 1.0)));
         }

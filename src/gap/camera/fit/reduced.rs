@@ -1,29 +1,29 @@
-//! The mixed model without frames and patches: solutions and evidence of sets of parameters.
+//! The mixed model with frames and patches eliminated: solutions and evidence of sets of parameters.
 //! See docs/method.md (15.6).
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use crate::camera::fit::components::VarianceComponents;
 
-/// A system without frames and patches.
+/// A system with frames and patches eliminated.
 pub struct Reduced {
     pub(super) gram: DMatrix<f64>,
     pub(super) rhs: DVector<f64>,
     pub(super) energy: f64,
     pub(super) log_det: f64,
     pub(super) priors: Vec<f64>,
-    /// VarianceComponents of this system.
+    /// Variance components of this system.
     pub components: VarianceComponents,
 }
 
-/// A set of parameters, solved.
+/// The solution for a set of parameters.
 #[derive(Clone, Debug)]
 pub struct Solution {
     /// Values in the order of the subset.
     pub values: DVector<f64>,
     /// Their covariance.
     pub covariance: DMatrix<f64>,
-    /// VarianceComponents of the errors without names.
+    /// Variance components of the unnamed errors.
     pub components: VarianceComponents,
 }
 
@@ -33,7 +33,7 @@ impl Reduced {
     pub fn solution_of(&self, subset: &[usize]) -> Option<Solution> {
         let n = subset.len();
         let prior = |i: usize| self.priors[subset[i]];
-        // Scaled by the priors: the prior becomes the identity.
+        // In units of the prior deviations the prior is the identity.
         let system = DMatrix::from_fn(n, n, |i, j| {
             self.gram[(subset[i], subset[j])] * prior(i) * prior(j) + f64::from(u8::from(i == j))
         });
@@ -48,7 +48,7 @@ impl Reduced {
         })
     }
 
-    /// The evidence alone, for searches.
+    /// The evidence without the solution, for searches.
     #[must_use]
     pub fn evidence_of(&self, subset: &[usize]) -> f64 {
         let n = subset.len();
@@ -64,7 +64,7 @@ impl Reduced {
     }
 }
 
-/// The best evidence of a set of columns over the sizes of the errors, and where.
+/// The best evidence of a set of columns over the variance components, and the index of its system.
 #[must_use]
 pub fn best_evidence(reduced: &[Reduced], subset: &[usize]) -> (f64, usize) {
     let all: Vec<f64> = reduced.iter().map(|r| r.evidence_of(subset)).collect();

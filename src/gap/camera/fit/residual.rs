@@ -1,4 +1,4 @@
-//! Measured less predicted depth, pixel by pixel: comparable pixels and conflicting ones.
+//! Measured minus predicted depth, pixel by pixel: comparable pixels and conflicting ones.
 //! See docs/method.md (15.3).
 
 use nalgebra::Vector3;
@@ -18,16 +18,16 @@ use crate::camera::{
 use geometry::Pose;
 use surface::Rendered;
 
-/// Largest bend of the surface across three pixels with a usable normal, in spacings of pixels there.
+/// Largest bend of the surface across three pixels for a usable normal, in units of the pixel spacing there.
 ///
 /// chosen: the slope between the outer two is off by half of it at most, so the normal by 0.15 rad, and the
 /// residual across the surface by 1 %
 const BEND: f64 = 0.3;
-/// Error of a pixel's place, pixels.
+/// Standard deviation of a pixel's position, pixels.
 ///
 /// derived: uniform over a pixel, 1 / sqrt(12)
 const PIXEL_SIGMA: f64 = 0.289;
-/// Error of rounding, meters.
+/// Standard deviation of rounding the depth, meters.
 ///
 /// derived: 16UC1 has whole millimeters, 1 mm / sqrt(12)
 const ROUNDING_M: f64 = 0.000_289;
@@ -67,7 +67,7 @@ struct FrameView<'a> {
 }
 
 impl FrameView<'_> {
-    /// The compared pixels: on the object, then off it.
+    /// The compared pixels: first those on the object, then those off it.
     fn frame_samples(&self, pixels: &Pixels) -> Vec<PixelSample> {
         let mut samples = Vec::new();
         for &i in &pixels.object[self.run][self.frame] {
@@ -79,7 +79,7 @@ impl FrameView<'_> {
         samples
     }
 
-    /// A sample with its pixel and area.
+    /// A sample with its pixel index and area.
     fn pixel_sample(&self, pixels: &Pixels, pixel: usize, sample: Sample) -> PixelSample {
         let stride = pixels.stride[self.run][self.frame] as f64;
         let depth_m = match &sample {
@@ -99,7 +99,8 @@ impl FrameView<'_> {
         self.image.world_from_camera * nalgebra::Point3::from(self.pixel_ray(i) * depth_m)
     }
 
-    /// Normal of the predicted surface in the camera, towards it; `None` at edges and bends.
+    /// Unit normal of the predicted surface in the camera frame, towards the camera; `None` at edges and
+    /// bends.
     fn predicted_normal(&self, i: usize) -> Option<Vector3<f64>> {
         let k = &self.image.intrinsics;
         let x = i % k.width;
@@ -135,7 +136,7 @@ impl FrameView<'_> {
         let measured_m = (reading - camera.bias_m) / camera.scale;
         let k = &self.image.intrinsics;
         let Some(item) = self.image.item[i] else {
-            // At the outline, half a pixel's error would make a conflict.
+            // At the outline, an error of half a pixel would make a conflict.
             let alone = pixels_around(i, k.width, k.height).all(|n| self.image.item[n].is_none());
             // Without a mask the pixel may show something else.
             return (alone && frame.mask.is_some()).then(|| Sample::Conflict {
@@ -155,8 +156,8 @@ impl FrameView<'_> {
             .map(|n| (n, n.dot(&ray)))
             .filter(|(_, s)| -s / ray.norm() > self.data.noise.grazing_cosine)
         else {
-            // Without a normal there is no height over the surface: only a difference along the ray beyond
-            // the gate at the most grazing used angle counts.
+            // Without a normal the residual across the surface is unknown: only a difference along the ray
+            // beyond the gate at the most grazing angle used counts.
             return (off_m.abs() * self.data.noise.grazing_cosine > self.gate_m).then(|| conflict(kind));
         };
         // (15.3)
@@ -192,7 +193,7 @@ impl FrameView<'_> {
         }
         let predicted_m = f64::from(self.image.depth_m[i]);
         let reading = f64::from(self.data.frames[self.frame].depth_m[i]);
-        // Something else may stand before the object.
+        // Something else may be in front of the object.
         let behind = reading > predicted_m + self.gate_m;
         (reading == 0.0 || behind).then(|| Sample::Conflict {
             kind: Conflict::Empty,

@@ -5,7 +5,7 @@ use crate::camera::model::posed::SurfacePoint;
 /// How a measured pixel conflicts with the twin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Conflict {
-    /// The object is seen before the twin's surface, or where the twin has none.
+    /// The object is seen in front of the twin's surface, or where the twin has none.
     Nearer,
     /// The object is seen behind the twin's surface.
     Farther,
@@ -16,30 +16,31 @@ pub enum Conflict {
 /// Outcome of a sampled pixel.
 #[derive(Clone, Copy, Debug)]
 pub enum Sample {
-    /// Surface and reading belong together: residual across the surface and its standard deviation, meters.
+    /// Reading and surface match: residual across the surface and its standard deviation, meters.
     Match {
         /// The seen surface point.
         seen: SurfacePoint,
-        /// Measured less predicted, meters, positive towards the camera.
+        /// Measured minus predicted, meters, positive towards the camera.
         residual_m: f64,
-        /// Standard deviation expected of the camera.
+        /// Standard deviation expected from the camera's noise, meters.
         sigma_m: f64,
-        /// World point measured.
+        /// Measured point, world frame.
         measured: nalgebra::Point3<f64>,
     },
-    /// They do not; the world point measured (predicted, where nothing was) and the part predicted.
+    /// Reading and surface conflict: measured world point (the predicted one without a reading) and predicted
+    /// part.
     Conflict {
-        /// How.
+        /// Kind of conflict.
         kind: Conflict,
         /// World point.
         point: nalgebra::Point3<f64>,
-        /// Part of the twin there.
+        /// Part of the twin at the pixel.
         part: Option<usize>,
     },
 }
 
 impl Sample {
-    /// World point measured; the predicted one where nothing was.
+    /// Measured world point; the predicted one without a reading.
     #[must_use]
     pub fn measured_point(&self) -> nalgebra::Point3<f64> {
         match self {
@@ -49,7 +50,7 @@ impl Sample {
     }
 }
 
-/// A sampled pixel with its place.
+/// A sampled pixel with its outcome.
 #[derive(Clone, Copy, Debug)]
 pub struct PixelSample {
     /// Run.

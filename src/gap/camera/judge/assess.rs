@@ -1,4 +1,4 @@
-//! The diagnosis of a twin by frames: fit, selection, type of joint, missing geometry, verdict, proof.
+//! Diagnosis of a twin from frames: fit, selection of effects, joint types, missing geometry, verdict, proof.
 
 use crate::camera::{
     fit::{
@@ -26,7 +26,7 @@ use crate::camera::{
     record::{frames::FrameRun, options::FrameOptions},
 };
 
-/// Why frames carry no diagnosis.
+/// Why frames allow no diagnosis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AssessError {
     /// No pixel shows the twin.
@@ -37,7 +37,7 @@ pub enum AssessError {
     NothingSeen,
 }
 
-/// Diagnoses a twin by frames.
+/// Diagnoses a twin from frames.
 ///
 /// # Errors
 /// [`AssessError`].
@@ -49,7 +49,7 @@ pub fn frame_diagnosis(
     let problem = FrameProblem::new(twin, runs, options);
     let start = State { hypothesis: placed_hypothesis(&problem), applied: Vec::new() };
     let first = selected_effects(&problem, start).ok_or(AssessError::NothingSeen)?;
-    // Only looked for here: whether it is better is judged once missing geometry is known.
+    // Only a candidate here: whether it is better is judged once missing geometry is known.
     let changed = other_types(&problem, &first);
     let second = around_missing(&problem, &first);
     let as_given = second.as_ref().map_or(&first, |s| &s.1);
@@ -68,7 +68,7 @@ pub fn frame_diagnosis(
     Ok(concluded_diagnosis(&FrameProblem { lacks, ..problem }, selected, None, given))
 }
 
-/// The twin with its joints where the coarse frames show them.
+/// The twin with its joints at the positions shown by the coarse frames.
 fn placed_hypothesis(problem: &FrameProblem) -> Hypothesis {
     let twin = problem.twin;
     let mut start = Hypothesis::of_twin(twin, problem.runs.len());
@@ -89,7 +89,7 @@ fn is_better(
     change: &TypeChange,
     (other, state): (&FrameProblem, &State),
 ) -> bool {
-    // A fit of every state by itself costs less than any law; a law need only come near it.
+    // A separate fit for every state costs less than any law; a law need only come near it.
     let statewise = as_given.chosen.set.iter().any(|&t| problem.trials[t].log_odds < 0.0);
     let most = if statewise { STATEWISE_COST } else { TYPE_COST };
     let null = (problem.twin, &as_given.null.hypothesis);
@@ -98,14 +98,14 @@ fn is_better(
         && seen_cost(other, state) < most * seen_cost(problem, &as_given.state)
 }
 
-/// Mean cost of the frames without readings of missing geometry.
+/// Mean cost of the frames, without readings of missing geometry.
 fn seen_cost(problem: &FrameProblem, state: &State) -> f64 {
     let mut judge = problem.for_twin(problem.twin);
     judge.lacks = missing_geometry(&judge, &state.hypothesis);
     mean_cost(&judge, &state.hypothesis)
 }
 
-/// The missing geometry of a twin, and effects selected without readings of it, if these explain the rest
+/// The twin's missing geometry, and the effects selected without its readings, if they explain the rest
 /// better.
 fn around_missing(problem: &FrameProblem, first: &Selected) -> Option<(Vec<Missing>, Selected)> {
     let mut null = first.null.clone();
@@ -114,7 +114,7 @@ fn around_missing(problem: &FrameProblem, first: &Selected) -> Option<(Vec<Missi
         return None;
     }
     let mut without = problem.for_twin(problem.twin);
-    // Missing geometry draws the fit, and the missing geometry depends on the fit.
+    // Missing geometry biases the fit and is itself found from the fit, so both are repeated.
     for _ in 0..2 {
         without.lacks = lacks;
         settle_without_effects(&without, &mut null);

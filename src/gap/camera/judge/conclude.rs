@@ -1,4 +1,4 @@
-//! From a selection to a diagnosis: findings, verdict, proof, places.
+//! Turns a selection into a diagnosis: findings, verdict, proof, places.
 
 use crate::{
     camera::{
@@ -22,19 +22,19 @@ use crate::{
 };
 use common::note::{Note, NoteCode};
 
-/// Largest conflicting share of the seen area under a verdict of agreement.
+/// Largest share of the seen area in conflict for a verdict of agreement.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 const CONFLICT_SHARE: f64 = 0.08;
-/// Least motion of a joint's child between recordings to learn anything of the joint, as a multiple of a
-/// pixel's noise.
+/// Least displacement of a joint's child between recordings, as a multiple of a pixel's noise, for the frames
+/// to tell anything about the joint.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 const LEAST_WAYS: f64 = 10.0;
 /// Fewest patches for a verdict.
 const MIN_PATCHES: usize = 60;
 
-/// The twin as it was given, fitted, with the residuals of its parts.
+/// The twin as given, fitted, with the residuals of its parts.
 pub(super) struct AsGiven<'a> {
     /// The twin.
     pub twin: &'a SeenTwin,
@@ -44,7 +44,7 @@ pub(super) struct AsGiven<'a> {
     pub parts: &'a [PartResidual],
 }
 
-/// From a selection to a diagnosis.
+/// Turns a selection into a diagnosis.
 pub(super) fn concluded_diagnosis(
     problem: &FrameProblem,
     selected: Selected,
@@ -53,7 +53,7 @@ pub(super) fn concluded_diagnosis(
 ) -> FrameDiagnosis {
     let mut notes = Vec::new();
     let selected = without_small(problem, selected, &mut notes);
-    // The law of a joint of another type is fitted with the effects.
+    // The motion law of the changed joint is fitted together with the effects.
     let freed = change.as_ref().and_then(|c| {
         let free: Vec<usize> =
             c.freeing_trials(problem).into_iter().filter(|t| !selected.chosen.set.contains(t)).collect();
@@ -82,7 +82,7 @@ pub(super) fn concluded_diagnosis(
     let ambiguous = findings.iter().any(|f| !f.finding.alternatives.is_empty());
     let verdict = match (findings.is_empty(), ambiguous, unexplained) {
         _ if too_few => Verdict::Insufficient,
-        // Agreeing frames show nothing of joints at rest.
+        // Agreement of the frames proves nothing about joints at rest.
         (true, _, false) if nothing_moves => Verdict::Insufficient,
         (false, true, _) => Verdict::Ambiguous,
         (false, false, _) => Verdict::Named,

@@ -1,4 +1,4 @@
-//! The diagnosis of a twin by frames.
+//! The diagnosis of a twin from frames.
 
 use crate::{
     camera::{
@@ -9,23 +9,23 @@ use crate::{
 };
 use common::note::Note;
 
-/// The diagnosis.
+/// The diagnosis of a twin from frames.
 pub struct FrameDiagnosis {
     /// Verdict.
     pub verdict: Verdict,
     /// Findings.
     pub findings: Vec<CameraFinding>,
-    /// The twin, its joints of the types found in the frames.
+    /// The twin, with the joint types found in the frames.
     pub twin: SeenTwin,
-    /// Twin as it was given, fitted.
+    /// The twin as given, fitted.
     pub before: Hypothesis,
-    /// Twin with the effects found.
+    /// The twin with the effects found, fitted.
     pub after: Hypothesis,
-    /// Gap on held-out frames.
+    /// Gap on the held-out frames.
     pub gap: FrameGap,
-    /// Where the twin and the frames disagree.
+    /// Parts where the twin and the frames disagree.
     pub places: Vec<OutstandingPart>,
-    /// Lengths behind the gates.
+    /// Lengths from which the gates are derived.
     pub scales: Scales,
     /// Further notes.
     pub notes: Vec<Note>,
@@ -38,9 +38,9 @@ pub struct OutstandingPart {
     pub part: String,
     /// Root mean square residual of its patches without effects, meters.
     pub before_m: f64,
-    /// With them.
+    /// The same with the effects, meters.
     pub after_m: f64,
-    /// Conflicting share of its area, without effects.
+    /// Share of its area in conflict, without effects.
     pub conflict: f64,
     /// Box of the conflicting points in the part's frame.
     pub bounds: Option<[[f64; 3]; 2]>,

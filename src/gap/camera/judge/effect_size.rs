@@ -1,4 +1,4 @@
-//! Motion of the surface by effects; effects within the errors of the twin are dropped.
+//! Displacement of the surface due to effects; effects within the twin's own errors are dropped.
 
 use crate::camera::{
     fit::problem::FrameProblem,
@@ -7,7 +7,7 @@ use crate::camera::{
 };
 use common::note::{Note, NoteCode};
 
-/// Drops effects with less motion of their surface than the twin's errors.
+/// Drops effects moving the surface by less than the twin's errors.
 pub(super) fn without_small(
     problem: &FrameProblem,
     mut selected: Selected,
@@ -18,7 +18,7 @@ pub(super) fn without_small(
         let own_m =
             |i: usize| accuracy_m.max(made_m(problem.twin, problem.trials[selected.chosen.set[i]].joint));
         let all = (0..selected.chosen.set.len()).map(|i| (i, moved_m(problem, &selected, i), own_m(i)));
-        // One at a time, the least first: without it the others move more or less than before.
+        // One at a time, the smallest first: dropping it changes the displacement by the others.
         let least = all.min_by(|a, b| (a.1 / a.2).total_cmp(&(b.1 / b.2)));
         let Some((i, moved_m, own_m)) = least.filter(|(_, moved_m, own_m)| moved_m < own_m) else {
             return selected;
@@ -35,7 +35,8 @@ pub(super) fn without_small(
     }
 }
 
-/// Motion across the surface by an effect of the set: root mean square without the largest, meters.
+/// Displacement across the surface by one effect of the set: root mean square without the largest 5 %,
+/// meters.
 fn moved_m(problem: &FrameProblem, selected: &Selected, which: usize) -> f64 {
     let linear = &selected.linear;
     let set = &selected.chosen.set;
@@ -50,7 +51,7 @@ fn moved_m(problem: &FrameProblem, selected: &Selected, which: usize) -> f64 {
         squares.push(moved.powi(2));
     }
     squares.sort_unstable_by(f64::total_cmp);
-    // Without the largest: a few conflicting patches do not count.
+    // A few conflicting patches must not count.
     let kept = squares.len() - squares.len() / 20;
     (squares[..kept].iter().sum::<f64>() / kept.max(1) as f64).sqrt()
 }

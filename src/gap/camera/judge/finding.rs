@@ -1,4 +1,4 @@
-//! A finding of a diagnosis by frames.
+//! A finding of a diagnosis from frames.
 
 use crate::{camera::model::twin::SeenTwin, judge::finding::Finding};
 
@@ -28,15 +28,15 @@ impl Subject {
     }
 }
 
-/// A finding with its further fields of a report.
+/// A finding with the additional fields of its report.
 #[derive(Clone, Debug)]
 pub struct CameraFinding {
     /// Its subject.
     pub subject: Subject,
     /// The finding.
     pub finding: Finding,
-    /// Types of the joint in the twin and in the frames, where it changes.
+    /// Joint type in the twin and in the frames, where they differ.
     pub types: Option<[&'static str; 2]>,
-    /// Its form in the URDF.
+    /// How the URDF expresses it.
     pub in_urdf: &'static str,
 }

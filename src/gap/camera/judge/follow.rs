@@ -2,12 +2,12 @@
 
 use crate::camera::fit::{components::VarianceComponents, linear::State, problem::FrameProblem};
 
-/// Steps of the twin without effects, and from far off.
+/// Number of steps for the twin without effects, or from a distant start.
 pub(super) const FAR_STEPS: usize = 3;
-/// Steps of the twin with effects, from nearby.
+/// Number of steps for the twin with effects, from a near start.
 pub(super) const NEAR_STEPS: usize = 2;
 
-/// Moves a state with a set of trials free.
+/// Moves a state by several steps with a set of trials free.
 pub(super) fn follow_steps(
     problem: &FrameProblem,
     state: &mut State,
@@ -20,7 +20,7 @@ pub(super) fn follow_steps(
     }
 }
 
-/// Fits the twin without effects; the first step looks twice as far.
+/// Fits the twin without effects; the first step uses twice the gate.
 pub(super) fn settle_without_effects(problem: &FrameProblem, state: &mut State) {
     let middle = VarianceComponents::middle_of_grid(&problem.scales);
     problem.step_state(state, &[], &middle, 2.0 * problem.gate_m());

@@ -1,4 +1,4 @@
-//! Laws of other types for a joint: type, direction, point.
+//! Candidate motion laws of other types for a joint: type, direction, point.
 
 use nalgebra::{Point3, Unit, Vector3};
 
@@ -11,20 +11,20 @@ use crate::camera::{
 };
 use surface::TriangleMesh;
 
-/// Sine below which two directions have no third one square to both.
+/// Sine below which two directions count as parallel, and have no common normal.
 ///
-/// chosen: above rounding; the two are square
+/// chosen: far above rounding; the directions are meant to be perpendicular
 const PARALLEL: f64 = 1e-6;
-/// Cosine above which two directions are one.
+/// Cosine above which two directions count as one.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 const SAME_DIRECTION: f64 = 0.98;
-/// Cosine below which two directions count as square.
+/// Cosine below which two directions count as perpendicular.
 ///
 /// derived: the sine of the angle of `SAME_DIRECTION`
 const SQUARE: f64 = 0.2;
 
-/// Place of a type among the three.
+/// Index of a type, 0 to 2.
 pub(super) fn type_rank(kind: SeenMotion) -> usize {
     match kind {
         SeenMotion::Revolute => 0,
@@ -33,7 +33,7 @@ pub(super) fn type_rank(kind: SeenMotion) -> usize {
     }
 }
 
-/// Tried laws of the other type: type, direction, point.
+/// Candidate laws of the other types: type, direction, point.
 pub(super) fn laws_of_other_types(
     twin: &SeenTwin,
     joint: usize,
@@ -61,7 +61,7 @@ pub(super) fn laws_of_other_types(
         let ru = range_along(mesh, &u);
         let rv = range_along(mesh, &v);
         let along = twin.parts[spec.child].center.coords.dot(&d);
-        // Hinges mostly stand at an edge of their part; the middle is for a part turning in place.
+        // Hinges mostly lie at an edge of their part; the center is for a part turning in place.
         for (a, b) in [(ru.0, rv.0), (ru.0, rv.1), (ru.1, rv.0), (ru.1, rv.1)] {
             all.push((SeenMotion::Revolute, d, Point3::from(u * a + v * b + d.into_inner() * along)));
         }
@@ -72,13 +72,13 @@ pub(super) fn laws_of_other_types(
     all
 }
 
-/// Least and largest coordinate of a mesh along a direction, meters.
+/// Least and greatest coordinate of a mesh along a direction, meters.
 fn range_along(mesh: &TriangleMesh, direction: &Vector3<f64>) -> (f64, f64) {
     let along = mesh.vertices.iter().map(|p| p.cast::<f64>().coords.dot(direction));
     along.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)))
 }
 
-/// Two directions normal to an axis, along faces where there are such.
+/// Two directions normal to an axis, along faces of the part where possible.
 fn side_directions(axis: &Unit<Vector3<f64>>, faces: &[Unit<Vector3<f64>>]) -> [Vector3<f64>; 2] {
     let face = faces.iter().find(|f| f.dot(axis).abs() < SQUARE);
     face.map_or_else(
@@ -90,13 +90,13 @@ fn side_directions(axis: &Unit<Vector3<f64>>, faces: &[Unit<Vector3<f64>>]) -> [
     )
 }
 
-/// Summed length of the area normals along a direction, either way.
+/// Total area of the faces normal to a direction, on either side.
 fn area_facing(normals: &[Vector3<f64>], direction: &Unit<Vector3<f64>>) -> f64 {
     let areas = normals.iter().map(|n| (n.norm(), n.dot(direction).abs()));
     areas.filter(|(a, d)| *d > SAME_DIRECTION * a).map(|(a, _)| a).sum::<f64>()
 }
 
-/// Up to three directions of most of a part's faces, normal to each other, in its frame.
+/// Up to three directions of most of a part's faces, mutually perpendicular, in the part frame.
 fn face_directions(twin: &SeenTwin, part: usize) -> Vec<Unit<Vector3<f64>>> {
     const CANDIDATES: usize = 96;
     let mesh = &twin.parts[part].mesh;
@@ -105,7 +105,7 @@ fn face_directions(twin: &SeenTwin, part: usize) -> Vec<Unit<Vector3<f64>>> {
     let candidates: Vec<Unit<Vector3<f64>>> =
         normals.iter().step_by(step).filter_map(|n| Unit::try_new(*n, 1e-12)).collect();
     let mut chosen: Vec<Unit<Vector3<f64>>> = Vec::new();
-    // Two by area; the third is square to both.
+    // Two directions by area; the third is perpendicular to both.
     for _ in 0..2 {
         let free = candidates.iter().filter(|c| chosen.iter().all(|d| d.dot(c).abs() < SQUARE));
         let best = free.max_by(|a, b| area_facing(&normals, a).total_cmp(&area_facing(&normals, b)));

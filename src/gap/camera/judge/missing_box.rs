@@ -1,19 +1,20 @@
-//! The box of missing geometry with intervals of its sides.
+//! The bounding box of missing geometry, with intervals of its sides.
 
 use nalgebra::Point3;
 use rand_core::Rng;
 
 use numeric::random::stage_rng;
 
-/// Share of readings beyond each side of the box.
+/// Share of readings left outside each side of the box.
 ///
-/// chosen: quantiles of one in a hundred, for outliers of the depth
+/// chosen: one in a hundred, for outliers of the depth
 const OUTER: f64 = 0.01;
-/// Draws of the frames for the intervals.
+/// Number of bootstrap draws for the intervals.
 const DRAWS: usize = 120;
 
-/// The box of points by frames, and intervals of its sides: frames drawn anew, the noise of the readings, and
-/// outwards the border of the twin's silhouette: pixels within it are not compared.
+/// Bounding box of the points of all frames, and 95 % intervals of its sides. They hold the spread over
+/// bootstrapped frames, the noise of the readings, and outward the border of the twin's silhouette, where
+/// pixels are not compared.
 pub(super) fn box_sides(
     views: &[Vec<Point3<f64>>],
     border_m: f64,
@@ -36,7 +37,7 @@ pub(super) fn box_sides(
     Some((bounds, intervals))
 }
 
-/// The largest area in a frame, and its interval: frames drawn anew, and outwards the border.
+/// The largest area in one frame and its interval: bootstrap over the frames, widened outward by the border.
 pub(super) fn largest_area(areas: &[f64], border_m: f64) -> (f64, (f64, f64)) {
     let largest = |all: &[f64]| all.iter().copied().fold(0.0, f64::max);
     let area_m2 = largest(areas);
@@ -45,16 +46,16 @@ pub(super) fn largest_area(areas: &[f64], border_m: f64) -> (f64, (f64, f64)) {
     (area_m2, (low, high.max((area_m2.sqrt() + 2.0 * border_m).powi(2))))
 }
 
-/// A quantile: a share of the values lies below it.
+/// The value below which a `share` of all values lies.
 fn quantile(all: &[f64], share: f64) -> f64 {
     let mut sorted = all.to_vec();
     sorted.sort_unstable_by(f64::total_cmp);
     sorted[((sorted.len() - 1) as f64 * share).round() as usize]
 }
 
-/// 95 % interval of a statistic over groups drawn anew.
+/// 95 % bootstrap interval of a statistic over groups.
 fn bootstrap_interval(groups: &[Vec<f64>], statistic: impl Fn(&[f64]) -> f64) -> (f64, f64) {
-    // A seed of its own: the same frames give the same interval.
+    // A fixed seed: the same frames give the same interval.
     let rng = &mut stage_rng(0, "gap/missing", groups.len() as u64);
     let mut values: Vec<f64> = (0..DRAWS)
         .map(|_| {

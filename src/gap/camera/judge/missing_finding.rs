@@ -8,10 +8,10 @@ use crate::{
     judge::finding::{Finding, ParameterEstimate},
 };
 
-/// Index in reports, behind the catalogue.
+/// Index in reports, after the catalogue's effects.
 const INDEX: usize = 101;
 
-/// As a finding.
+/// The finding for a region of missing geometry.
 #[must_use]
 pub fn missing_finding(missing: &Missing, twin: &SeenTwin) -> CameraFinding {
     let mut parameters = vec![ParameterEstimate {
@@ -30,7 +30,7 @@ pub fn missing_finding(missing: &Missing, twin: &SeenTwin) -> CameraFinding {
             });
         }
     }
-    // A reconstruction may lack unseen geometry: the frames do not distinguish the two.
+    // A reconstruction may lack geometry never seen: the frames do not distinguish the two.
     let reconstructed = !twin.own.is_exact();
     let alternatives = if reconstructed {
         vec![("geometry that the reconstruction itself lacks".to_owned(), 0.5)]

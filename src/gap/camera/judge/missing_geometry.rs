@@ -1,7 +1,7 @@
 //! Geometry of the object missing in the twin. See docs/method.md 15.9.
 //!
-//! Signature: readings before the twin's surface, or beside it, at the same place of one part in many frames
-//! and states, and hardly any behind it: a part in a wrong place gives both.
+//! Signature: readings in front of the twin's surface, or beside it, at the same place of one part in many
+//! frames and states, and hardly any behind it. A misplaced part gives both.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -24,45 +24,46 @@ use crate::camera::{
 };
 use numeric::statistics::HALF_WIDTH_95;
 
-/// Standard deviations, of readings and errors without names, from which a reading is off the surface.
+/// A reading farther off the surface than this many standard deviations (reading and unnamed errors) is
+/// outside it.
 ///
 /// chosen: one of 16 000 readings of a normal distribution
 const SIGMAS: f64 = 4.0;
-/// Side of a voxel over the size of the object: two spacings of the samples of a frame.
+/// Side of a voxel as a share of the object's size: two spacings of a frame's samples.
 ///
-/// derived: 2 sqrt(pi / 2500), for the 2500 samples of `Pixels` on a disc
+/// derived: 2 sqrt(pi / 2500), for 2500 samples of `Pixels` on a disc
 const VOXEL: f64 = 0.071;
-/// Least area, in faces of a voxel: more than one voxel wide.
+/// Least area of a region, in faces of a voxel: wider than one voxel.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 const LEAST_FACES: f64 = 2.25;
-/// Readings behind the twin for each before it, at most.
+/// Most readings behind the twin for each reading in front of it.
 ///
-/// chosen: midway between none, of missing geometry, and as many, of a part in a wrong place
+/// chosen: midway between none, for missing geometry, and as many, for a misplaced part
 const OTHER_SIDE: f64 = 0.5;
 /// Least share of the frames with readings in a voxel.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 const FRAMES: f64 = 0.1;
-/// Most regions.
+/// Most regions reported.
 const MOST: usize = 4;
 
-/// A run and a frame of it.
+/// A run and one of its frames.
 type View = (usize, usize);
 
-/// A reading before the twin.
+/// A reading in front of the twin.
 struct Reading {
     run: usize,
     frame: usize,
     point: Point3<f64>,
     area_m2: f64,
-    /// Length of a pixel there, meters.
+    /// Width of a pixel at the reading, meters.
     pixel_m: f64,
     /// Standard deviation of the reading, meters.
     sigma_m: f64,
 }
 
-/// Finds regions, largest first.
+/// Finds regions of missing geometry, largest first.
 #[must_use]
 pub fn missing_geometry(problem: &FrameProblem, hypothesis: &Hypothesis) -> Vec<Missing> {
     let posed = PosedTwin::new(problem.twin, problem.runs, hypothesis);
@@ -79,14 +80,14 @@ pub fn missing_geometry(problem: &FrameProblem, hypothesis: &Hypothesis) -> Vec<
             .filter_map(|p| largest_region(problem, &posed, &readings, p, voxel_m));
         let largest = regions.max_by(|a, b| a.area_m2.total_cmp(&b.area_m2).then(b.part.cmp(&a.part)));
         let Some(best) = largest.filter(|m| m.area_m2 >= least_m2) else { break };
-        // A reading belongs to one region.
+        // Each reading belongs to one region only.
         readings.retain(|r| !best.covers(&posed.parts[r.run], &r.point));
         found.push(best);
     }
     found
 }
 
-/// Readings before the twin's surface, and the area of those behind it.
+/// Readings in front of the twin's surface, and the area of those behind it.
 fn readings_before(problem: &FrameProblem, hypothesis: &Hypothesis) -> (Vec<Reading>, f64) {
     let gate_m = gate_m(problem, hypothesis);
     let samples = compared_pixels(problem.twin, problem.runs, &problem.pixels, hypothesis, gate_m);
@@ -112,8 +113,8 @@ fn readings_before(problem: &FrameProblem, hypothesis: &Hypothesis) -> (Vec<Read
     (readings, behind_m2)
 }
 
-/// Least distance of a reading off the surface: the errors of the camera, errors without names and the twin's
-/// own errors together.
+/// Least distance of a reading off the surface, meters: the camera's errors, the unnamed errors and the
+/// twin's own errors together.
 fn gate_m(problem: &FrameProblem, hypothesis: &Hypothesis) -> f64 {
     let samples = compared_pixels(problem.twin, problem.runs, &problem.pixels, hypothesis, problem.gate_m());
     let mut sigmas: Vec<f64> = samples
@@ -127,7 +128,7 @@ fn gate_m(problem: &FrameProblem, hypothesis: &Hypothesis) -> f64 {
     SIGMAS * high.hypot(unnamed_m).hypot(problem.twin.own.surface_m)
 }
 
-/// The largest connected region of readings at rest in a part's frame.
+/// The largest connected region of readings fixed in a part's frame.
 fn largest_region(
     problem: &FrameProblem,
     posed: &PosedTwin,
@@ -151,7 +152,7 @@ fn largest_region(
         view.1.push(place(r));
     }
     let mean = |of: fn(&Reading) -> f64| own.iter().map(|r| of(r)).sum::<f64>() / own.len().max(1) as f64;
-    // Pixels this near the outline are not compared: the region may reach so much further.
+    // Pixels this near the outline are not compared: the region may extend that much farther.
     let border_m = (BORDER as f64 + 0.5) * mean(|r| r.pixel_m);
     let (areas, clouds): (Vec<f64>, Vec<_>) = views.into_values().unzip();
     let (bounds, bounds_interval) = box_sides(&clouds, border_m, HALF_WIDTH_95 * mean(|r| r.sigma_m))?;
@@ -159,7 +160,7 @@ fn largest_region(
     Some(Missing { part, bounds, bounds_interval, area_m2, area_interval, voxels, voxel_m })
 }
 
-/// Whether enough frames, of most runs, see a voxel: then no other position of a joint explains it.
+/// Whether enough frames of most runs see a voxel: then no other joint position explains it.
 fn is_confirmed(problem: &FrameProblem, views: &BTreeSet<View>) -> bool {
     let frames: usize = problem.runs.iter().map(|r| r.frames.len()).sum();
     let runs: BTreeSet<usize> = views.iter().map(|v| v.0).collect();
@@ -167,7 +168,7 @@ fn is_confirmed(problem: &FrameProblem, views: &BTreeSet<View>) -> bool {
         && 2 * runs.len() > problem.runs.len()
 }
 
-/// The largest group of touching voxels, at corners too.
+/// The largest group of voxels connected by faces, edges or corners.
 fn largest_group(mut open: BTreeSet<Voxel>) -> BTreeSet<Voxel> {
     let mut best: BTreeSet<Voxel> = BTreeSet::new();
     while let Some(first) = open.pop_first() {

@@ -1,10 +1,10 @@
-//! Another type of joint: revolute where the twin has a slide, a slide or a screw where it is revolute.
+//! Another joint type: revolute where the twin has a slide, a slide or a screw where it is revolute.
 //! See docs/method.md 15.8.
 //!
-//! Signature: a part out of reach of its joint's motion, and within reach of another motion. Directions are
-//! the joint's own and those of the part's faces; revolute joints are tried on the joint's axis and along the
-//! part's edges, screws on the axis with a range of pitches. The best starts are refined with their axis, or
-//! their pitch, free.
+//! Signature: the joint's motion cannot bring its part to its place in the frames, but another motion can.
+//! Candidate directions are the joint's own and those of the part's faces; revolute joints are tried on the
+//! joint's axis and along the part's edges, screws on the axis with several pitches. The best starts are
+//! refined with their axis, or their pitch, free.
 
 use crate::camera::{
     fit::{
@@ -27,29 +27,29 @@ use crate::camera::{
     },
 };
 
-/// Least mean cost of a part's pixels to doubt its joints.
+/// Least mean cost of a part's pixels for its joints to be doubted.
 ///
-/// derived: the mean of half the square of a normal number: the cost of errors without names in the middle of
-/// their grid
+/// derived: the mean of half the square of a standard normal number: the expected cost with unnamed errors in
+/// the middle of their grid
 const DOUBT: f64 = 0.5;
-/// The cost under another type of joint must fall to this share of the cost under the twin's type.
+/// The cost with another joint type must fall to this share of the cost with the twin's type.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 pub(super) const TYPE_COST: f64 = 0.8;
-/// The new type may cost this much more than effects with a fit for every state.
+/// The new type may cost this many times the cost of effects with a separate fit for every state.
 ///
-/// derived: as many times more as it must cost less than the type in the twin
+/// derived: the inverse of `TYPE_COST`, the same ratio in the other direction
 pub(super) const STATEWISE_COST: f64 = 1.0 / TYPE_COST;
-/// Steps of refinement.
+/// Number of refinement steps.
 const STEPS: usize = 5;
-/// Refined starts of each type.
+/// Number of starts refined for each type.
 const REFINED: usize = 3;
 
-/// Looks for a joint with another type to bring its part to its place in the frames; the twin with the new
-/// type and its state.
+/// Looks for a joint whose part another type brings to its place in the frames. Returns the change, the twin
+/// with the new type, and its state.
 #[must_use]
 pub fn other_types(problem: &FrameProblem, first: &Selected) -> Option<(TypeChange, SeenTwin, State)> {
-    // A fit of every state by itself may stand for a motion the joint lacks.
+    // A separate fit for every state may stand for a motion missing in the joint.
     let statewise = first.chosen.set.iter().any(|&t| problem.trials[t].log_odds < 0.0);
     let explained = mean_cost(problem, &first.state.hypothesis);
     let before =
@@ -57,7 +57,7 @@ pub fn other_types(problem: &FrameProblem, first: &Selected) -> Option<(TypeChan
     let mut doubted = Vec::new();
     for j in free_joints(problem.twin) {
         let joint = &problem.twin.joints[j];
-        // A part in a wrong place makes conflicts on the part behind it, too.
+        // A misplaced part also makes conflicts on the part behind it.
         let cost = before[joint.child].max(before[joint.parent]);
         if cost > DOUBT {
             doubted.push((j, cost));
@@ -65,7 +65,7 @@ pub fn other_types(problem: &FrameProblem, first: &Selected) -> Option<(TypeChan
     }
     let (joint, _) = doubted.into_iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
     let coarse: Vec<CoarseRun> = problem.runs.iter().map(|r| CoarseRun::of_run(r, &problem.scales)).collect();
-    // The run with the worst fit of the twin shows the motion best.
+    // The run with the worst fit shows the motion best.
     let worst = (0..coarse.len())
         .map(|r| (r, coarse[r].mean_cost(problem.twin, &first.null.hypothesis, r)))
         .max_by(|a, b| a.1.total_cmp(&b.1))
@@ -91,14 +91,14 @@ pub fn other_types(problem: &FrameProblem, first: &Selected) -> Option<(TypeChan
     better.then_some((change, twin, state))
 }
 
-/// A twin with another law of a joint, and the joint's positions under it.
+/// A twin with another motion law of a joint, and the joint's positions under it.
 struct LawStart {
     cost: f64,
     twin: SeenTwin,
     hypothesis: Hypothesis,
 }
 
-/// The best starts of each type, found in the run with the worst fit, `worst`, and placed in all.
+/// The best starts of each type, found in the run with the worst fit, `worst`, and placed in all runs.
 fn best_starts(
     problem: &FrameProblem,
     joint: usize,
@@ -111,7 +111,7 @@ fn best_starts(
         .map(|(kind, axis, point)| {
             let mut twin = problem.twin.clone();
             let spec = &mut twin.joints[joint];
-            // Limits in radians say nothing in meters.
+            // Limits in radians do not apply to meters.
             if kind.is_turning() != spec.kind.is_turning() {
                 spec.limit = None;
             }
@@ -124,7 +124,7 @@ fn best_starts(
         })
         .collect();
     starts.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-    // Some of each type go on: the coarse cost of one run must not choose the type.
+    // Keep some of each type: the coarse cost of one run must not choose the type.
     let mut kept = [0usize; 3];
     starts.retain(|s| {
         let count = &mut kept[type_rank(s.twin.joints[joint].kind)];
@@ -139,7 +139,7 @@ fn best_starts(
     starts
 }
 
-/// A start followed with the axis free, or the pitch of a screw.
+/// Refines a start with the axis free, or the pitch of a screw.
 fn refined_start(problem: &FrameProblem, joint: usize, start: LawStart) -> (SeenTwin, State) {
     let mut twin = start.twin;
     let own = problem.for_twin(&twin);
@@ -150,7 +150,7 @@ fn refined_start(problem: &FrameProblem, joint: usize, start: LawStart) -> (Seen
     let middle = VarianceComponents::middle_of_grid(&problem.scales);
     let mut state = State { hypothesis: start.hypothesis, applied: Vec::new() };
     for _ in 0..STEPS {
-        // The result of a step is the law at the start of the next one.
+        // The result of each step is the law at the start of the next one.
         state.applied.clear();
         follow_steps(&own, &mut state, &set, &middle, 1);
     }

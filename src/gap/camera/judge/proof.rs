@@ -1,4 +1,4 @@
-//! Before and after on frames unseen by any fit. See docs/method.md (15.11).
+//! Gap before and after on frames unseen by any fit. See docs/method.md (15.11).
 
 use nalgebra::Point3;
 
@@ -15,17 +15,17 @@ use crate::camera::{
 /// The gap on held-out frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameGap {
-    /// Root mean square residual of patches, conflicts at the gate, meters: the twin.
+    /// Root mean square residual of the twin's patches, a conflict counting as the gate, meters.
     pub before: f64,
-    /// The updated twin.
+    /// The same for the updated twin, meters.
     pub after: f64,
-    /// By the camera's noise.
+    /// Root mean square residual expected from the camera's noise alone, meters.
     pub noise_floor: f64,
     /// Share of the seen area in conflict with the twin.
     pub conflict_before: f64,
-    /// And with the updated twin.
+    /// The same for the updated twin.
     pub conflict_after: f64,
-    /// Each run: name, before, after.
+    /// For each run: name, `before`, `after`.
     pub runs: Vec<(String, f64, f64)>,
 }
 
@@ -34,11 +34,11 @@ pub struct FrameGap {
 pub struct PartResidual {
     /// Root mean square residual of its patches, meters.
     pub rms_m: f64,
-    /// By the camera's noise.
+    /// Root mean square residual expected from the camera's noise alone, meters.
     pub floor_m: f64,
-    /// Conflicting share of its area.
+    /// Share of its area in conflict.
     pub conflict: f64,
-    /// Box of the conflicting points, part frame.
+    /// Box of the conflicting points, part frame, meters.
     pub bounds: Option<[[f64; 3]; 2]>,
 }
 
@@ -51,7 +51,7 @@ struct Sums {
 }
 
 impl Sums {
-    /// Conflicts count with the gate.
+    /// Root mean square residual; a conflict counts as the gate.
     fn rms_m(&self, gate_m: f64) -> f64 {
         // (15.11)
         ((self.square + self.conflict * gate_m * gate_m) / (self.area + self.conflict).max(1e-12)).sqrt()
@@ -72,7 +72,7 @@ impl Sums {
     }
 }
 
-/// Before (a twin and its hypothesis) and after; `missing` is part of the updated twin.
+/// Gap of a twin and its hypothesis before and after; `missing` is part of the updated twin.
 #[must_use]
 pub fn frame_gap(
     problem: &FrameProblem,
@@ -100,8 +100,8 @@ pub fn frame_gap(
     }
 }
 
-/// Sums over the held-out frames of each run; without held-out frames, over all. Readings of the geometry
-/// `known` are left out.
+/// Sums over the held-out frames of each run, or over all frames if none are held out. Readings of the
+/// missing geometry `known` are left out.
 fn sums_by_run(
     problem: &FrameProblem,
     twin: &SeenTwin,
@@ -129,7 +129,7 @@ fn sums_by_run(
     all
 }
 
-/// Sampled pixels stand for a square of the stride; patches count each pixel once.
+/// Pixels represented by one sample: a square of the sampling stride.
 fn stride_squared(problem: &FrameProblem, s: &PixelSample) -> f64 {
     let k = &problem.runs[s.run].frames[s.frame].intrinsics;
     let depth = match &s.sample {
@@ -175,7 +175,7 @@ pub fn by_part(problem: &FrameProblem, hypothesis: &Hypothesis) -> Vec<PartResid
         .collect()
 }
 
-/// Box of the middle 90 % of points along every axis.
+/// Box of the middle 90 % of the points along each axis.
 #[must_use]
 pub fn middle_box(points: &[Point3<f64>]) -> Option<[[f64; 3]; 2]> {
     (!points.is_empty()).then(|| {
@@ -183,7 +183,7 @@ pub fn middle_box(points: &[Point3<f64>]) -> Option<[[f64; 3]; 2]> {
         for k in 0..3 {
             let mut values: Vec<f64> = points.iter().map(|p| p[k]).collect();
             values.sort_unstable_by(f64::total_cmp);
-            // Single stray readings would stretch the box.
+            // Single stray readings would enlarge the box.
             let cut = values.len() / 20;
             sides[0][k] = values[cut];
             sides[1][k] = values[values.len() - 1 - cut];

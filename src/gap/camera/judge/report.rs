@@ -1,4 +1,4 @@
-//! The report of a diagnosis by frames, in the layout of a diagnosis by motion.
+//! The report of a diagnosis from frames, in the layout of a diagnosis from motion.
 
 use serde_json::{Value, json};
 
@@ -13,7 +13,7 @@ use crate::{
     judge::report::ExportNote,
 };
 
-/// `report.json`.
+/// Content of `report.json`.
 #[must_use]
 pub fn report(twin: &SeenTwin, d: &FrameDiagnosis, exports: &[ExportNote]) -> Value {
     let runs = d.gap.runs.iter().map(|(run, before, after)| {
@@ -80,11 +80,11 @@ fn positions_json(twin: &SeenTwin, d: &FrameDiagnosis, run: usize) -> Value {
     Value::Object(positions)
 }
 
-/// A report by motion and one by frames in one: findings, places and exports of both; the gap of the frames
-/// stands under `frames_gap`.
+/// Merges a report from motion and one from frames: findings, places and exports of both; the frames' gap is
+/// under `frames_gap`.
 #[must_use]
 pub fn merged_reports(mut motion: Value, frames: &Value) -> Value {
-    // Findings count before their absence, as among joints.
+    // In order of weight: findings first, agreement last, as among joints.
     const ORDER: [&str; 5] = ["unknown", "ambiguous", "named", "insufficient", "none"];
     let verdicts = [&motion["verdict"], &frames["verdict"]].map(|v| v.as_str().unwrap_or("none").to_owned());
     let verdict = ORDER.into_iter().find(|v| verdicts.iter().any(|w| w == v)).unwrap_or("none");

@@ -2,16 +2,16 @@
 
 use crate::camera::fit::{linear::Linear, problem::FrameProblem, reduced::Reduced};
 
-/// Least gain of evidence by each further effect, in nats.
+/// Least gain of evidence for each further effect, nats.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 const NATS: f64 = 12.0;
-/// Trials combined in pairs.
+/// Number of the best single trials used to grow the sets.
 const PAIRED: usize = 8;
-/// Most effects together.
+/// Most effects in a set.
 const MOST: usize = 3;
 
-/// The set with the most evidence, and the rivals of the same size.
+/// The set with the highest evidence, and its rivals of the same size.
 pub(super) fn best_set_and_rivals(
     problem: &FrameProblem,
     linear: &Linear,
@@ -31,7 +31,7 @@ pub(super) fn best_set_and_rivals(
         }
         (set, evidence) = best;
         rivals = level;
-        // Larger sets grow from the best few of this size, with swaps by way of the pairs.
+        // Larger sets grow from the best few of this size, each by one of the best single trials.
         let grown: Vec<Vec<usize>> = rivals
             .iter()
             .take(if size == 1 { PAIRED } else { 3 })
@@ -47,7 +47,7 @@ pub(super) fn best_set_and_rivals(
                 s
             })
             .collect();
-        // Several parents grow into the same set.
+        // Different sets may grow into the same one.
         let mut unique = grown;
         unique.sort();
         unique.dedup();
@@ -56,7 +56,7 @@ pub(super) fn best_set_and_rivals(
     (set, rivals)
 }
 
-/// Sets with their evidence, nats, best first.
+/// Sets with their evidence in nats, best first.
 fn ranked_sets(
     problem: &FrameProblem,
     linear: &Linear,
@@ -72,7 +72,7 @@ fn ranked_sets(
     all
 }
 
-/// Whether no two trials are ways of the same effect at one joint.
+/// Whether no two trials are variants of one effect at one joint.
 fn has_distinct_effects(problem: &FrameProblem, set: &[usize]) -> bool {
     let key = |t: usize| (problem.trials[t].name, problem.trials[t].joint);
     (0..set.len()).all(|i| (0..i).all(|k| key(set[i]) != key(set[k])))

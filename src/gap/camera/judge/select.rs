@@ -1,4 +1,5 @@
-//! Effects to explain the residuals: sets of trials, judged by their evidence. See docs/method.md 15.7.
+//! Selects the effects explaining the residuals: sets of trials, judged by their evidence.
+//! See docs/method.md 15.7.
 
 use crate::camera::{
     fit::{
@@ -14,28 +15,28 @@ use crate::camera::{
     },
 };
 
-/// Effects followed then.
+/// Number of rival sets followed if no effect is found at first.
 const FOLLOWED: usize = 5;
-/// Rounds of selection and advance.
+/// Rounds of selection and steps.
 const ROUNDS: usize = 3;
 
 /// The outcome of a selection.
 pub struct Selected {
     /// State with the chosen effects.
     pub state: State,
-    /// State without any.
+    /// State without effects.
     pub null: State,
     /// The last linear system, about `state`.
     pub linear: Linear,
-    /// The systems of all variance components.
+    /// The reduced systems for all variance components.
     pub reduced: Vec<Reduced>,
-    /// The chosen trials; an empty set where there are none.
+    /// The chosen trials; an empty set if there are none.
     pub chosen: Chosen,
-    /// Tried sets of the same size, with their evidence, best first.
+    /// Sets of the same size tried, with their evidence, best first.
     pub rivals: Vec<(Vec<usize>, f64)>,
 }
 
-/// Fits the twin without effects, then finds the set of effects with the most evidence.
+/// Fits the twin without effects, then finds the set of effects with the highest evidence.
 #[must_use]
 pub fn selected_effects(problem: &FrameProblem, mut state: State) -> Option<Selected> {
     settle_without_effects(problem, &mut state);
@@ -44,8 +45,7 @@ pub fn selected_effects(problem: &FrameProblem, mut state: State) -> Option<Sele
     if !first.chosen.set.is_empty() || !is_doubtful(problem, &first) {
         return Some(first);
     }
-    // The residuals are large, and no effect explains them about the null: perhaps one does where it has been
-    // followed.
+    // The residuals are large but no effect explains them to first order: one may after several steps.
     let followed = first.rivals.iter().take(FOLLOWED).filter_map(|(set, _)| {
         let mut state = null.clone();
         follow_steps(
@@ -63,13 +63,13 @@ pub fn selected_effects(problem: &FrameProblem, mut state: State) -> Option<Sele
     Some(best.filter(|b| b.0 < before).map_or(first, |b| b.1))
 }
 
-/// Whether the twin errs more than in the middle of the searched range, with the effects chosen.
+/// Whether, with the effects chosen, the twin's error exceeds the middle of the searched range.
 fn is_doubtful(problem: &FrameProblem, selected: &Selected) -> bool {
     selected.chosen.solution.components.surface_m
         > VarianceComponents::middle_of_grid(&problem.scales).surface_m
 }
 
-/// Searches and follows the best set, again and again.
+/// Alternates between searching the best set and stepping to its solution.
 fn selection_rounds(
     problem: &FrameProblem,
     mut state: State,
@@ -86,7 +86,7 @@ fn selection_rounds(
         let reduced = problem.reduce_all(&mut linear, &around);
         let (mut next, rivals) = best_set_and_rivals(problem, &linear, &reduced);
         if round == ROUNDS {
-            // The last round judges the effects in the state.
+            // The last round judges the effects already in the state.
             next.clone_from(&set);
         }
         let chosen = problem.chosen_of_set(&linear, &reduced, &next)?;
@@ -101,7 +101,7 @@ fn selection_rounds(
         let before = mean_cost(problem, &state.hypothesis);
         follow_steps(problem, &mut state, &set, &components, NEAR_STEPS);
         if mean_cost(problem, &state.hypothesis) > SAME_COST * before {
-            // Followed, the effects explain less than the linear system promised.
+            // After the steps, the effects explain less than the linear system promised.
             return selected.and_then(|s: Selected| {
                 let chosen = problem.chosen_of_set(&s.linear, &s.reduced, &[])?;
                 Some(Selected { state: null.clone(), chosen, ..s })
@@ -111,7 +111,7 @@ fn selection_rounds(
     selected
 }
 
-/// A selection with another set of effects: followed, and judged there.
+/// The selection for another set of effects: stepped to its solution and judged there.
 #[must_use]
 pub fn with_set(problem: &FrameProblem, selected: &Selected, set: &[usize]) -> Option<Selected> {
     let mut state = selected.state.clone();

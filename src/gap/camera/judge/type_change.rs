@@ -1,4 +1,4 @@
-//! A joint with another type in the frames.
+//! A joint with another type in the frames than in the twin.
 
 use nalgebra::{DVector, Point3, Unit, Vector3};
 
@@ -19,10 +19,10 @@ use crate::{
 };
 use numeric::statistics::HALF_WIDTH_95;
 
-/// Index in reports, behind the catalogue.
+/// Index in reports, after the catalogue's effects.
 const INDEX: usize = 100;
 
-/// A joint with another type.
+/// A joint with another type in the frames than in the twin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TypeChange {
     /// Joint.
@@ -33,14 +33,14 @@ pub struct TypeChange {
     pub to: SeenMotion,
     /// Axis in the joint frame.
     pub axis: Unit<Vector3<f64>>,
-    /// A point of it in the joint frame, meters.
+    /// A point of the axis in the joint frame, meters.
     pub point: Point3<f64>,
-    /// Mean cost of the pixels before and after.
+    /// Mean cost of the pixels with the twin's type and with the new one.
     pub cost: [f64; 2],
 }
 
-/// Half the width of the 95 % interval of a linear combination of the trials' parameters; `weight` is the
-/// factor of each.
+/// Half the width of the 95 % interval of a linear combination of the trials' parameters, with factors
+/// `weight`.
 fn half_width(problem: &FrameProblem, freed: &Selected, weight: impl Fn(HypothesisParameter) -> f64) -> f64 {
     let mut weights = DVector::zeros(freed.chosen.solution.values.len());
     let columns = freed.chosen.set.iter().flat_map(|&t| &problem.trials[t].columns);
@@ -51,7 +51,7 @@ fn half_width(problem: &FrameProblem, freed: &Selected, weight: impl Fn(Hypothes
 }
 
 impl TypeChange {
-    /// Trials to free the law of the joint: its axis, and the pitch of a screw.
+    /// Trials freeing the law of the joint: its axis, and the pitch of a screw.
     #[must_use]
     pub fn freeing_trials(&self, problem: &FrameProblem) -> Vec<usize> {
         let of =
@@ -60,7 +60,7 @@ impl TypeChange {
         of("axis_offset").into_iter().chain(pitch).collect()
     }
 
-    /// As a finding, with the law and intervals of a selection with a free law.
+    /// The finding, with law and intervals from a selection with this law free.
     #[must_use]
     pub fn as_finding(&self, problem: &FrameProblem, freed: &Selected) -> CameraFinding {
         let law = freed.state.hypothesis.laws[self.joint];
@@ -76,7 +76,7 @@ impl TypeChange {
             parameters.push(estimate_with_half_width(name, law.axis[k], "1", half));
         }
         if self.to.is_turning() {
-            // The point of the axis next to the part's center: there turns of the axis do not move it.
+            // The axis point nearest the part's center: turns of the axis do not move it there.
             let center = problem.twin.parts[problem.twin.joints[joint].child].center;
             let point = law.point + law.axis.into_inner() * law.axis.dot(&(center - law.point));
             for (k, name) in ["x", "y", "z"].into_iter().enumerate() {

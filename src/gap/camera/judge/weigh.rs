@@ -1,4 +1,4 @@
-//! Findings from a selection: their parameters, weights and rivals.
+//! Findings of a selection: parameters, weights and rivals.
 
 use crate::{
     camera::{
@@ -56,7 +56,7 @@ pub(super) fn findings_of(
             },
         ));
     }
-    // The largest loss of evidence comes first.
+    // The finding with the largest loss of evidence comes first.
     findings.sort_by(|a, b| a.0.total_cmp(&b.0));
     findings.into_iter().map(|f| f.1).collect()
 }
@@ -71,19 +71,19 @@ fn weight_and_rivals(
     let name = |t: usize| (problem.trials[t].name, problem.trials[t].joint);
     let mut best: Vec<((&'static str, Option<usize>), f64)> = Vec::new();
     for t in 0..problem.trials.len() {
-        // A chosen trial cannot stand in another's place.
+        // A trial already chosen cannot replace another.
         if chosen.set.contains(&t) && t != trial {
             continue;
         }
         let set: Vec<usize> = chosen.set.iter().map(|&s| if s == trial { t } else { s }).collect();
         let evidence = problem.evidence_of_set(&selected.linear, &selected.reduced, &set);
-        // Ways of one effect at one joint bear one name, and the best of them speaks for it.
+        // Variants of one effect at one joint share a name; the best one represents them.
         match best.iter_mut().find(|b| b.0 == name(t)) {
             Some(b) => b.1 = b.1.max(evidence),
             None => best.push((name(t), evidence)),
         }
     }
-    // Evidences are large logarithms: shares are taken from the top to stay finite.
+    // Evidences are large logarithms: relative to the largest, the exponentials stay finite.
     let top = best.iter().map(|b| b.1).fold(f64::NEG_INFINITY, f64::max);
     let sum: f64 = best.iter().map(|b| (b.1 - top).exp()).sum();
     let share = |e: f64| (e - top).exp() / sum;

@@ -10,13 +10,13 @@ use crate::camera::model::{
 };
 use geometry::Pose;
 
-/// Adds increments to a hypothesis. All are taken about the poses before the first.
+/// Adds parameter increments to a hypothesis. All are taken about its poses at the start.
 pub fn advance_hypothesis(
     hypothesis: &mut Hypothesis,
     twin: &SeenTwin,
     steps: &[(HypothesisParameter, f64)],
 ) {
-    // The steps of a solution hold together only about its own state.
+    // The increments of one solution are consistent only about the state they were solved for.
     let start = hypothesis.clone();
     let poses: Vec<_> = (0..start.positions.len()).map(|r| start.part_and_joint_poses(twin, r)).collect();
     for &(parameter, x) in steps {
@@ -52,13 +52,13 @@ pub fn advance_hypothesis(
                 let by = component_motion_about(&Pose::identity(), center, k, x);
                 hypothesis.extra[run][joint] = by * hypothesis.extra[run][joint];
             }
-            // Meshes stay: the placement only takes up errors of a reconstruction.
+            // Meshes stay: their placement only absorbs errors of a reconstruction.
             HypothesisParameter::Mesh(..) => {}
         }
     }
 }
 
-/// Adds an increment to the law of a joint; `center` is the child's center, directions are those of the law
+/// Adds an increment to the law of a joint; `center` is the child's center; directions are those of the law
 /// at the start of the step.
 fn advance_law(
     law: &mut MotionLaw,
@@ -70,7 +70,7 @@ fn advance_law(
     let [u, v] = normals_of(&start.axis);
     match parameter {
         HypothesisParameter::AxisTurn(_, k) => {
-            // About the point next to the child, where turning and shifting an axis mix least.
+            // About the axis point nearest the child, where turning and shifting the axis are least coupled.
             let pivot = start.point + start.axis.into_inner() * start.axis.dot(&(center - start.point));
             let turn = UnitQuaternion::from_scaled_axis([u, v][k] * x);
             law.axis = turn * law.axis;
@@ -83,7 +83,7 @@ fn advance_law(
                 Pose::from_parts(e.into(), UnitQuaternion::identity())
             } else {
                 let r = UnitQuaternion::from_scaled_axis(e);
-                // Turned about the axis' point, at rest.
+                // Rotation about a fixed point of the axis.
                 Pose::from_parts((start.point.coords - r * start.point.coords).into(), r)
             };
         }
@@ -96,14 +96,14 @@ fn advance_law(
     }
 }
 
-/// A shift or turn by one component.
+/// A shift or turn by `x` in component `k`.
 fn component_motion(k: usize, x: f64) -> Pose {
     let (e, turns) = unit_component(k);
     let zero = Vector3::zeros();
     if turns { small_motion(&zero, &(e * x)) } else { small_motion(&(e * x), &zero) }
 }
 
-/// A shift or turn by one component of a frame, turns about a point of the frame.
+/// The same in a given frame; turns are about `center` in that frame.
 fn component_motion_about(frame: &Pose, center: Point3<f64>, k: usize, x: f64) -> Pose {
     let (e, turns) = unit_component(k);
     let e = frame.rotation * e * x;

@@ -1,14 +1,14 @@
-//! Motion of the surface by joints and their errors.
+//! Displacement of the surface due to joints and their errors.
 
 use crate::camera::model::{hypothesis::Hypothesis, twin::SeenTwin};
 
-/// Standard deviations of a joint's own error; an effect within them counts as that error.
+/// An effect within this many standard deviations of a joint's own error counts as that error.
 ///
 /// chosen: 99.7 % of a normal distribution
 const SIGMAS: f64 = 3.0;
 
-/// Motion of the surface by a twin's own errors, meters: of the parts behind a joint, or of everything
-/// (`None`).
+/// Displacement of the surface due to the twin's own errors, meters: of the parts moved by a joint, or of all
+/// parts (`None`).
 #[must_use]
 pub fn made_m(twin: &SeenTwin, joint: Option<usize>) -> f64 {
     let Some(j) = joint else { return twin.own.surface_m };
@@ -16,7 +16,7 @@ pub fn made_m(twin: &SeenTwin, joint: Option<usize>) -> f64 {
     (SIGMAS * e.place_m.hypot(e.axis_rad * twin.parts[twin.joints[j].child].radius_m)).max(twin.own.surface_m)
 }
 
-/// Largest distance between the places of a joint's child under two hypotheses over the runs, meters.
+/// Largest displacement of a joint's child between two hypotheses, over the runs, meters.
 #[must_use]
 pub fn apart_m(joint: usize, one: (&SeenTwin, &Hypothesis), other: (&SeenTwin, &Hypothesis)) -> f64 {
     let child = one.0.joints[joint].child;
@@ -25,13 +25,13 @@ pub fn apart_m(joint: usize, one: (&SeenTwin, &Hypothesis), other: (&SeenTwin, &
     for r in 0..one.1.positions.len() {
         let [a, b] = [one, other].map(|(twin, hypothesis)| hypothesis.part_and_joint_poses(twin, r).0[child]);
         let apart = (a * part.center - b * part.center).norm();
-        // A part turning in place moves at its rim.
+        // A part turning in place moves most at its rim.
         largest_m = largest_m.max(apart.hypot(a.rotation.angle_to(&b.rotation) * part.radius_m));
     }
     largest_m
 }
 
-/// Joints at one place in all runs, with the way of their child between the runs, meters: below `least_m`.
+/// Joints moving their child by less than `least_m` over all runs, with this displacement, meters.
 #[must_use]
 pub fn joints_at_rest(twin: &SeenTwin, hypothesis: &Hypothesis, least_m: f64) -> Vec<(usize, f64)> {
     let mut still = Vec::new();

@@ -1,11 +1,11 @@
-//! A twin, its joint positions and its camera, with their assumed errors.
+//! A twin with its joint positions, its camera, and assumed errors of both.
 
 use nalgebra::{Point3, Unit, Vector3};
 
 use crate::camera::model::twin::{SeenJoint, SeenMotion, SeenTwin};
 use geometry::{Pose, Screw};
 
-/// The motion law of a joint, as a hypothesis has it.
+/// The motion law of a joint under a hypothesis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotionLaw {
     /// How it moves.
@@ -14,17 +14,17 @@ pub struct MotionLaw {
     pub axis: Unit<Vector3<f64>>,
     /// A point of the axis in the joint frame, meters.
     pub point: Point3<f64>,
-    /// By how much the joint frame is off, in itself.
+    /// Error of the joint frame, expressed in that frame.
     pub frame: Pose,
 }
 
 impl MotionLaw {
-    /// The law of a joint as the twin has it.
+    /// The law of a joint as given by the twin.
     fn of_joint(joint: &SeenJoint) -> Self {
         Self { kind: joint.kind, axis: joint.axis, point: joint.point, frame: Pose::identity() }
     }
 
-    /// Motion of the child for a position; identity at 0.
+    /// Motion of the child at a position, joint frame; the identity at 0.
     #[must_use]
     pub fn motion_at(&self, position: f64) -> Pose {
         let line = Screw { direction: self.axis, point: self.point, angle_rad: 0.0, advance_m: 0.0 };
@@ -39,13 +39,13 @@ impl MotionLaw {
 /// Errors of the camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraErrors {
-    /// True optical frame in the reported one.
+    /// Pose of the true optical frame in the reported one.
     pub reported_from_true: Pose,
-    /// Reading over true depth.
+    /// Depth reading over true depth.
     pub scale: f64,
-    /// Reading at depth 0, meters.
+    /// Depth reading at depth 0, meters.
     pub bias_m: f64,
-    /// Images are this much younger than their stamps say: poses are to be read at stamp + this, seconds.
+    /// Images belong to the pose at stamp + this delay, seconds.
     pub delay_s: f64,
 }
 
@@ -55,23 +55,23 @@ impl Default for CameraErrors {
     }
 }
 
-/// A twin, its joint positions and its camera, with their assumed errors.
+/// A twin with its joint positions, its camera, and assumed errors of both.
 #[derive(Clone, Debug)]
 pub struct Hypothesis {
     /// Motion law of every joint.
     pub laws: Vec<MotionLaw>,
     /// Position of every joint in every run, rad or m.
     pub positions: Vec<Vec<f64>>,
-    /// Further motion of a joint's child in a run beyond the law, in the joint frame.
+    /// Motion of a joint's child beyond its law in each run, in the joint frame.
     pub extra: Vec<Vec<Pose>>,
-    /// Root frame in the world of each run.
+    /// Pose of the root in the world, for each run.
     pub world_from_root: Vec<Pose>,
     /// The camera.
     pub camera: CameraErrors,
 }
 
 impl Hypothesis {
-    /// The twin as it is, every joint at 0.
+    /// The twin as given, every joint at 0.
     #[must_use]
     pub fn of_twin(twin: &SeenTwin, runs: usize) -> Self {
         Self {
@@ -83,7 +83,7 @@ impl Hypothesis {
         }
     }
 
-    /// Position of a joint in a run; a mimic joint gets it from its leader.
+    /// Position of a joint in a run; that of a mimic joint follows from its leader.
     #[must_use]
     pub fn joint_position(&self, twin: &SeenTwin, run: usize, joint: usize) -> f64 {
         match twin.joints[joint].mimic {
@@ -92,14 +92,14 @@ impl Hypothesis {
         }
     }
 
-    /// Pose of every part in the world of a run, and of every joint's frame before its own motion.
+    /// World poses in a run: of every part, and of every joint's frame before its own motion.
     #[must_use]
     pub fn part_and_joint_poses(&self, twin: &SeenTwin, run: usize) -> (Vec<Pose>, Vec<Pose>) {
         let mut parts = vec![self.world_from_root[run]; twin.parts.len()];
         let mut frames = Vec::with_capacity(twin.joints.len());
         for (j, joint) in twin.joints.iter().enumerate() {
             let law = &self.laws[j];
-            // Joints stand in the order of the tree: the parent's pose is known.
+            // Joints are in tree order, so the parent's pose is known.
             let frame = parts[joint.parent] * joint.parent_from_joint * law.frame;
             parts[joint.child] =
                 frame * self.extra[run][j] * law.motion_at(self.joint_position(twin, run, j));

@@ -1,21 +1,21 @@
-//! A region of missing geometry of the twin.
+//! A region of geometry missing in the twin.
 
 use std::collections::BTreeSet;
 
 use geometry::Pose;
 use nalgebra::Point3;
 
-/// PatchMean of a grid in a part's frame.
+/// Cell of a grid in a part's frame.
 pub type Voxel = [i32; 3];
 
-/// A region of missing geometry of the twin.
+/// A region of geometry missing in the twin.
 #[derive(Clone, Debug)]
 pub struct Missing {
-    /// Part it moves with.
+    /// Part the region moves with.
     pub part: usize,
     /// Box in the part's frame, meters.
     pub bounds: [[f64; 3]; 2],
-    /// Area in the frame with the largest one, square meters.
+    /// Largest area seen in one frame, square meters.
     pub area_m2: f64,
     /// 95 % interval of the sides of the box.
     pub bounds_interval: [[(f64, f64); 3]; 2],
@@ -28,11 +28,11 @@ pub struct Missing {
 }
 
 impl Missing {
-    /// Whether a world point is part of it, the parts standing at given poses.
+    /// Whether a world point belongs to the region, for given part poses.
     #[must_use]
     pub fn covers(&self, world_from_parts: &[Pose], point: &Point3<f64>) -> bool {
         let [x, y, z] = voxel_of(&world_from_parts[self.part].inverse_transform_point(point), self.voxel_m);
-        // Voxels around count too: noise carries readings of the region over its border.
+        // Neighboring voxels count too: noise moves readings of the region past its border.
         (-1..=1).any(|i| (-1..=1).any(|j| (-1..=1).any(|k| self.voxels.contains(&[x + i, y + j, z + k]))))
     }
 }

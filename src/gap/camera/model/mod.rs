@@ -1,4 +1,4 @@
-//! The twin, errors of it and of the camera, and their motion of the surface.
+//! The twin, errors of it and of the camera, and the surface displacements they cause.
 
 pub mod advance;
 pub mod displacement;

@@ -1,20 +1,20 @@
-//! Errors of a twin itself, as it was reconstructed.
+//! Errors of the twin itself, from its reconstruction.
 
-/// Accuracy of a twin; all zero for an exact one.
+/// Own errors of a twin; all zero for an exact one.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OwnErrors {
-    /// Root mean square distance of its surfaces in different states, meters.
+    /// Root mean square distance between its surfaces reconstructed in different states, meters.
     pub surface_m: f64,
-    /// Of its joints, in their order; none where they are exact.
+    /// Errors of its joints, in their order; empty if they are exact.
     pub joints: Vec<JointError>,
 }
 
-/// Standard deviations of a joint.
+/// Standard deviations of a joint's axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct JointError {
-    /// Of its axis' direction, radians.
+    /// Of its direction, radians.
     pub axis_rad: f64,
-    /// Of its axis' place, meters.
+    /// Of its position, meters.
     pub place_m: f64,
 }
 

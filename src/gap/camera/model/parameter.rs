@@ -2,36 +2,37 @@
 
 use nalgebra::{Unit, Vector3};
 
-/// A free number of a hypothesis. Angles rad, lengths m.
+/// A free number of a hypothesis. Angles in rad, lengths in m.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
 pub enum HypothesisParameter {
-    /// Placement of the root in a run: 0 to 2 shift, 3 to 5 turn about the object's center.
+    /// Placement of the root: run, component (0 to 2 shift, 3 to 5 turn about the object's center).
     Root(usize, usize),
-    /// Position of a joint in a run.
+    /// Position of a joint: run, joint.
     Position(usize, usize),
-    /// Placement of a part's mesh, in its own frame, 0 to 2 shift, 3 to 5 turn about its center.
+    /// Placement of a part's mesh in the part frame: part, component (0 to 2 shift, 3 to 5 turn about its
+    /// center).
     Mesh(usize, usize),
-    /// Camera's optical frame, 0 to 2 shift, 3 to 5 turn.
+    /// Pose of the camera's optical frame: component (0 to 2 shift, 3 to 5 turn).
     Extrinsic(usize),
-    /// Depth readings over depth, less one.
+    /// Ratio of depth reading to depth, minus one.
     DepthScale,
-    /// Depth readings less depth.
+    /// Depth reading minus depth.
     DepthBias,
     /// Delay of the images' stamps, seconds.
     Delay,
-    /// Turn of a joint's axis at position 0 of the child unchanged: joint, one of two directions.
+    /// Turn of a joint's axis, the child at position 0 unchanged: joint, normal of the axis (0 or 1).
     AxisTurn(usize, usize),
-    /// Shift of a joint's axis at position 0 of the child unchanged: joint, one of two directions.
+    /// Shift of a joint's axis, the child at position 0 unchanged: joint, normal of the axis (0 or 1).
     AxisShift(usize, usize),
-    /// Shift (0 to 2, along two normals and the axis) and turn (3, 4, about two normals) of a joint's frame,
-    /// child and all.
+    /// Displacement of a joint's frame with its child: joint, component (0 to 2 shift along two normals and
+    /// the axis; 3, 4 turn about the normals).
     Frame(usize, usize),
-    /// Advance of a turning joint, meters a radian.
+    /// Pitch of a turning joint, meters per radian.
     Pitch(usize),
-    /// Motion of a joint's child in a run beyond the law: run, joint, 0 to 2 shift, 3 to 5 turn about the
-    /// child's center.
+    /// Motion of a joint's child beyond its law: run, joint, component (0 to 2 shift, 3 to 5 turn about the
+    /// child's center).
     Extra(usize, usize, usize),
-    /// Factor on a joint's reported positions, less one.
+    /// Factor of a joint's reported positions, minus one.
     EncoderScale(usize),
     /// Offset of a joint's reported positions.
     EncoderBias(usize),
@@ -45,18 +46,18 @@ impl HypothesisParameter {
     }
 }
 
-/// Two unit vectors normal to a third.
+/// Two unit vectors normal to a third and to each other.
 #[must_use]
 pub fn normals_of(axis: &Unit<Vector3<f64>>) -> [Vector3<f64>; 2] {
     let a = axis.into_inner();
-    // The unit vector least along the axis: the product is far from zero.
+    // The unit vector least aligned with the axis keeps the cross product far from zero.
     let k = a.iamin();
     let e = Vector3::from_fn(|i, _| if i == k { 1.0 } else { 0.0 });
     let u = a.cross(&e).normalize();
     [u, a.cross(&u)]
 }
 
-/// The unit vector of a component and whether it is a turn.
+/// The unit vector of component `k`, and whether it is a turn.
 pub(super) fn unit_component(k: usize) -> (Vector3<f64>, bool) {
     (Vector3::from_fn(|i, _| if i == k % 3 { 1.0 } else { 0.0 }), k >= 3)
 }

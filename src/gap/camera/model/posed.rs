@@ -1,4 +1,4 @@
-//! Motion of the seen surface with the parameters of a hypothesis. See docs/method.md (15.7).
+//! Motion of the seen surface as the parameters of a hypothesis change. See docs/method.md (15.7).
 
 use nalgebra::{Point3, Vector3};
 
@@ -12,7 +12,7 @@ use crate::camera::{
 };
 use geometry::Pose;
 
-/// Poses under a hypothesis, for derivatives at them.
+/// The twin posed under a hypothesis, for derivatives there.
 pub struct PosedTwin<'a> {
     /// Twin.
     pub twin: &'a SeenTwin,
@@ -26,15 +26,15 @@ pub struct PosedTwin<'a> {
     pub frames: Vec<Vec<Pose>>,
 }
 
-/// Velocity of a surface point with a shift or turn of a frame by one component; turns are about `center` in
-/// the same frame.
+/// Velocity of a surface point for a unit rate of a frame's component `k`, world frame; turns are about
+/// `center` in the given frame.
 fn twist_velocity(frame: &Pose, center: Point3<f64>, k: usize, seen: &SurfacePoint) -> Vector3<f64> {
     let (e, turns) = unit_component(k);
     let e = frame.rotation * e;
     if turns { e.cross(&(seen.point - frame * center)) } else { e }
 }
 
-/// A point of the surface as a frame sees it.
+/// A point of the surface seen in a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfacePoint {
     /// Run.
@@ -51,7 +51,7 @@ pub struct SurfacePoint {
     pub camera: Pose,
     /// Depth, meters.
     pub depth_m: f64,
-    /// Normal times ray with z = 1; negative.
+    /// Dot product of the normal with the ray scaled to z = 1; negative.
     pub slant: f64,
 }
 
@@ -63,7 +63,7 @@ impl<'a> PosedTwin<'a> {
         Self { twin, runs, hypothesis, parts, frames }
     }
 
-    /// Derivative of the predicted reading at a surface point, across the surface, meters a unit of the
+    /// Derivative of the predicted reading at a surface point, across the surface, in meters per unit of the
     /// parameter.
     #[must_use]
     pub fn reading_derivative(&self, parameter: HypothesisParameter, seen: &SurfacePoint) -> f64 {
@@ -78,7 +78,8 @@ impl<'a> PosedTwin<'a> {
         }
     }
 
-    /// How the surface moves in the world, seen from the camera, as the camera's errors change.
+    /// Apparent velocity of the surface in the world, seen from the camera, per unit rate of a camera
+    /// parameter.
     fn camera_velocity(&self, parameter: HypothesisParameter, seen: &SurfacePoint) -> Vector3<f64> {
         let hypothesis = &self.hypothesis.camera;
         let in_true = seen.camera.inverse_transform_point(&seen.point);
@@ -87,7 +88,7 @@ impl<'a> PosedTwin<'a> {
                 let Some([t, w]) = self.runs[seen.run].velocities.get(seen.frame) else {
                     return Vector3::zeros();
                 };
-                // The twist acts before the offset of the camera.
+                // The motion during the delay applies before the camera's offset.
                 let reported = seen.camera * hypothesis.reported_from_true.inverse();
                 (reported, hypothesis.reported_from_true * in_true, *t, *w)
             }
@@ -102,11 +103,11 @@ impl<'a> PosedTwin<'a> {
             }
             _ => return Vector3::zeros(),
         };
-        // A camera moving one way sees the surface move the other.
+        // A camera moving one way sees the surface move the opposite way.
         -(frame.rotation * (t + w.cross(&point.coords)))
     }
 
-    /// How the surface point moves in the world with a parameter.
+    /// Velocity of the surface point in the world, per unit rate of a parameter.
     fn surface_velocity(&self, parameter: HypothesisParameter, seen: &SurfacePoint) -> Vector3<f64> {
         match parameter {
             HypothesisParameter::Root(run, k) if run == seen.run => {
@@ -151,7 +152,7 @@ impl<'a> PosedTwin<'a> {
         }
     }
 
-    /// Velocity of a surface point with the position of a joint and its followers.
+    /// Velocity of a surface point per unit rate of a joint position, mimic joints included.
     fn joint_velocity(&self, joint: usize, seen: &SurfacePoint) -> Vector3<f64> {
         let mut sum = Vector3::zeros();
         for (j, spec) in self.twin.joints.iter().enumerate() {
@@ -177,8 +178,8 @@ impl<'a> PosedTwin<'a> {
         sum
     }
 
-    /// Velocity with a turn or shift of the axis, the child at position 0 unchanged: with `M` the joint's
-    /// motion and `D` the small motion of the line, the child moves by `D M D^-1 M^-1`.
+    /// Velocity for a turn or shift of the axis, the child at position 0 unchanged: with the joint's motion
+    /// `M` and the axis' small motion `D` the child moves by `D M D^-1 M^-1`.
     fn axis_velocity(&self, joint: usize, k: usize, turns: bool, seen: &SurfacePoint) -> Vector3<f64> {
         let law = &self.hypothesis.laws[joint];
         let frame = self.frames[seen.run][joint] * self.hypothesis.extra[seen.run][joint];
@@ -187,12 +188,12 @@ impl<'a> PosedTwin<'a> {
         let x = frame.inverse_transform_point(&seen.point);
         let before = motion.inverse_transform_point(&x);
         let by = |p: &Point3<f64>| if turns { e.cross(&(p - self.axis_point(joint))) } else { e };
-        // docs/method.md (15.8) to first order.
+        // docs/method.md (15.8), to first order.
         frame.rotation * (by(&x) - motion.rotation * by(&before))
     }
 
-    /// The point of the axis next to the child's center, joint frame: where turning and shifting the axis mix
-    /// least.
+    /// The axis point nearest the child's center, joint frame: turning and shifting the axis are least
+    /// coupled there.
     fn axis_point(&self, joint: usize) -> Point3<f64> {
         let law = &self.hypothesis.laws[joint];
         let center = self.twin.parts[self.twin.joints[joint].child].center;

@@ -1,4 +1,4 @@
-//! The twin as cameras see it, from the tree of a description file.
+//! Builds the twin seen by cameras from the tree of a description file.
 
 use std::collections::BTreeMap;
 
@@ -12,16 +12,16 @@ use geometry::Pose;
 use model::{JointType, Tree};
 use surface::{TriangleMesh, merged_mesh};
 
-/// Facts of a joint missing in a tree.
+/// Facts about a joint missing in a tree.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct JointFacts {
     /// Lowest and highest position.
     pub limit: Option<(f64, f64)>,
-    /// Advance of a screw, meters a radian.
+    /// Pitch of a screw, meters per radian.
     pub pitch_m_per_rad: Option<f64>,
 }
 
-/// Why a tree shows nothing to a camera.
+/// Why cameras cannot see a tree.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SeenTwinError {
     /// No mesh at all.
@@ -38,7 +38,7 @@ pub enum SeenTwinError {
 }
 
 impl SeenPart {
-    /// The part of links tied by fixed joints, with the pose of each in the frame of the first.
+    /// The part made of links tied by fixed joints, with the pose of each link in the frame of the first.
     fn of_links(tree: &Tree, links: &[(usize, Pose)], joint: Option<usize>) -> Self {
         let meshes: Vec<TriangleMesh> =
             links.iter().map(|(l, pose)| tree.links[*l].visual.transformed(pose)).collect();
@@ -57,7 +57,7 @@ impl SeenPart {
 }
 
 impl SeenTwin {
-    /// Links tied by fixed joints become one part; parts are ordered from the root.
+    /// Builds the seen twin. Links tied by fixed joints become one part; parts are ordered from the root.
     ///
     /// # Errors
     /// [`SeenTwinError`].
@@ -104,7 +104,7 @@ impl SeenTwin {
                 open.push(joint.child);
             }
         }
-        // After all joints: a leader may come behind its follower.
+        // After all joints: a leader may come later than its follower.
         for (j, mimic) in mimics.iter().enumerate() {
             let Some(m) = mimic else { continue };
             let leader = joints.iter().position(|k| k.name == m.joint);

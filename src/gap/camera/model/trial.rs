@@ -1,4 +1,4 @@
-//! Effects visible to a camera: their parameters, priors and reports.
+//! Effects visible to a camera: parameters, priors and reports.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -11,50 +11,50 @@ use crate::{
 };
 use numeric::statistics::{CHI_SQUARE_95, HALF_WIDTH_95};
 
-/// A parameter with the standard deviation of its prior.
+/// A free parameter and its prior.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Column {
     /// Parameter.
     pub parameter: HypothesisParameter,
-    /// One standard deviation of the prior about zero.
+    /// Standard deviation of the prior, which has mean zero.
     pub prior: f64,
-    /// Whether the prior is over the size of the errors of the twin, and so a multiple of their size.
+    /// Whether `prior` is a multiple of the twin's surface error instead of an absolute size.
     pub of_twin: bool,
 }
 
 impl Column {
-    /// Standard deviation of the prior, for a twin with a given standard deviation of its surface.
+    /// Standard deviation of the prior for a twin with surface error `twin_m`, meters.
     #[must_use]
     pub fn prior_deviation(&self, twin_m: f64) -> f64 {
         if self.of_twin { self.prior * twin_m } else { self.prior }
     }
 }
 
-/// Log odds of effects with a fit for every state.
+/// Log prior odds of effects with a separate fit for every state.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 pub const STATEWISE: f64 = -8.0;
 
-/// One possible action of an effect.
+/// One way an effect may act.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trial {
     /// Index of the effect in the catalogue.
     pub effect: usize,
     /// Name of the effect.
     pub name: &'static str,
-    /// Its joint; `None` for the camera.
+    /// The joint concerned; `None` for the camera.
     pub joint: Option<usize>,
     /// Its parameters.
     pub columns: Vec<Column>,
-    /// Logarithm of its odds before any frame is seen.
+    /// Logarithm of its prior odds.
     pub log_odds: f64,
 }
 
-/// A trial with its values.
+/// A trial with its fitted values.
 pub struct Fitted<'a> {
     /// Twin.
     pub twin: &'a SeenTwin,
-    /// Hypothesis with the effect.
+    /// Hypothesis including the effect.
     pub hypothesis: &'a Hypothesis,
     /// The trial.
     pub trial: &'a Trial,
@@ -65,7 +65,7 @@ pub struct Fitted<'a> {
 }
 
 impl Fitted<'_> {
-    /// A linear combination of the columns with its interval.
+    /// A linear combination of the columns, with its 95 % interval.
     #[must_use]
     pub fn linear_estimate(&self, name: &str, unit: &str, weights: &DVector<f64>) -> ParameterEstimate {
         let half = HALF_WIDTH_95 * weights.dot(&(self.covariance * weights)).max(0.0).sqrt();
@@ -78,7 +78,7 @@ impl Fitted<'_> {
         }
     }
 
-    /// One column with its interval.
+    /// One column with its 95 % interval.
     #[must_use]
     pub fn column_estimate(&self, name: &str, unit: &str, k: usize) -> ParameterEstimate {
         self.linear_estimate(
@@ -88,14 +88,14 @@ impl Fitted<'_> {
         )
     }
 
-    /// Columns of turns, or the others.
+    /// Indices of the columns of turns (`turns`) or of all others.
     #[must_use]
     pub fn turn_columns(&self, turns: bool) -> Vec<usize> {
         let columns = self.trial.columns.iter().enumerate();
         columns.filter(|(_, c)| c.parameter.is_turn() == turns).map(|(k, _)| k).collect()
     }
 
-    /// Length of a vector of columns with its interval.
+    /// Length of the vector formed by some columns, with its 95 % interval.
     #[must_use]
     pub fn length_estimate(&self, name: &str, unit: &str, columns: &[usize]) -> ParameterEstimate {
         let norm = columns.iter().map(|&k| self.values[k].powi(2)).sum::<f64>().sqrt();
@@ -107,7 +107,7 @@ impl Fitted<'_> {
         let own =
             DMatrix::from_fn(columns.len(), columns.len(), |i, j| self.covariance[(columns[i], columns[j])]);
         let vector = DVector::from_fn(columns.len(), |i, _| self.values[columns[i]]);
-        // A vector with zero in its interval has no least length.
+        // If the interval contains the zero vector, the length has the lower bound 0.
         let squares = own.cholesky().map_or(0.0, |c| vector.dot(&c.solve(&vector)));
         let zero = squares < CHI_SQUARE_95[columns.len().min(CHI_SQUARE_95.len()) - 1];
         estimate.interval.0 = if zero { 0.0 } else { estimate.interval.0.max(0.0) };
@@ -115,38 +115,38 @@ impl Fitted<'_> {
     }
 }
 
-/// An effect visible to a camera. One file in `effects/` each, with every fact about it.
+/// An effect visible to a camera. Each has one file in `effects/`, holding every fact about it.
 pub struct CameraEffect {
     /// Name in reports.
     pub name: &'static str,
-    /// Its possible actions on a twin and its recordings: joint and columns.
+    /// Ways it may act on a twin and its recordings: joint and columns of each.
     pub trials: fn(&SeenTwin, &[FrameRun], &Scales) -> Vec<(Option<usize>, Vec<Column>)>,
-    /// Logarithm of its odds before any frame is seen: 0 but for effects with a fit for every state, as these
-    /// must explain more than a law for all states.
+    /// Logarithm of its prior odds: 0, or negative for effects with a separate fit for every state, which
+    /// must explain more than a law common to all states.
     pub log_odds: f64,
-    /// Parameters as a report names them.
+    /// Its parameters as named in reports.
     pub reported: fn(&Fitted) -> Vec<ParameterEstimate>,
-    /// The types of the joint in the twin and in the frames, for a change of type.
+    /// Joint type in the twin and in the frames, for a change of type.
     pub types: Option<[&'static str; 2]>,
-    /// Its form in a URDF.
+    /// How a URDF expresses it.
     pub in_urdf: &'static str,
     /// The recording to distinguish it from similar effects.
     pub experiment: &'static str,
 }
 
-/// A column.
+/// A column with an absolute prior.
 #[must_use]
 pub fn prior_column(parameter: HypothesisParameter, prior: f64) -> Column {
     Column { parameter, prior, of_twin: false }
 }
 
-/// A column of an error without name, as large as those of the twin's surface.
+/// A column of an unnamed error, with a prior relative to the twin's surface error.
 #[must_use]
 pub fn twin_column(parameter: HypothesisParameter, share: f64) -> Column {
     Column { parameter, prior: share, of_twin: true }
 }
 
-/// Joints with a motion of their own.
+/// Joints moving independently: all but mimic joints.
 pub fn free_joints(twin: &SeenTwin) -> impl Iterator<Item = usize> + '_ {
     (0..twin.joints.len()).filter(|&j| twin.joints[j].mimic.is_none())
 }

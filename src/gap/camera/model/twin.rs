@@ -1,4 +1,4 @@
-//! A twin as cameras see it: rigid parts with meshes, and joints.
+//! A twin seen by cameras: rigid parts with meshes, and joints.
 
 use nalgebra::{Point3, Unit, Vector3};
 
@@ -9,13 +9,13 @@ use surface::TriangleMesh;
 /// How a joint moves its child.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SeenMotion {
-    /// Turns; radians.
+    /// Rotation; positions in radians.
     Revolute,
-    /// Slides; meters.
+    /// Translation; positions in meters.
     Prismatic,
-    /// Turns and advances; radians.
+    /// Rotation with proportional advance; positions in radians.
     Screw {
-        /// Meters a radian.
+        /// Advance, meters per radian.
         pitch_m_per_rad: f64,
     },
 }
@@ -45,22 +45,22 @@ pub struct SeenPart {
     pub name: String,
     /// Visual meshes in the frame of the first link.
     pub mesh: TriangleMesh,
-    /// Joint below it; `None` for the root.
+    /// Joint carrying the part; `None` for the root.
     pub joint: Option<usize>,
-    /// Center of its box, part frame.
+    /// Center of its bounding box, part frame, meters.
     pub center: Point3<f64>,
-    /// Half the diagonal of its box, meters.
+    /// Half the diagonal of its bounding box, meters.
     pub radius_m: f64,
 }
 
-/// A joint of the twin; its child part's frame is the joint frame.
+/// A joint of the twin; the joint frame is the frame of the child part.
 #[derive(Clone, Debug)]
 pub struct SeenJoint {
     /// Name.
     pub name: String,
-    /// Carrying part.
+    /// Parent part.
     pub parent: usize,
-    /// Moved part.
+    /// Child part.
     pub child: usize,
     /// Joint frame in the parent part's frame at position 0.
     pub parent_from_joint: Pose,
@@ -72,18 +72,18 @@ pub struct SeenJoint {
     pub point: Point3<f64>,
     /// Lowest and highest position, where the twin has limits.
     pub limit: Option<(f64, f64)>,
-    /// Leading joint: index, factor, offset.
+    /// For a mimic joint: index of the leader, factor, offset.
     pub mimic: Option<(usize, f64, f64)>,
 }
 
-/// A twin as cameras see it. Parts stand behind their carriers.
+/// A twin seen by cameras. Each part comes after its parent.
 #[derive(Clone, Debug)]
 pub struct SeenTwin {
     /// Parts; the first is the root.
     pub parts: Vec<SeenPart>,
-    /// Joints, each before those its child carries.
+    /// Joints in tree order: each before those carried by its child.
     pub joints: Vec<SeenJoint>,
-    /// How well it is known itself.
+    /// Its own errors.
     pub own: OwnErrors,
 }
 

@@ -12,24 +12,24 @@ use geometry::Intrinsics;
 pub struct FrameRun {
     /// Name of the recording.
     pub name: String,
-    /// Views with their masks.
+    /// RGB-D frames with their masks.
     pub frames: Vec<RgbdFrame>,
-    /// Velocity of the camera at each frame in its optical frame: translation, m/s, and rotation, rad/s;
-    /// empty where the poses do not give them.
+    /// Camera velocity at each frame, in its optical frame: linear, m/s, and angular, rad/s; empty if the
+    /// poses do not provide it.
     pub velocities: Vec<[Vector3<f64>; 2]>,
-    /// Joint positions recorded beside the frames, by name, rad or m.
+    /// Joint positions recorded with the frames, by name, rad or m.
     pub positions: BTreeMap<String, f64>,
     /// Depth noise of the recording.
     pub noise: NoiseConfig,
 }
 
-/// A frame at a coarser grid: nearest pixels, no mean over edges.
+/// A frame at a coarser resolution: single pixels are taken, since a mean would blur edges.
 #[must_use]
 pub fn coarse_frame(frame: &RgbdFrame, step: usize) -> RgbdFrame {
     let k = &frame.intrinsics;
     let width = k.width / step;
     let height = k.height / step;
-    // The middle of each block: coarse pixels look along the rays of fine ones.
+    // The middle pixel of each block, so coarse pixels keep its ray.
     let off = (step - 1) / 2;
     let center = |c: f64| (c - off as f64) / step as f64;
     let intrinsics = Intrinsics {

@@ -1,4 +1,4 @@
-//! The recorded frames, and their compared pixels.
+//! The recorded frames and their compared pixels.
 
 pub mod frames;
 pub mod options;

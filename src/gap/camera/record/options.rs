@@ -1,11 +1,11 @@
-//! Assumptions of a diagnosis by frames.
+//! Assumptions of a diagnosis from frames.
 
-/// Assumptions of a diagnosis by frames.
+/// Assumptions of a diagnosis from frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameOptions {
-    /// Least error of the twin's surface and joints, meters; larger errors are found with the effects.
+    /// Least error of the twin's surface and joints, meters; a larger error is estimated with the effects.
     pub accuracy_m: f64,
-    /// A frame of every so many is left to the proof.
+    /// One frame in this many is held out for the proof.
     pub held_out_every: usize,
 }
 

@@ -5,12 +5,12 @@ use rayon::prelude::*;
 use crate::camera::record::frames::FrameRun;
 use capture::pixel_weights;
 
-/// Compared pixels of the object in a frame, about.
+/// Approximate number of compared pixels of the object in a frame.
 const SAMPLES: usize = 2500;
 /// Pixels within this many of an outline are not compared.
 pub const BORDER: usize = 2;
 
-/// Constant over all hypotheses: usable pixels of every frame.
+/// The compared pixels of every frame; the same for all hypotheses.
 pub struct Pixels {
     /// Sampled pixel indices with a reading on the object, by run and frame.
     pub object: Vec<Vec<Vec<usize>>>,
@@ -21,7 +21,7 @@ pub struct Pixels {
 }
 
 impl Pixels {
-    /// Chooses the pixels: on a grid, away from depth edges and from the mask's border.
+    /// Chooses pixels on a grid, away from depth edges and from the mask's border.
     #[must_use]
     pub fn chosen_of(runs: &[FrameRun]) -> Self {
         let mut pixels = Self { object: Vec::new(), empty: Vec::new(), stride: Vec::new() };
@@ -42,7 +42,7 @@ impl Pixels {
         pixels
     }
 
-    /// Side of the sampling grid of a frame, pixels.
+    /// Spacing of the sampling grid of a frame, pixels.
     #[must_use]
     pub fn stride_of(&self, run: usize, frame: usize) -> usize {
         self.stride[run][frame]
@@ -64,7 +64,7 @@ fn chosen_pixels(frame: &capture::RgbdFrame, run: &FrameRun) -> (Vec<usize>, Vec
     (object, empty, stride)
 }
 
-/// Pixels about a pixel within the border.
+/// Pixels within `BORDER` of a pixel, itself included.
 pub fn pixels_around(i: usize, w: usize, h: usize) -> impl Iterator<Item = usize> {
     let x = i % w;
     let y = i / w;

@@ -1,4 +1,4 @@
-//! A step of several joints of a tree under their models.
+//! A time step of several joints of a tree under their models.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -16,13 +16,13 @@ use crate::{
     twin_tree::TwinTree,
 };
 
-/// Most sweeps over the joints for their friction.
+/// Most sweeps over the joints to settle their friction.
 const MAX_SWEEPS: usize = 50;
-/// Change of a velocity, as a share of the largest, to end them.
+/// The sweeps end at this change of a velocity, as a share of the largest.
 /// chosen: well above the rounding of a double.
 const SETTLED: f64 = 1e-12;
 
-/// One joint, looked up once for many steps.
+/// One joint with its terms looked up once for many steps.
 struct Driven<'a> {
     model: &'a JointModel,
     acting: Acting<'a>,
@@ -54,16 +54,16 @@ pub struct Dynamics<'a> {
 
 /// Inputs of a step, by joint.
 pub struct Inputs<'a> {
-    /// Mean signal over the step.
+    /// Mean signal of each joint over the step.
     pub signal: &'a [f64],
     /// Middle of the step on the common axis, seconds.
     pub time_s: f64,
-    /// Recorded positions of other moving joints.
+    /// For each joint, the recorded positions of other moving joints.
     pub others: &'a [[f64; 8]],
 }
 
 impl<'a> Dynamics<'a> {
-    /// Of models, in the order of `joints`.
+    /// Dynamics of models in the order of `joints`.
     #[must_use]
     pub fn of_models(
         tree: &'a TwinTree,
@@ -79,7 +79,8 @@ impl<'a> Dynamics<'a> {
         self.driven.iter().map(|d| &d.sensor)
     }
 
-    /// Moves positions and velocities by `h` seconds: half a step, the velocity at the middle, half a step.
+    /// Advances positions and velocities by `h` seconds: half a step, the change of velocity at the middle,
+    /// half a step.
     pub fn step_by(&self, q: &mut [f64], v: &mut [f64], h: f64, inputs: &Inputs) {
         let drift = |q: &mut [f64], v: &[f64]| q.iter_mut().zip(v).for_each(|(q, v)| *q += 0.5 * h * v);
         drift(q, v);
@@ -87,14 +88,14 @@ impl<'a> Dynamics<'a> {
         drift(q, v);
     }
 
-    /// The tree's vector of the joints' values.
+    /// Vector over all joints of the tree holding the values `own` of these joints.
     fn tree_vector(&self, own: &[f64]) -> Vec<f64> {
         let mut all = vec![0.0; self.tree.joints.len()];
         self.joints.iter().zip(own).for_each(|(j, x)| all[*j] = *x);
         all
     }
 
-    /// Mass matrix over the joints, with the added inertias.
+    /// Mass matrix of the joints, added inertias included.
     fn joint_mass_matrix(&self, position: &[f64]) -> DMatrix<f64> {
         let n = self.joints.len();
         let zero = vec![0.0; position.len()];
@@ -106,16 +107,16 @@ impl<'a> Dynamics<'a> {
             self.joints.iter().enumerate().for_each(|(row, i)| mass[(row, column)] = efforts[*i]);
         }
         for (i, driven) in self.driven.iter().enumerate() {
-            // As for a joint by itself: the sum stays above zero.
+            // As for a single joint: the sum stays positive.
             let own: f64 = mass[(i, i)];
             mass[(i, i)] = (own + driven.added).max(LEAST_INERTIA * own);
         }
         mass
     }
 
-    /// (14.7) for several joints: `M` is implicit in the damping, and friction takes each joint to its
-    /// settled velocity, or acts at its bound. Coriolis efforts are those of the mean velocity from a first
-    /// pass: those of the velocity before would feed or eat energy.
+    /// (14.7) for several joints: the step is implicit in the damping, and friction brings each joint to its
+    /// settled velocity, or acts at its bound. Coriolis efforts are taken at the mean velocity from a first
+    /// pass: at the velocity before the step they would add or remove energy.
     fn kick_velocities(&self, q: &[f64], v: &mut [f64], h: f64, inputs: &Inputs) {
         let position = self.tree_vector(q);
         let mass = self.joint_mass_matrix(&position);
@@ -134,7 +135,7 @@ impl<'a> Dynamics<'a> {
         v.copy_from_slice(&after);
     }
 
-    /// Changes velocities over `h` seconds, where the tree takes the efforts `rest` without accelerating.
+    /// Changes velocities over `h` seconds; `rest` are the tree's efforts at zero acceleration.
     fn kick_under_efforts(
         &self,
         q: &[f64],
@@ -151,7 +152,7 @@ impl<'a> Dynamics<'a> {
         let mut acted = Vec::with_capacity(n);
         for (i, driven) in self.driven.iter().enumerate() {
             let joint = self.joints[i];
-            // Gravity and Coriolis efforts are those of the whole tree.
+            // Gravity and Coriolis efforts come from the whole tree.
             let carried = Carried { load: [rest[joint], 0.0, 0.0, 0.0, 0.0, 0.0], ..Carried::default() };
             let sensor = &driven.sensor;
             let own = driven.model.plant.actuator.effort_under(
@@ -183,7 +184,7 @@ impl<'a> Dynamics<'a> {
         let kicks = &inverse * &total * h;
         for (i, driven) in self.driven.iter().enumerate() {
             let (effort, carried, direction) = &acted[i];
-            // The joint would turn back within the step, where another bound may hold it.
+            // The joint would reverse within the step, where another bound may hold it.
             if (v[i] + kicks[i]) * direction < 0.0 {
                 let at = At {
                     q: q[i],
@@ -201,8 +202,8 @@ impl<'a> Dynamics<'a> {
         self.settle_friction(v, &kicks, &inverse, &(bound * h), h);
     }
 
-    /// The velocities after `kicks` by the efforts, with friction of at most `bound`, N m s or N s: Gauss and
-    /// Seidel's sweeps over the joints (Jean 1999).
+    /// Velocities after the changes `kicks` by the efforts, with friction of at most `bound`, N m s or N s,
+    /// by Gauss-Seidel sweeps over the joints (Jean 1999).
     fn settle_friction(
         &self,
         v: &mut [f64],

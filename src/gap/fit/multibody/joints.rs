@@ -1,4 +1,4 @@
-//! Joints of a chain with a common recording, prepared, and the predictions of their models.
+//! Joints of a chain recorded together, prepared, and their models' predictions.
 
 use crate::{
     fit::{
@@ -11,17 +11,17 @@ use crate::{
     twin_tree::TwinTree,
 };
 
-/// Joints of a chain with the same windows.
+/// Joints of a chain recorded together, with common windows.
 pub struct Joints<'t, 'c> {
     tree: &'t TwinTree,
     /// Index of each in the tree.
     joints: Vec<usize>,
-    /// Runs of each, for the prediction of whole windows.
+    /// Runs of each joint, for predictions of whole windows.
     pub problems: Vec<Problem<'c>>,
 }
 
 impl<'t, 'c> Joints<'t, 'c> {
-    /// Of joints by their index in the tree, each with its runs; `None` where these have other stamps than
+    /// Prepares joints by their index in the tree, each with its runs; `None` if their stamps differ from
     /// those of the first.
     #[must_use]
     pub fn new(tree: &'t TwinTree, joints: Vec<usize>, runs: &[&Problem<'c>]) -> Option<Self> {
@@ -42,7 +42,7 @@ impl<'t, 'c> Joints<'t, 'c> {
         self.problems[0].windows.len()
     }
 
-    /// Start states from the smoothed motions: by window, by joint.
+    /// Start states from the smoothed motion: by window, by joint.
     #[must_use]
     pub fn smoothed_starts(&self, models: &[JointModel]) -> Vec<Vec<Start>> {
         let own: Vec<Vec<Start>> =
@@ -56,7 +56,7 @@ impl<'t, 'c> Joints<'t, 'c> {
         self.problems.iter().zip(models).map(|(p, m)| p.model_drives(m)).collect()
     }
 
-    /// Residuals of a window: sample by sample, each joint, rad or m.
+    /// Residuals of a window, rad or m: sample by sample, each joint.
     #[must_use]
     pub fn window_residuals(
         &self,
@@ -81,8 +81,8 @@ impl<'t, 'c> Joints<'t, 'c> {
         let mut signal = vec![0.0; q.len()];
         for k in span.start..span.start + span.len {
             for (i, sensor) in dynamics.sensors().enumerate() {
-                // The gauge goes with the joint at either end of its play.
-                // No clamp: it panics where a rollout has left all numbers.
+                // The gauge follows the joint at either end of its play.
+                // No `clamp`: it panics on NaN from a diverged rollout.
                 gauge[i] = gauge[i].max(q[i] - sensor.half_gap).min(q[i] + sensor.half_gap);
                 let predicted = sensor.scale * gauge[i] + sensor.bias;
                 residuals.push(self.problems[i].logs[span.log].position[k] - predicted);

@@ -1,4 +1,4 @@
-//! Joints of a chain in common motion, in one rollout: one joint's missing friction moves the others too.
+//! Joints of a chain moving together, in one rollout: one joint's missing friction moves the others too.
 //! See docs/method.md (14.7).
 
 pub mod dynamics;

@@ -1,4 +1,4 @@
-//! Normal equations over windows, each with a start state of its own.
+//! Normal equations over windows with separate start states.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -17,7 +17,8 @@ pub struct MultibodyBlock {
 }
 
 impl MultibodyBlock {
-    /// Of residuals and their derivatives by the prediction's start state, then by its parameters, columns.
+    /// Sums residuals and their derivatives: columns by the start state (`states` of them), then by the
+    /// parameters.
     #[must_use]
     pub fn of_residuals(residual: &DVector<f64>, by: &DMatrix<f64>, states: usize) -> Self {
         let products = by.transpose() * by;
@@ -33,8 +34,8 @@ impl MultibodyBlock {
         }
     }
 
-    /// Hessian and gradient of the parameters from the window, its start state free; and the inverse of the
-    /// start state's part.
+    /// The window's matrix and gradient for the parameters with its start state eliminated, and the inverse
+    /// of the start state's matrix.
     fn without_start(&self, damping: f64) -> (DMatrix<f64>, DVector<f64>, DMatrix<f64>) {
         let mut start = self.start.clone();
         for i in 0..start.nrows() {
@@ -48,15 +49,15 @@ impl MultibodyBlock {
     }
 }
 
-/// A step of the parameters, and of the start state of each window.
+/// A step of the parameters and of each window's start state.
 pub struct MultibodyStep {
-    /// Parameters.
+    /// Change of the parameters.
     pub parameters: DVector<f64>,
-    /// States.
+    /// Change of the start state of each window.
     pub states: Vec<DVector<f64>>,
 }
 
-/// The step of Gauss and Newton, damped after Marquardt; `frozen` parameters stay.
+/// Gauss-Newton step damped after Marquardt; `frozen` parameters stay.
 #[must_use]
 pub fn multibody_step(blocks: &[MultibodyBlock], frozen: &[bool], damping: f64) -> Option<MultibodyStep> {
     let n = frozen.len();
@@ -87,9 +88,9 @@ pub fn multibody_step(blocks: &[MultibodyBlock], frozen: &[bool], damping: f64) 
     Some(MultibodyStep { parameters, states })
 }
 
-/// Covariance of the parameters, and the number of windows behind each. Residuals of a window are as good as
-/// `share` of their number; where parameters move more from window to window, the windows decide (Liang and
-/// Zeger 1986).
+/// Covariance of the parameters and the number of windows determining each. Only a `share` of a window's
+/// residuals counts as independent; where parameters vary more between windows than this predicts, the
+/// variation between windows is used (Liang and Zeger 1986).
 #[must_use]
 pub fn cluster_covariance(
     blocks: &[MultibodyBlock],

@@ -1,5 +1,7 @@
-//! Parameters of all joints of a chain at once, by shooting over windows; see docs/method.md (14.11). The
-//! derivatives are difference quotients: windows are short, and models hold friction of any kind.
+//! Fits the parameters of all joints of a chain together, by shooting over windows.
+//! See docs/method.md (14.11).
+//!
+//! Derivatives are difference quotients: windows are short, and models hold friction of any kind.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -23,29 +25,29 @@ use crate::{
 };
 
 /// Step of a difference quotient, as a share of the typical size of a parameter or state.
-/// chosen: rounding over it and its square are both far below the resolution of a window.
+/// chosen: rounding errors divided by it, and its square, are both far below the resolution of a window.
 const DIFFERENCE: f64 = 1e-4;
-/// How long a fit goes on.
+/// Limits on the length of a fit.
 #[derive(Clone, Copy, Debug)]
 pub struct MultibodyPace {
-    /// The size of the residuals is estimated anew between them.
+    /// Rounds; the size of the residuals is estimated anew between them.
     rounds: usize,
-    /// Most steps of a round.
+    /// Most steps per round.
     steps: usize,
 }
 
 impl MultibodyPace {
-    /// To the end.
+    /// Until the fit converges.
     pub const THOROUGH: Self = Self { rounds: 3, steps: 8 };
-    /// From near its end, far enough to see the value of an effect.
+    /// From a start near the optimum, far enough to see the gain by an effect.
     pub const TRIAL: Self = Self { rounds: 1, steps: 3 };
 }
 
-/// Least gain of a step before another one, as a share of the cost.
-/// chosen: far below the cost of a parameter's deviation among some hundred independent numbers.
+/// Least gain of a step for another one to follow, as a share of the cost.
+/// chosen: far below the cost of one deviation of a parameter, for some hundred independent measurements.
 const ENOUGH: f64 = 1e-4;
 
-/// Models of the joints with their fitted states and errors.
+/// Fitted models of the joints with start states and errors.
 #[derive(Clone, Debug)]
 pub struct MultibodyFit {
     /// Model of each joint.
@@ -56,13 +58,13 @@ pub struct MultibodyFit {
     pub size: Vec<f64>,
     /// Twice the log likelihood, up to a constant.
     pub twice_likelihood: f64,
-    /// Covariance of the free parameters of all joints, one after the other.
+    /// Covariance of the free parameters of all joints, one joint after the other.
     pub covariance: DMatrix<f64>,
-    /// Number of windows behind each.
+    /// Number of windows determining each free parameter.
     pub witnesses: Vec<f64>,
 }
 
-/// Fits models of the joints from given ones; `starts` come from a fit of similar models.
+/// Fits the joints' models from given ones; `starts` come from a fit of similar models.
 #[must_use]
 pub fn multibody_fit(
     joints: &Joints,
@@ -75,7 +77,7 @@ pub fn multibody_fit(
     let mut at = FitState { models: models.to_vec(), starts };
     let frozen: Vec<bool> = models
         .iter()
-        // The lag comes from the joints by themselves.
+        // The lag is taken from the fits of the single joints.
         .flat_map(|m| (0..m.free_count()).map(|i| i == 0 || free == Free::Starts))
         .collect();
     let mut size = residual_sizes(joints, &at);
@@ -86,7 +88,7 @@ pub fn multibody_fit(
     let blocks = window_blocks(joints, &at, &size, &frozen);
     let share = joints.problems[0].weighing.counting_share();
     let (covariance, witnesses) = cluster_covariance(&blocks, &frozen, share);
-    // Two of the independent numbers of a window go to a start state.
+    // Two independent measurements of a window determine a start state.
     let free =
         joints.problems.iter().map(|p| (p.independent_count() - 2.0 * p.windows.len() as f64).max(1.0));
     let twice_likelihood = free.zip(&size).map(|(free, size)| -2.0 * free * size.ln()).sum();
@@ -94,7 +96,7 @@ pub fn multibody_fit(
     MultibodyFit { models, starts, size, twice_likelihood, covariance, witnesses }
 }
 
-/// Root mean square residuals of windows under models, by window and joint, with the best start states.
+/// Root mean square residuals under models, by window and joint, with the best start states.
 #[must_use]
 pub fn window_sizes(joints: &Joints, models: &[JointModel]) -> Vec<Vec<f64>> {
     let fitted = multibody_fit(joints, models, None, Free::Starts, MultibodyPace::THOROUGH);
@@ -106,7 +108,7 @@ pub fn window_sizes(joints: &Joints, models: &[JointModel]) -> Vec<Vec<f64>> {
         .collect()
 }
 
-/// Root mean square residual of each of `n` joints; `residuals` hold all joints of a sample, then the next.
+/// Root mean square residual of each of `n` joints; `residuals` holds all joints sample by sample.
 fn rms_by_joint(residuals: &[f64], n: usize) -> Vec<f64> {
     let samples = (residuals.len() / n).max(1) as f64;
     let mut all = Vec::with_capacity(n);
@@ -117,14 +119,14 @@ fn rms_by_joint(residuals: &[f64], n: usize) -> Vec<f64> {
     all
 }
 
-/// Where a fit stands.
+/// Current models and start states of a fit.
 #[derive(Clone)]
 struct FitState {
     models: Vec<JointModel>,
     starts: Vec<Vec<Start>>,
 }
 
-/// Root mean square residual of each joint, not below its noise.
+/// Root mean square residual of each joint, at least its noise.
 fn residual_sizes(joints: &Joints, at: &FitState) -> Vec<f64> {
     let drives = joints.joint_drives(&at.models);
     let n = at.models.len();
@@ -168,7 +170,7 @@ fn iterate_steps(joints: &Joints, at: &mut FitState, size: &[f64], frozen: &[boo
     }
 }
 
-/// Models and start states after a step, within their bounds.
+/// Models and start states after a step, kept within their bounds.
 fn moved_by(joints: &Joints, at: &FitState, parameters: &DVector<f64>, states: &[DVector<f64>]) -> FitState {
     let mut first = 0;
     let mut models = Vec::with_capacity(at.models.len());
@@ -187,11 +189,11 @@ fn moved_by(joints: &Joints, at: &FitState, parameters: &DVector<f64>, states: &
     FitState { models, starts }
 }
 
-/// Residual, in units of its size, of a rollout out of all bounds.
-/// chosen: larger than any residual of another rollout; its square over a recording is still a number.
+/// Residual of a diverged rollout, in units of the residuals' size.
+/// chosen: larger than any other residual; its square summed over a recording is still finite.
 const LOST: f64 = 1e100;
 
-/// Residuals of a window in units of their size.
+/// Residuals of a window in units of each joint's size.
 fn scaled_residuals(
     joints: &Joints,
     models: &[JointModel],
@@ -216,17 +218,17 @@ fn window_costs(joints: &Joints, at: &FitState, size: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// Models with one parameter moved, for a difference quotient.
+/// Models with one parameter changed, for a difference quotient.
 struct MovedParameter {
     /// Index among the free parameters of all joints.
     column: usize,
     models: Vec<JointModel>,
-    /// Their drives.
+    /// The drives of these models.
     drives: Vec<Vec<Drive>>,
     step: f64,
 }
 
-/// Normal equations of all windows; `frozen` parameters have columns of zeros.
+/// Normal equations of all windows; columns of `frozen` parameters are zero.
 fn window_blocks(joints: &Joints, at: &FitState, size: &[f64], frozen: &[bool]) -> Vec<MultibodyBlock> {
     let drives = joints.joint_drives(&at.models);
     let free: usize = at.models.iter().map(JointModel::free_count).sum();
@@ -252,7 +254,7 @@ fn window_blocks(joints: &Joints, at: &FitState, size: &[f64], frozen: &[bool]) 
         .collect()
 }
 
-/// Normal equations of a window; `free` is the number of parameters of all joints.
+/// Normal equations of a window; `free` is the number of free parameters of all joints.
 fn window_block(
     joints: &Joints,
     at: &FitState,
@@ -296,11 +298,11 @@ fn typical_sizes(problem: &Problem, model: &JointModel) -> Vec<f64> {
     std::iter::once(coverage.interval_s).chain(of_terms).chain(of_actuator.into_iter().flatten()).collect()
 }
 
-/// Typical size of a number, as a share of its size in a motion made by it alone.
+/// Typical size of a parameter, as a share of its size if it alone caused the motion.
 /// chosen: several act together.
 const TYPICAL: f64 = 0.1;
 
-/// [`TYPICAL`] of a number's size, by its dimension, in a motion made by it alone.
+/// [`TYPICAL`] times the size of a parameter of this dimension, if it alone caused the motion.
 fn typical_size(dimension: Dimension, coverage: &Coverage) -> f64 {
     let effort = coverage.effort_rms.max(1e-9);
     let way = coverage.travel.max(1e-9);

@@ -1,4 +1,4 @@
-//! Coulomb friction with another bound each way.
+//! Coulomb friction with different bounds in the two directions.
 
 use crate::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude_parameter};
 use crate::model::format::{Expression, Format, NearestEffect};
@@ -28,7 +28,7 @@ impl Effect for AsymmetricFriction {
     }
 
     fn write_response(&self, at: &At, p: &[f64], out: &mut Response) {
-        // By the direction against the friction, since a joint at rest has no sign of the velocity.
+        // Depends on the direction opposed by friction, since the velocity of a joint at rest has no sign.
         let side = usize::from(at.direction < 0.0);
         out.value = p[side];
         out.p[side] = 1.0;
@@ -39,7 +39,7 @@ impl Effect for AsymmetricFriction {
     }
 
     fn in_format(&self, format: Format, p: &[f64], _plant: &Plant) -> Expression {
-        // One bound both ways, and in formats with a constant effort, one to make up the difference.
+        // One bound for both directions, and in formats with a constant effort, an offset for the difference.
         let mean = NearestEffect::other_effect("coulomb_friction", vec![0.5 * (p[0] + p[1])]);
         match format {
             Format::Mjcf => Expression::Approximated(vec![

@@ -1,4 +1,5 @@
-//! Gravity missing in the twin, from a tilted axis or another center of mass: `effort = s sin(q) + c cos(q)`.
+//! Gravity load missing in the twin, from a tilted axis or another center of mass:
+//! `effort = s sin(q) + c cos(q)`.
 
 use crate::model::format::{Expression, Format, JointNumbers, NearestEffect};
 use crate::model::plant::Plant;
@@ -24,8 +25,8 @@ const SPEC: Spec = Spec {
     experiment: "turn through 90 degrees or more, at rest in several positions",
 };
 
-/// Largest share of the load of a flat axis with a turn to be found.
-/// chosen: at the load itself the derivative by the turn is zero, and rounding leaves no turn.
+/// Largest load, as a share of that with a horizontal axis, for which a tilt is computed.
+/// chosen: at the full load the derivative with respect to the tilt is zero, and rounding hides the tilt.
 const FLAT: f64 = 1.0 - 1e-6;
 
 impl Effect for AxisTilt {
@@ -46,7 +47,7 @@ impl Effect for AxisTilt {
     }
 
     fn start_shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
-        // A sliding joint sees gravity as a constant; along a chain no single joint is tilted.
+        // On a sliding joint gravity is a constant; in a chain a tilt is not one joint's own.
         if coverage.turns && !coverage.in_chain { vec![vec![0.0, 0.0]] } else { Vec::new() }
     }
 
@@ -57,7 +58,7 @@ impl Effect for AxisTilt {
             // A URDF would have to move every frame below the joint.
             Format::Urdf => Expression::NotExpressible,
             _ if amplitude <= plant.most_load => Expression::Native,
-            // No turn of a joint gives it more load than a flat axis has.
+            // No tilt of a joint gives more load than a horizontal axis.
             _ => {
                 let share = FLAT * plant.most_load / amplitude;
                 let nearest =

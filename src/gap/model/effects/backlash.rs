@@ -1,15 +1,15 @@
-//! Play between the joint and its sensor: the recorded position follows within half a gap either side.
+//! Play between the joint and its sensor: the recorded position follows within half the gap on either side.
 
 use crate::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude_parameter};
 
-/// Least gap in deviations of the position's noise: one within the noise cannot be seen.
-/// chosen: many reversals show a little less than one deviation.
+/// Least gap in standard deviations of the position noise: a smaller one is not visible.
+/// chosen: many reversals reveal a little less than one deviation.
 const LEAST_NOISES: f64 = 0.7;
 /// Largest searched gap, as a share of the range.
-/// chosen: a larger one leaves no motion to explain.
+/// chosen: a larger one would leave no motion to explain.
 const LARGEST: f64 = 0.15;
-/// First searched gap, as a share of the range, and the ratio of two.
-/// chosen: from any encoder's step on, and fine enough for a fit to follow.
+/// Smallest searched gap, as a share of the range, and the ratio of neighboring gaps.
+/// chosen: below the step of any encoder, with a ratio fine enough for a fit to bridge.
 const FIRST: f64 = 3e-4;
 const RATIO: f64 = 1.6;
 /// Largest gap of a fit, as a share of the range.

@@ -8,8 +8,8 @@ use crate::{
     trig::sin_cos,
 };
 
-/// Least and largest number of periods over the range for a fit.
-/// chosen: a little beyond the searched ones, from two to a hundred.
+/// Least and largest number of periods over the range in a fit.
+/// chosen: a little beyond the searched ones, two to a hundred.
 const PERIODS: [f64; 2] = [1.5, 110.0];
 
 /// See the module.
@@ -51,8 +51,7 @@ impl Effect for Cogging {
 
     fn start_shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         let range = coverage.position.1 - coverage.position.0;
-        // From two periods to a hundred over the range, wide after a run away, a third of a period apart at
-        // its ends.
+        // From two to a hundred periods over the range (a runaway widens it), a third of a period apart.
         (0..295).map(|i| vec![0.0, 0.0, (2.0 + f64::from(i) / 3.0) * std::f64::consts::TAU / range]).collect()
     }
 

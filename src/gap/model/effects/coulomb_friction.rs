@@ -1,4 +1,4 @@
-//! Coulomb friction: `|friction| <= F`, against the motion; sticks exactly.
+//! Coulomb friction: `|friction| <= F`, opposing the motion, with exact sticking.
 
 use crate::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude_parameter};
 use crate::model::format::{Expression, Format, JointNumbers};

@@ -1,4 +1,4 @@
-//! A spring to another joint: `effort = e - k q + m q_other`; the ratio of the coupling is `m / k`.
+//! A spring to another joint: `effort = e - k q + m q_other`; the coupling ratio is `m / k`.
 
 use crate::model::effect::{
     At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude_parameter,
@@ -7,7 +7,7 @@ use crate::model::effect::{
 /// See the module.
 #[derive(Debug)]
 pub(super) struct Coupling {
-    /// Index of the other joint, among the log's joints beside this one.
+    /// Index of the other joint in `At::others`.
     pub other: usize,
 }
 

@@ -5,10 +5,10 @@ use crate::model::format::{Expression, Format, JointNumbers};
 use crate::model::plant::Plant;
 
 /// Searched delays, in sample intervals.
-/// chosen: a fit follows from one to the next.
+/// chosen: a fit can bridge the spacing.
 const DELAYS: [f64; 10] = [0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0];
-/// Largest delay of a fit, in sample intervals.
-/// chosen: three times the searched ones.
+/// Largest delay in a fit, in sample intervals.
+/// chosen: three times the largest searched one.
 const LARGEST: f64 = 60.0;
 
 /// See the module.
@@ -35,12 +35,12 @@ impl Effect for Delay {
     }
 
     fn parameter_bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
-        // A little below zero: efforts may be stamped after they act.
+        // Slightly negative values are allowed: efforts may be stamped after they act.
         (-2.0 * coverage.interval_s, LARGEST * coverage.interval_s)
     }
 
     fn in_format(&self, format: Format, p: &[f64], _plant: &Plant) -> Expression {
-        // A simulator cannot act before its command.
+        // A simulator cannot act before the command.
         Expression::native_if(format == Format::Mjcf && p[0] >= 0.0)
     }
 

@@ -1,5 +1,5 @@
-//! A catch at one position: `effort = -A x exp((1 - x^2) / 2)` with `x = (q - c) / w`; largest at one width
-//! from it.
+//! A catch at one position: `effort = -A x exp((1 - x^2) / 2)` with `x = (q - c) / w`; its maximum is one
+//! width from the center.
 
 use crate::model::{
     bump::{bump_bounds, bump_meets, bump_parameters, bump_starts},
@@ -20,8 +20,8 @@ const SPEC: Spec = Spec {
     experiment: "cross the place slowly, both ways, three times",
 };
 
-/// Widths from the middle beyond which nothing is left.
-/// chosen: 1.5e-7 of the effort.
+/// Number of widths from the center beyond which the effort is negligible.
+/// chosen: 1.5e-7 of the maximum.
 const REACH: f64 = 6.0;
 
 impl Effect for Detent {

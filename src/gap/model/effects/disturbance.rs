@@ -1,4 +1,4 @@
-//! A single push: `effort = D exp(-((t - t0) / w)^2 / 2)`. It belongs to a recording and is never exported.
+//! A single push: `effort = D exp(-((t - t0) / w)^2 / 2)`. It occurs in one recording and is never exported.
 
 use crate::model::effect::{
     At, Coverage, Dimension, Effect, Extent, Parameter, Place, RUN_SPACING_S, Response, Spec,
@@ -23,14 +23,14 @@ const SPEC: Spec = Spec {
     experiment: "record the same motion again: it does not come back",
 };
 
-/// Widths from the middle beyond which nothing is left.
-/// chosen: 3.7e-6 of the effort.
+/// Number of widths from the center beyond which the effort is negligible.
+/// chosen: 3.7e-6 of the maximum.
 const REACH: f64 = 5.0;
-/// Searched widths of pushes, and the time between two starts, seconds.
-/// chosen: starts lie less than two widths apart: a push between two of them still shows.
+/// Searched widths of pushes, and the spacing of their start times, seconds.
+/// chosen: start times are less than two widths apart, so a push between two of them is still visible.
 const PUSHES_S: [(f64, f64); 2] = [(0.06, 0.1), (0.2, 0.25)];
 /// Least and largest width of a push, seconds.
-/// chosen: a few samples, and a width beyond any push.
+/// chosen: a few samples, and longer than any push.
 const WIDTHS_S: [f64; 2] = [0.01, 1.0];
 
 impl Effect for Disturbance {

@@ -1,4 +1,4 @@
-//! The recorded position is the true one plus an offset. Only loads depending on the position show it.
+//! The recorded position is the true one plus an offset. Only a load depending on the position reveals it.
 
 use crate::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude_parameter};
 use crate::model::format::{Expression, Format, JointNumbers};
@@ -24,7 +24,7 @@ impl Effect for EncoderBias {
     }
 
     fn start_shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
-        // Where no effort depends on the position, an offset of it changes nothing.
+        // If no effort depends on the position, an offset has no effect.
         if coverage.has_load_slope { vec![vec![0.0]] } else { Vec::new() }
     }
 
@@ -34,7 +34,7 @@ impl Effect for EncoderBias {
     }
 
     fn indistinguishable_partner(&self, coverage: &Coverage) -> Option<&'static str> {
-        // An offset of the angle turns the load as a tilt about the axis does.
+        // An offset of the angle rotates the load in the same way as a tilted axis.
         coverage.turns.then_some("axis_tilt")
     }
 

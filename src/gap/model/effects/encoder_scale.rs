@@ -8,8 +8,8 @@ pub(super) struct EncoderScale;
 
 const PARAMETERS: &[Parameter] = &[ratio_parameter("scale")];
 
-/// Largest ratio of a recorded to a true position, and one over the smallest.
-/// chosen: the next whole ratio of a gear or a belt; a larger one is a unit, not a scale.
+/// Largest ratio of the recorded to the true position; its inverse is the smallest.
+/// chosen: the next integer ratio of a gear or a belt; a larger one would be another unit.
 const LARGEST: f64 = 2.0;
 
 const SPEC: Spec = Spec {
@@ -30,7 +30,7 @@ impl Effect for EncoderScale {
     }
 
     fn indistinguishable_partner(&self, coverage: &Coverage) -> Option<&'static str> {
-        // Under a load independent of the position, a gain of the effort is the same.
+        // With a load independent of the position, a gain of the effort is equivalent.
         (!coverage.has_load_slope).then_some("torque_gain")
     }
 }

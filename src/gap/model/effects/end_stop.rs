@@ -1,6 +1,6 @@
-//! A soft stop: beyond `l` the joint is pushed back by `k` times the way past it, `c` times the speed and a
-//! share of the other efforts into the stop, never pulled. The share is that of a rigid stop behind a soft
-//! one: under a steady effort the joint sinks in less than under `k` alone.
+//! A soft stop: beyond `l` the joint is pushed back by `k` times the penetration, `c` times the speed, and a
+//! share of the other efforts into the stop, but never pulled. This share represents a rigid stop behind the
+//! soft one: under a steady effort the joint penetrates less than with `k` alone.
 
 use crate::model::effect::{
     At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude_parameter, shape_parameter,
@@ -11,7 +11,7 @@ use crate::model::plant::Plant;
 /// See the module.
 #[derive(Debug)]
 pub struct EndStop {
-    /// At the high end of the range.
+    /// Whether it is at the upper end of the range.
     pub upper: bool,
 }
 
@@ -30,21 +30,21 @@ const SPEC: Spec = Spec {
     experiment: "touch the stop twice or more, slowly and fast",
 };
 
-/// Rate of a rigid stop, 1/s: the fastest within the resolution of a rollout's steps.
+/// Rate of a rigid stop, 1/s: the fastest one resolved by the steps of a rollout.
 /// derived: one over a step of 5 ms.
 const STIFF_RATE: f64 = 200.0;
-/// Largest share of the other efforts taken off by a stop.
+/// Largest share of the other efforts absorbed by a stop.
 /// derived: MuJoCo's largest impedance (mjMAXIMP).
 pub const MAX_IMPEDANCE: f64 = 0.9999;
-/// How far inside the covered range a contact is looked for, as shares of it.
-/// chosen: a fit follows from one to the next.
+/// Depths inside the covered range where a contact is searched, as shares of the range.
+/// chosen: a fit can bridge the spacing.
 const DEPTHS: [f64; 9] = [0.003, 0.008, 0.015, 0.03, 0.05, 0.08, 0.12, 0.17, 0.23];
-/// Rates, 1/s, and impedances for further starts of a fit: the cost has several minima over them, and a fit
+/// Rates, 1/s, and impedances of further starts of a fit: the cost has several minima over them, and a fit
 /// ends in the one near its start.
 /// chosen: from a soft stop to one of half [`STIFF_RATE`].
 const RESTARTS: [(f64, f64); 5] = [(12.0, 0.0), (35.0, 0.0), (90.0, 0.0), (35.0, 0.9), (90.0, 0.9)];
-/// Damping of such a start over inertia and rate.
-/// chosen: a damping ratio of 0.2, far from both no bounce and no loss.
+/// Damping of such a start, divided by inertia and rate.
+/// chosen: a damping ratio of 0.2, far from both no rebound and no loss.
 const DAMPING: f64 = 0.4;
 
 impl Effect for EndStop {
@@ -59,7 +59,7 @@ impl Effect for EndStop {
             return;
         }
         let push = p[0] * depth + p[1] * side * at.v + p[3] * side * at.load;
-        // The contact's damping would hold a leaving joint; a stop never pulls.
+        // The contact's damping would hold back a leaving joint; a stop never pulls.
         if push < 0.0 {
             return;
         }
@@ -76,13 +76,13 @@ impl Effect for EndStop {
     fn start_shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         let (low, high) = coverage.position;
         let range = high - low;
-        // A soft stop lets the joint past it: the contact begins inside the covered range.
+        // A soft stop is penetrated, so the contact begins inside the covered range.
         let (edge, inward) = if self.upper { (high, -1.0) } else { (low, 1.0) };
         DEPTHS.iter().map(|f| vec![0.0, 0.0, edge + inward * f * range, 0.0]).collect()
     }
 
     fn parameter_bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
-        // The stiffest stop within the resolution of the rollout's step, critically damped.
+        // At most the stiffest stop resolved by the rollout's step, critically damped.
         match index {
             0 => (0.0, coverage.inertia * STIFF_RATE * STIFF_RATE),
             1 => (0.0, coverage.inertia * 2.0 * STIFF_RATE),
@@ -115,7 +115,7 @@ impl Effect for EndStop {
             Format::Sdf => {
                 Expression::Approximated(vec![NearestEffect::same_effect(vec![p[0], p[1], p[2], 0.0])])
             }
-            // A limit, as stiff as the rollout resolves.
+            // A limit, as stiff as the rollout can resolve.
             Format::Usd => {
                 let stiffness = plant.inertia * STIFF_RATE * STIFF_RATE;
                 let damping = plant.inertia * STIFF_RATE;

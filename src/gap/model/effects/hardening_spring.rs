@@ -44,8 +44,8 @@ impl Effect for HardeningSpring {
 
     fn start_shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         let (low, high) = coverage.position;
-        // A spring may pull one way over the whole range: its rest position lies up to a quarter of it
-        // outside.
+        // A spring may pull in one direction over the whole range: its rest position may be outside, by up to
+        // a quarter of the range.
         (0..7).map(|i| vec![0.0, 0.0, low + (high - low) * (f64::from(i) - 1.0) / 4.0]).collect()
     }
 

@@ -1,11 +1,11 @@
-//! More inertia than the twin has.
+//! An inertia in addition to the twin's.
 
 use crate::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude_parameter};
 use crate::model::format::{Expression, Format, JointNumbers};
 use crate::model::plant::Plant;
 
-/// Largest loss of the twin's inertia, as a share.
-/// chosen: a tenth stays; without inertia there is no motion to integrate.
+/// Largest reduction of the twin's inertia, as a share.
+/// chosen: a tenth remains; without inertia there is no motion to integrate.
 const MOST_TAKEN: f64 = 0.9;
 
 /// See the module.
@@ -36,7 +36,7 @@ impl Effect for Inertia {
     }
 
     fn in_format(&self, format: Format, p: &[f64], _plant: &Plant) -> Expression {
-        // Armature only adds.
+        // An armature can only be positive.
         match format {
             Format::Mjcf => Expression::native_if(p[0] >= 0.0),
             Format::Usd => Expression::native_if(p[0] > 0.0),

@@ -1,11 +1,11 @@
-//! Friction in proportion to the joint's effort: `|friction| <= mu |u|`.
+//! Friction proportional to the joint's effort: `|friction| <= mu |u|`.
 
 use crate::model::effect::{
     At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude_parameter,
 };
 
-/// Largest share of the load.
-/// chosen: near 1, where no effort could ever move the joint.
+/// Largest friction coefficient `mu`.
+/// chosen: near 1, at which no effort could move the joint.
 const LARGEST: f64 = 0.95;
 
 /// See the module.

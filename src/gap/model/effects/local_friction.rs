@@ -1,4 +1,4 @@
-//! Friction about one position: `|friction| <= F exp(-((q - c) / w)^2)`.
+//! Friction around one position: `|friction| <= F exp(-((q - c) / w)^2)`.
 
 use crate::model::{
     bump::{bump_bounds, bump_meets, bump_parameters, bump_starts},
@@ -19,8 +19,8 @@ const SPEC: Spec = Spec {
     experiment: "cross the place slowly, both ways, three times",
 };
 
-/// Widths from the middle beyond which nothing is left.
-/// chosen: 1.6e-9 of the friction.
+/// Number of widths from the center beyond which the friction is negligible.
+/// chosen: 1.6e-9 of the maximum.
 const REACH: f64 = 4.5;
 
 impl Effect for LocalFriction {

@@ -1,4 +1,4 @@
-//! The catalogue: one file an effect. To add one, write its file and give it a line here.
+//! The catalogue: one file per effect. To add one, write its file and add a line here.
 
 mod asymmetric_friction;
 mod axis_tilt;
@@ -25,7 +25,7 @@ mod viscous_friction;
 
 use super::effect::Effect;
 
-/// Every effect sought at a joint with `others` other moving joints in the recording.
+/// All effects searched at a joint recorded with `others` other moving joints.
 #[must_use]
 pub fn catalogue(others: usize) -> Vec<Box<dyn Effect>> {
     let mut effects: Vec<Box<dyn Effect>> = vec![

@@ -33,7 +33,7 @@ impl Effect for SpringReturn {
     }
 
     fn write_response(&self, at: &At, p: &[f64], out: &mut Response) {
-        // Offset and stiffness enter linearly: screening needs no grid of rest positions.
+        // Offset and stiffness enter linearly, so screening needs no grid of rest positions.
         out.value = p[1] - p[0] * at.q;
         out.q = -p[0];
         out.p[0] = -at.q;
@@ -44,7 +44,7 @@ impl Effect for SpringReturn {
         let mut stiffness = [0.0; MAX_PARAMETERS];
         stiffness[0] = 1.0;
         let mut rest = [0.0; MAX_PARAMETERS];
-        // Reports give e / k, so its interval needs the derivatives by both.
+        // Reports give e / k, so its interval needs the derivatives with respect to both.
         (rest[0], rest[1]) = (-p[1] / (p[0] * p[0]), 1.0 / p[0]);
         vec![
             Reported { name: "stiffness", dimension: Dimension::Stiffness, value: p[0], gradient: stiffness },

@@ -1,4 +1,4 @@
-//! Friction falling with speed from breakaway to sliding: `F + D exp(-(v / s)^2)`.
+//! Friction falling with speed from breakaway to sliding friction: `F + D exp(-(v / s)^2)`.
 
 use crate::model::effect::{
     At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude_parameter, shape_parameter,
@@ -24,14 +24,14 @@ const SPEC: Spec = Spec {
     experiment: "pull slowly until it breaks loose, several times, then slide at two speeds",
 };
 
-/// Stribeck velocity of a breakaway gone at once, rad/s or m/s.
+/// Stribeck velocity of a breakaway ending as soon as the joint slides, rad/s or m/s.
 /// chosen: below the resolution of any rollout.
 const AT_ONCE: f64 = 1e-9;
 /// Searched Stribeck velocities, as shares of the top speed.
-/// chosen: a fit follows from one to the next.
+/// chosen: a fit can bridge the spacing.
 const SPEEDS: [f64; 4] = [0.01, 0.03, 0.08, 0.2];
-/// Least Stribeck velocity of a fit, as a share of the top speed.
-/// chosen: less is passed within a sample.
+/// Least Stribeck velocity in a fit, as a share of the top speed.
+/// chosen: a smaller one is passed within one sample.
 const LEAST_SPEED: f64 = 0.002;
 
 impl Effect for StribeckFriction {
@@ -68,7 +68,7 @@ impl Effect for StribeckFriction {
     fn in_format(&self, format: Format, p: &[f64], _plant: &Plant) -> Expression {
         match format {
             Format::Urdf => Expression::NotExpressible,
-            // PhysX has the breakaway too, gone as soon as the joint slides.
+            // PhysX has a breakaway as well, ending as soon as the joint slides.
             Format::Usd => {
                 Expression::Approximated(vec![NearestEffect::same_effect(vec![p[0], p[1], AT_ONCE])])
             }

@@ -28,7 +28,7 @@ impl Effect for TorqueGain {
     }
 
     fn indistinguishable_partner(&self, coverage: &Coverage) -> Option<&'static str> {
-        // Under a load independent of the position, a scale of the position is the same.
+        // With a load independent of the position, a scale of the position is equivalent.
         (!coverage.has_load_slope).then_some("encoder_scale")
     }
 

@@ -36,7 +36,7 @@ impl Effect for ViscousFriction {
     }
 
     fn parameter_bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
-        // A joint damps; it does not drive itself.
+        // The total damping must not be negative.
         (-coverage.damping, 1e9)
     }
 
