@@ -11,9 +11,9 @@ use super::{RgbdFrame, depth_warp::DepthWarp};
 use geometry::Pose;
 use numeric::random::{stage_rng, standard_normal};
 
-/// Number of draws; a variance estimated from them has a relative standard error of an eighth.
+/// Number of draws; a standard deviation estimated from them has a relative error of an eighth.
 ///
-/// derived: one over the root of twice their number, for a standard deviation
+/// derived: one over the root of twice their number
 const DRAWS: usize = 32;
 
 /// One draw of the remaining errors of poses and depth.
