@@ -1,5 +1,4 @@
-//! Viewing directions and depth quality of a state: tells how good a recording is before a twin is made of
-//! it.
+//! Viewing directions and depth quality of a state: how good a recording is, before a twin is made of it.
 
 use std::{f64::consts::TAU, fmt};
 

@@ -435,7 +435,7 @@ fn resized_errors(
     Sizes { poses, warp: sensor.map_or(sizes.warp, |errors| resized_warp(sizes.warp, errors, step)) }
 }
 
-/// The same for the single size of all coefficients of the warp.
+/// As in docs/method.md (2.15), with a single size for all coefficients of the warp.
 fn resized_warp(size: f64, errors: &SensorErrors, step: &Step) -> f64 {
     let mean = errors.values() + &step.sensor;
     let information = &step.sensor_information;

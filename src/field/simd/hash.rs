@@ -188,8 +188,8 @@ pub(crate) struct LevelJacobian<'a> {
 
 /// Features and exact derivatives of the trilinear interpolant.
 ///
+/// # Panics
 /// If the lengths do not match.
-/// If a length does not fit.
 #[inline(always)]
 pub(super) fn encode_jacobian<S: Lanes>(
     s: S,
