@@ -26,7 +26,7 @@ const SPREAD: (f64, f64) = (0.02, 0.5);
 /// Reach in cells for the slope of measured depth.
 const SLOPE: usize = 2;
 
-/// Planes `n . x = 1` of a view's cells in its optical frame, 1/m; `cost` is the dissimilarity of other views.
+/// Planes `n . x = 1` of a view's cells in its optical frame, 1/m; `cost` is the photo-consistency cost.
 pub(super) struct Planes {
     pub at: Vec<Vector3<f32>>,
     pub cost: Vec<f32>,

@@ -9,9 +9,9 @@ use geometry::{Pose, shift_and_turn};
 
 /// Most rounds of Gauss-Newton.
 const ROUNDS: usize = 24;
-/// Initial factor on the robust scale of pairs found by appearance; it falls to a tenth every other round.
-/// Before a loop is closed, drift gives right pairs large residuals (graduated non-convexity: Yang et al.
-/// 2020).
+/// Initial factor on the squared residual at which pairs found by appearance lose half their weight; it falls
+/// to a tenth every other round. Before a loop is closed, drift gives right pairs large residuals (graduated
+/// non-convexity: Yang et al. 2020).
 /// derived: meters against a millimeter, squared
 const TRUSTED: f64 = 1e6;
 /// Rounds end with a smaller motion, meters (radians times one meter).
