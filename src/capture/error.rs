@@ -397,12 +397,11 @@ fn converted(path: &Path) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// A path as a word of a shell and as a string of YAML: bare where nothing in it means more, else in single
-/// quotes. (One with a single quote in it needs another form in each; it is written for the shell.)
-#[must_use]
-pub fn quoted(path: &Path) -> String {
+/// A path quoted for both a shell and YAML: bare without special characters, else in single quotes. (A path
+/// with a single quote would need two forms; it gets the shell's.)
+fn quoted(path: &Path) -> String {
     let text = path.display().to_string();
-    // A path with a hyphen in front would be read as an option.
+    // A leading hyphen would make it an option.
     let plain = text.chars().all(|c| c.is_alphanumeric() || "/._-+".contains(c))
         && !text.starts_with('-')
         && !text.is_empty();
