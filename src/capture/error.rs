@@ -399,7 +399,8 @@ fn converted(path: &Path) -> PathBuf {
 
 /// A path quoted for both a shell and YAML: bare without special characters, else in single quotes. (A path
 /// with a single quote would need two forms; it gets the shell's.)
-fn quoted(path: &Path) -> String {
+#[must_use]
+pub fn quoted(path: &Path) -> String {
     let text = path.display().to_string();
     // A leading hyphen would make it an option.
     let plain = text.chars().all(|c| c.is_alphanumeric() || "/._-+".contains(c))

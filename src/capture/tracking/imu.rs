@@ -119,7 +119,7 @@ pub(super) fn measured_up(
     solve(&windows)
 }
 
-/// Consecutive windows: each spans views about half a second before and after its middle view.
+/// Windows that overlap by half; each spans views about half a second before and after its middle view.
 fn windows(placed: &[(i64, Pose)], accelerometer: &Accelerometer) -> Vec<TimeWindow> {
     let mut all = Vec::new();
     let mut begin = 0;
