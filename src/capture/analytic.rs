@@ -1,4 +1,4 @@
-//! Frames of solids with known distance functions, for tests and examples.
+//! Synthetic frames of solids with known signed distance functions, for tests and examples.
 
 use geometry::{Intrinsics, Pose};
 use nalgebra::{Point3, Vector3};
@@ -23,7 +23,7 @@ pub fn torus(major_m: f64, minor_m: f64) -> impl Fn(&Point3<f64>) -> f64 {
     move |p| (p.coords.xy().norm() - major_m).hypot(p.z) - minor_m
 }
 
-/// A camera at `eye`, turned to the origin.
+/// A camera at `eye` that looks at the origin.
 pub fn looking_at_origin(eye: Point3<f64>) -> Pose {
     let up = if eye.coords.xy().norm() < 1e-3 { Vector3::x() } else { Vector3::z() };
     let forward = -eye.coords.normalize();
@@ -36,7 +36,7 @@ pub fn looking_at_origin(eye: Point3<f64>) -> Pose {
 }
 
 /// The view of a signed distance function, by sphere tracing; the background has no depth. Colors encode the
-/// position: 128 + 400 a meter.
+/// position: 128 + 400 per meter.
 pub fn view_of(
     distance: &dyn Fn(&Point3<f64>) -> f64,
     intrinsics: Intrinsics,
@@ -76,12 +76,12 @@ pub fn view_of(
     frame
 }
 
-/// Color of a position in [`view_of`].
+/// Color of a position as in [`view_of`].
 pub fn color_of(p: &Point3<f64>) -> [u8; 3] {
     [0, 1, 2].map(|k| (128.0 + 400.0 * p[k]).round().clamp(0.0, 255.0) as u8)
 }
 
-/// Views from all around, evenly spread (a Fibonacci lattice), at the given distance.
+/// Views at the given distance from evenly spread directions (a Fibonacci lattice).
 pub fn orbit(distance: &dyn Fn(&Point3<f64>) -> f64, views: usize, range_m: f64) -> Vec<RgbdFrame> {
     let k = Intrinsics { width: 200, height: 160, fx: 210.0, fy: 208.0, cx: 101.3, cy: 78.6 };
     (0..views)

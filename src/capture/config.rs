@@ -1,4 +1,4 @@
-//! Settings of everything between a recording and its frames.
+//! Settings for reading a recording into frames.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,35 +6,35 @@ use super::{CaptureError, NoiseConfig, RefinePoses, TrackCamera, UseBoard, UseCo
 use common::limits::BYTES_PER_PIXEL;
 
 /// Memory that images of all states may take, GiB.
-/// chosen: 40 frames of 4K in each of two states take 7.4 GiB, and as much is left of 16 GiB for the rest.
+/// chosen: 40 frames of 4K in each of two states take 7.4 GiB, which leaves as much of 16 GiB for the rest
 const MEMORY_GIB: f64 = 8.0;
-/// Older poses are those of another take. chosen: far beyond the delay of any clock
+/// Larger delays are refused. chosen: far beyond the delay of any clock; such poses are from another take
 const MAX_POSE_DELAY_SECS: f64 = 10.0;
 
-/// How recordings are read. `None` means: found from the recording, and reported in
+/// How recordings are read. A value of `None` is determined from the recording and reported in
 /// [`super::Capture::notes`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CaptureConfig {
     /// Topic names.
     pub topics: TopicConfig,
-    /// Frame of the twin; default: the root of the camera's transform chain.
+    /// World frame of the twin; default: the root of the camera's transform chain.
     pub world_frame: Option<String>,
-    /// Frame of the poses of a PoseStamped topic; default: the optical frame of the color images.
+    /// Frame described by the poses of a PoseStamped topic; default: the optical frame of the color images.
     pub pose_frame: Option<String>,
     /// Largest difference of stamps between color and depth or mask, seconds.
     pub sync_slop_secs: f64,
-    /// Transforms further apart than this are not interpolated, seconds.
+    /// Transforms are interpolated only between samples at most this far apart, seconds.
     pub tf_max_gap_secs: f64,
-    /// By how much camera poses are older than images of the same stamp, seconds: a pose is read later by as
-    /// much.
+    /// Delay of the camera poses against the images, seconds: the pose of an image is read at its stamp plus
+    /// this delay.
     pub pose_delay_secs: f64,
-    /// Frames kept per state, chosen by the spread of their views.
+    /// Number of frames kept per state; those with the most different views are chosen.
     pub frames_per_state: usize,
     /// Most memory for the pixels of all kept frames together, GiB.
     pub memory_gib: f64,
     /// Where one bag is split into states: `[t]`, or `[t0, t1]` to leave out the time between. Seconds from
-    /// the bag's start, or since the epoch where greater than 1e8; by the time messages were recorded.
+    /// the bag's start, or since the epoch if greater than 1e8; the recording time of the messages counts.
     pub split_secs: Vec<f64>,
     /// Depth readings nearer than this are not used, meters.
     pub depth_min_m: f64,
@@ -44,25 +44,25 @@ pub struct CaptureConfig {
     pub isolate: IsolateConfig,
     /// Expected depth noise.
     pub noise: NoiseConfig,
-    /// Whether the noise model is scaled to the recording's own noise.
+    /// Whether the noise model is scaled to the noise measured in the recording.
     pub measure_noise: bool,
-    /// Whether the object's depth is replaced by local planes, where they explain it.
+    /// Whether the object's depth is smoothed by local planes, where they explain it.
     pub denoise: bool,
-    /// Whether the sensor's missing depth on the object is taken from color, in recordings with masks:
-    /// `auto`, where holes are wider than shadows and edges make them, `always`, or `never`.
+    /// Whether missing depth on the object is filled by multi-view stereo from color, in recordings with
+    /// masks: `auto` (where holes are wider than shadows and depth edges cause), `always`, or `never`.
     pub color_depth: UseColorDepth,
-    /// Whether the camera is tracked by its images: `auto`, where the recording holds no camera poses,
+    /// Whether the camera is tracked by its images: `auto` (where the recording holds no camera poses),
     /// `always`, or `never`.
     pub tracking: TrackCamera,
-    /// Whether a printed board of tags (`artitwin board`) gives tracked cameras their world and length:
-    /// `auto`, where one is seen, or `never`.
+    /// Whether a printed tag board (`artitwin board`) sets the world frame and the scale of tracked cameras:
+    /// `auto` (where one is seen), or `never`.
     pub board: UseBoard,
-    /// Whether the camera poses of a state are corrected by the common surfaces of its frames: `auto`, where
-    /// frames clearly agree better then, or `never`.
+    /// Whether the camera poses are corrected by surfaces seen in several frames: `auto` (where frames then
+    /// agree clearly better), or `never`.
     pub refine_poses: RefinePoses,
 }
 
-/// Topic names in place of those found by type and name.
+/// Topic names; topics without a name here are found by type and name.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TopicConfig {
@@ -78,7 +78,7 @@ pub struct TopicConfig {
     pub mask: Option<String>,
     /// Camera poses (PoseStamped or Odometry) in place of /tf.
     pub pose: Option<String>,
-    /// A std_msgs topic with a message between the states of one bag.
+    /// Topic (std_msgs) with a message between the states of one bag.
     pub marker: Option<String>,
 }
 
@@ -86,31 +86,31 @@ pub struct TopicConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct IsolateConfig {
-    /// Whether masks of the recording are used.
+    /// Whether the recording's masks are used.
     pub use_masks: bool,
     /// Box around the object: lower and upper corner in the world frame, meters.
     pub workspace: Option<[[f64; 3]; 2]>,
-    /// A place on the object: where given, the thing there is the object, changed or not.
+    /// A point on the object; the thing at this point is the object, whether it changed or not.
     pub at: Option<At>,
-    /// Whether the support plane is taken away inside a workspace too.
+    /// Whether the support plane is removed inside a workspace, too.
     pub plane_in_workspace: bool,
-    /// Points closer to the support plane than this are part of it, meters.
+    /// Points closer to the support plane than this belong to it, meters.
     pub plane_clearance_m: f64,
-    /// ... and those closer than this many standard deviations of the depth noise.
+    /// Points closer to it than this many standard deviations of the depth noise belong to it, too.
     pub plane_sigmas: f64,
-    /// Parts of the object may be this far apart, meters; `None`: from the depth noise.
+    /// Largest gap between parts of the object, meters; `None`: from the depth noise.
     pub link_distance_m: Option<f64>,
 }
 
-/// A place on the object.
+/// A point on the object.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum At {
-    /// In the world, meters.
+    /// A point in the world frame, meters.
     Point([f64; 3]),
-    /// In a kept frame.
+    /// A pixel of a kept frame.
     Pixel {
-        /// Name of the frame, as reports have it: `<state>_<index>`.
+        /// Name of the frame as in reports: `<state>_<index>`.
         frame: String,
         /// Column and row.
         pixel: [usize; 2],
@@ -158,8 +158,8 @@ impl Default for IsolateConfig {
 }
 
 impl CaptureConfig {
-    /// Refuses frames with pixels beyond the given memory: so many frames of so many columns and rows, of
-    /// each state or recording.
+    /// Refuses frames that take more memory than allowed. Each entry gives a number of frames and their width
+    /// and height in pixels.
     ///
     /// # Errors
     /// [`CaptureError::Memory`].
@@ -185,14 +185,14 @@ impl CaptureConfig {
         })
     }
 
-    /// Refuses senseless settings.
+    /// Refuses settings with unusable values.
     ///
     /// # Errors
-    /// [`CaptureError::Setting`] with the key.
+    /// [`CaptureError::Setting`] with the key of the setting.
     pub fn check(&self) -> Result<(), CaptureError> {
         let refuse = |key, reason: &str| Err(CaptureError::Setting { key, reason: reason.to_owned() });
         let positive = |v: f64| v.is_finite() && v > 0.0;
-        // Conditions are the required ones: NaN is refused as well.
+        // Written as the negation of what must hold, so that NaN is refused as well.
         if !(positive(self.depth_max_m) && self.depth_min_m >= 0.0 && self.depth_min_m < self.depth_max_m) {
             return refuse(
                 "capture.depth_min_m",

@@ -1,5 +1,4 @@
-//! Directions and quality of a state's views of the object: the worth of a recording, before anything is made
-//! of it.
+//! Viewing directions and depth quality of a state: how good a recording is, before a twin is made of it.
 
 use std::{f64::consts::TAU, fmt};
 
@@ -9,48 +8,48 @@ use rayon::prelude::*;
 use super::{Capture, NoiseConfig, RgbdFrame, median_over_object};
 use numeric::statistics::median;
 
-/// Sectors about the object, from its front to the right, as seen from above.
+/// Names of the sectors around the object, from its front on to the right, as seen from above.
 pub const SECTORS: [&str; 8] =
     ["front", "front right", "right", "back right", "back", "back left", "left", "front left"];
-/// Every so many pixels are looked at.
-/// derived: some hundred of an object on a tenth of 640x480
+/// Stride of the sampled pixels.
+/// derived: some hundred samples of an object that covers a tenth of 640x480
 const STRIDE: usize = 97;
-/// Points on the object, looked for in all views of their state.
+/// Number of sampled points on the object, looked for in all views of the state.
 const POINTS: usize = 400;
-/// A reading within so many standard deviations is of the same surface.
+/// Standard deviations within which a reading is of the same surface ...
 /// chosen: 0.3 % of a normal distribution
 const GATE_SIGMAS: f64 = 3.0;
-/// ... or within this share of the depth, for errors of poses and of the sensor.
-/// chosen: a degree's hundredth of an error of poses, and a warp of half a percent
+/// ... plus this share of the depth, for errors of poses and of the sensor.
+/// chosen: a hundredth of a degree of pose error, and a warp of half a percent
 const GATE_SHARE: f64 = 0.01;
 
-/// How the views of a state see the object.
+/// How well the views of a state cover the object.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coverage {
-    /// Of each view: azimuth from the front to the right, radians; elevation, radians; distance from the
-    /// object's middle, meters.
+    /// Per view: azimuth from the front to the right, radians; elevation, radians; distance from the object's
+    /// center, meters.
     pub eyes: Vec<[f64; 3]>,
-    /// Views from each of [`SECTORS`].
+    /// Number of views from each of [`SECTORS`].
     pub by_sector: [usize; SECTORS.len()],
-    /// Median number of readings of a point of the object's surface, by view.
+    /// Number of views with a reading of a point on the object: median over the points.
     pub seen_by: f64,
     /// Median depth of the object, meters.
     pub depth_m: f64,
-    /// Standard deviation of one reading there, meters.
+    /// Standard deviation of a reading at that depth, meters.
     pub sigma_m: f64,
     /// Share of the object's pixels without depth.
     pub unread: f64,
-    /// Share of the views with the object cut by the border.
+    /// Share of the views in which the image border cuts the object.
     pub cut: f64,
 }
 
-/// How each state sees the object under its masks; `None` for a state without object.
+/// Coverage of the object in each state, under its masks; `None` for a state without object pixels.
 #[must_use]
 pub fn coverage(capture: &Capture) -> Vec<Option<Coverage>> {
     let points: Vec<Vec<Point3<f64>>> = capture.states.iter().map(|frames| sampled_points(frames)).collect();
     let all: Vec<&Point3<f64>> = points.iter().flatten().collect();
     let Some(middle) = median_point(&all) else { return vec![None; points.len()] };
-    // The front is where the cameras of the first state stand.
+    // The cameras of state 0 define the front.
     let front = capture.states[0]
         .iter()
         .map(|f| (f.world_from_camera.translation.vector - middle.coords).xy())
@@ -101,7 +100,7 @@ fn of_state(
     })
 }
 
-/// Azimuth from the front and elevation of a camera about the object's middle, radians, and its distance,
+/// Azimuth from the front and elevation of a camera about the object's center, radians, and its distance,
 /// meters.
 fn eye_of_view(frame: &RgbdFrame, middle: &Point3<f64>, front_rad: f64) -> [f64; 3] {
     let out: Vector3<f64> = frame.world_from_camera.translation.vector - middle.coords;
@@ -109,12 +108,12 @@ fn eye_of_view(frame: &RgbdFrame, middle: &Point3<f64>, front_rad: f64) -> [f64;
     [(out.y.atan2(out.x) - front_rad).rem_euclid(TAU), out.z.atan2(out.xy().norm()), out.norm()]
 }
 
-/// Some pixels of a frame on the object.
+/// Sampled pixels of a frame on the object.
 fn sampled_object_pixels(frame: &RgbdFrame) -> impl Iterator<Item = usize> {
     (0..frame.depth_m.len()).step_by(STRIDE).filter(|p| frame.is_object(*p))
 }
 
-/// Points on the object's surface, of all frames alike.
+/// Sampled points on the object's surface, evenly from all frames.
 fn sampled_points(frames: &[RgbdFrame]) -> Vec<Point3<f64>> {
     let all: Vec<Point3<f64>> =
         frames.iter().flat_map(|f| sampled_object_pixels(f).filter_map(|p| f.world_point(p))).collect();
@@ -130,7 +129,7 @@ fn median_point(points: &[&Point3<f64>]) -> Option<Point3<f64>> {
     Some(middle)
 }
 
-/// Whether a frame reads the surface at a point.
+/// Whether a frame has a reading of the surface at a point.
 fn reads_surface(frame: &RgbdFrame, point: &Point3<f64>, noise: &NoiseConfig) -> bool {
     let k = &frame.intrinsics;
     let seen = frame.in_camera(point);
@@ -145,7 +144,7 @@ fn reads_surface(frame: &RgbdFrame, point: &Point3<f64>, noise: &NoiseConfig) ->
     read_m > 0.0 && (read_m - seen.z).abs() <= gate_m
 }
 
-/// Whether the image's border cuts the object: it shows on a twentieth of a side.
+/// Whether the image border cuts the object: it covers [`CUT_SHARE`] of a side.
 fn is_cut(frame: &RgbdFrame) -> bool {
     let width = frame.intrinsics.width;
     let height = frame.intrinsics.height;
@@ -161,31 +160,31 @@ fn is_cut(frame: &RgbdFrame) -> bool {
     })
 }
 
-/// Least share of a side of the image in an object cut by it.
-/// chosen: a leg of a twentieth of the width is one
+/// Share of an image side that an object covers if the side cuts it.
+/// chosen: as for a leg of a twentieth of the image width
 const CUT_SHARE: f64 = 0.05;
 /// Fewest views for surfaces without holes.
 /// measured: docs/figures.md, curves over the number of views
 const FEW_VIEWS: usize = 10;
-/// Views about an object should reach from one sector to the second next at least.
-/// derived: two faces of a box at a right angle are seen
+/// Fewest sectors with views.
+/// derived: enough to see two faces of a box at a right angle
 const FEW_SECTORS: usize = 3;
-/// Largest standard deviation of a reading for motions of millimeters, meters.
-/// chosen: a third of the least separated motion, 3 mm, over some ten views
+/// Largest standard deviation of a reading at which motions of millimeters show, meters.
+/// chosen: a third of the smallest motion that was resolved, 3 mm, over some ten views
 const COARSE_M: f64 = 0.004;
-/// Share of the object's pixels without depth; above, parts may be missing.
-/// measured: shared/bags/handheld, dark things of the generator lose two thirds
+/// Share of the object's pixels without depth above which parts may be missing.
+/// measured: shared/bags/handheld, where dark synthetic objects lose two thirds
 const MUCH_UNREAD: f64 = 0.4;
 
 impl Coverage {
-    /// How far a surface may be off, meters: with independent errors, and with errors shared by all views.
-    /// Errors beyond a sensor's noise (scale, warp, poses) lie between.
+    /// Expected error of a surface, meters: if errors are independent, and if all views share them. Sensor
+    /// errors beyond noise (scale, warp, poses) lie between.
     #[must_use]
     pub fn expected_m(&self) -> [f64; 2] {
         [self.sigma_m / self.seen_by.max(1.0).sqrt(), self.sigma_m]
     }
 
-    /// Advice for another recording of the state; empty where nothing is wrong.
+    /// Advice for recording the state again; empty where nothing is wrong.
     #[must_use]
     pub fn advice(&self) -> Vec<String> {
         let mut advice = Vec::new();

@@ -1,10 +1,11 @@
 //! Depth denoised by local planes. See docs/method.md (2.10).
 //!
 //! The inverse depth of a plane is an affine function of the pixel, and the disparity noise of a stereo
-//! camera is alike in all pixels. So inverse depth is fitted by affine functions in growing windows around
-//! each pixel; the window grows as long as the fit explains its readings and agrees with the smaller ones
-//! within their confidence (intersection of confidence intervals: Goldenshluger and Nemirovski 1997;
-//! Katkovnik, Egiazarian and Astola 2006). Readings of another surface are gated out: edges stay in place.
+//! camera is the same in all pixels. So an affine function is fitted to inverse depth in growing windows
+//! around each pixel. A window grows as long as the fit explains its readings and agrees with the smaller
+//! windows within their confidence intervals (intersection of confidence intervals: Goldenshluger and
+//! Nemirovski 1997; Katkovnik, Egiazarian and Astola 2006). Readings of other surfaces are left out, which
+//! keeps edges in place.
 
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
@@ -12,24 +13,25 @@ use rayon::prelude::*;
 use super::{NoiseConfig, RgbdFrame, median_over_object};
 use common::stop::{Stop, Stopped};
 
-/// Windows: half a side and distance between the readings used, in pixels, and how many readings with
-/// correlated noise are worth one (stereo noise is correlated over about three pixels).
+/// Windows: half the side, and the step between used readings, pixels; and the number of readings equal to
+/// one independent reading (stereo noise is correlated over about three pixels).
 const WINDOWS: [FitWindow; 4] = [
     FitWindow { radius: 2, stride: 1, correlated: 6.25 },
     FitWindow { radius: 4, stride: 2, correlated: 2.25 },
     FitWindow { radius: 7, stride: 3, correlated: 1.0 },
     FitWindow { radius: 12, stride: 4, correlated: 1.0 },
 ];
-/// Readings further from the plane of the smaller window are of another surface, standard deviations.
+/// Readings further than this from the plane of the next smaller window are of another surface, standard
+/// deviations.
 /// tuned: made and recorded objects (docs/method.md 16)
 const GATE: f64 = 3.0;
-/// The same in the smallest window, against the noisy reading in its middle.
+/// The same in the smallest window, relative to the noisy reading at its center.
 /// derived: 3 √2, as both readings have noise (docs/method.md 2.6)
 const FIRST_GATE: f64 = 4.2;
-/// Least share of a window's readings on the same surface: in the smallest one, and in the others.
+/// Least share of a window's readings on one surface: in the smallest window, and in the others.
 /// tuned: made and recorded objects (docs/method.md 16)
 const MIN_SHARE: [f64; 2] = [0.5, 0.35];
-/// Most readings behind one depth. chosen: a bound for the common errors of neighbors
+/// Most readings that a depth counts for. chosen: bounded by the common errors of neighboring readings
 const MAX_READINGS: f64 = 60.0;
 
 #[derive(Clone, Copy)]
@@ -39,22 +41,22 @@ struct FitWindow {
     correlated: f64,
 }
 
-/// Inverse depth around a pixel: value, slope by u, slope by v; and the variance of the value.
+/// Plane of inverse depth around a pixel: value, slopes along u and v, and the variance of the value.
 #[derive(Clone, Copy)]
 struct InversePlane {
     inverse: Vector3<f64>,
     variance: f64,
 }
 
-/// Pixels of a row with planes fitted together: a register of the oldest x86-64 and of aarch64.
+/// Number of pixels of a row fitted together: a vector register of the oldest x86-64 and of aarch64.
 const LANES: usize = 4;
-/// Pixels without a reading around the image: windows need no bounds.
+/// Width of the empty border around the image, so that windows need no bounds checks.
 const MARGIN: usize = WINDOWS[WINDOWS.len() - 1].radius as usize;
 
-/// A value for each of the pixels fitted together.
+/// One value for each pixel fitted together.
 type Lanes = [f32; LANES];
 
-/// Inverse depth inside a margin without readings.
+/// Inverse depth with an empty border.
 struct InverseDepth {
     values: Vec<f32>,
     stride: usize,
@@ -64,7 +66,7 @@ impl InverseDepth {
     fn new(frame: &RgbdFrame) -> Self {
         let width = frame.intrinsics.width;
         let height = frame.intrinsics.height;
-        // Lanes beside the last pixel of a row may read beyond it.
+        // The lanes past the last pixel of a row may read beyond its end.
         let stride = width + 2 * MARGIN + LANES;
         let mut values = vec![0.0; stride * (height + 2 * MARGIN)];
         for (row, depths) in
@@ -79,14 +81,14 @@ impl InverseDepth {
         Self { values, stride }
     }
 
-    /// Index of a pixel's value.
+    /// Index of the value of a pixel.
     fn index_of_pixel(&self, x: usize, y: usize) -> usize {
         (y + MARGIN) * self.stride + x + MARGIN
     }
 }
 
-/// Replaces the depth of object pixels by their local planes, and sets the frame's `readings`. Depths with
-/// too few neighbors of one surface (flying pixels) become unknown.
+/// Replaces the depth of object pixels by their local planes and sets the frame's `readings`. Depth with too
+/// few neighbors on the same surface (flying pixels) becomes unknown.
 ///
 /// # Errors
 /// [`Stopped`].
@@ -103,7 +105,7 @@ pub fn denoise(frame: &mut RgbdFrame, noise: &NoiseConfig, stop: &Stop) -> Resul
     Ok(())
 }
 
-/// Depth, meters, and number of readings of every pixel in a row.
+/// Depth, meters, and number of readings of each pixel in a row.
 fn denoised_row(frame: &RgbdFrame, inverse: &InverseDepth, noise: &NoiseConfig, y: usize) -> Vec<(f32, f32)> {
     let width = frame.intrinsics.width;
     let mut row: Vec<(f32, f32)> =
@@ -121,7 +123,7 @@ fn denoised_row(frame: &RgbdFrame, inverse: &InverseDepth, noise: &NoiseConfig, 
             *cleaned = match plane {
                 Some(p) if p.inverse[0] > 0.0 => (
                     (1.0 / p.inverse[0]) as f32,
-                    // docs/method.md (2.11): so many readings would give the plane's deviation.
+                    // docs/method.md (2.11): the number of readings with the variance of the plane.
                     (sigma * sigma / p.variance).clamp(1.0, MAX_READINGS) as f32,
                 ),
                 _ => (0.0, 0.0),
@@ -131,8 +133,8 @@ fn denoised_row(frame: &RgbdFrame, inverse: &InverseDepth, noise: &NoiseConfig, 
     row
 }
 
-/// Distance on the object of correlated errors of denoised depth, meters: half a side of the largest window
-/// at the median depth; 0 for raw depth.
+/// Distance on the object over which errors of denoised depth are correlated, meters: half a side of the
+/// largest window at the median depth; 0 for raw depth.
 #[must_use]
 pub fn smoothing_m(frames: &[RgbdFrame]) -> f64 {
     let denoised = frames.iter().filter(|f| !f.readings.is_empty());
@@ -140,7 +142,7 @@ pub fn smoothing_m(frames: &[RgbdFrame]) -> f64 {
     median_over_object(denoised, |f, i| radius * f64::from(f.depth_m[i]) / f.intrinsics.fx).unwrap_or(0.0)
 }
 
-/// The plane of the largest window with one, for every pixel from `first` on with a standard deviation.
+/// The plane of the largest accepted window for each pixel from `first` on.
 fn local_planes(
     inverse: &InverseDepth,
     first: usize,
@@ -153,23 +155,23 @@ fn local_planes(
         if growing.iter().all(Option::is_none) {
             break;
         }
-        // The first window starts level at the reading; each later one at the plane before it: its gate
+        // The first window starts with a constant, each later one with the previous plane, so that the gate
         // follows the slope.
         let starts: [Vector3<f64>; LANES] = std::array::from_fn(|lane| match best[lane] {
             Some(InversePlane { inverse, .. }) => inverse,
             None => Vector3::new(f64::from(inverse.values[first + lane]), 0.0, 0.0),
         });
         let is_first = window.radius == WINDOWS[0].radius;
-        // The difference from a single reading has twice the variance of a difference from a plane: 4.2 is
-        // three times the root of two.
+        // A difference between two readings has twice the variance of a reading: the first gate is wider by
+        // the root of two.
         let gate = if is_first { FIRST_GATE } else { GATE };
         let sums =
             window_sums(inverse, first, window, &starts, &growing.map(|s| (gate * s.unwrap_or(0.0)) as f32));
         for lane in 0..LANES {
             let Some(sigma) = growing[lane] else { continue };
             let plane = sums.fitted_plane(lane, sigma, window, &starts[lane], is_first);
-            // The intersection of docs/method.md (2.10). Once it is empty the window has left the surface's
-            // plane.
+            // The intersection of docs/method.md (2.10). Where it is empty, the window has left the plane of
+            // the surface.
             let interval = plane.map(|p| {
                 let half = p.variance.sqrt();
                 [intervals[lane][0].max(p.inverse[0] - half), intervals[lane][1].min(p.inverse[0] + half)]
@@ -196,7 +198,7 @@ struct WindowSums {
     squares: Lanes,
 }
 
-/// The sums of neighboring pixels, `starts` being their planes so far.
+/// The sums of neighboring pixels relative to their planes so far, `starts`.
 fn window_sums(
     inverse: &InverseDepth,
     first: usize,
@@ -220,9 +222,9 @@ fn window_sums(
             let readings = &inverse.values[at..at + LANES];
             let u = du as f32;
             for lane in 0..LANES {
-                // Residuals in place of values: small numbers keep their digits in single precision.
+                // Sums of residuals, not of values: small numbers are more accurate in single precision.
                 let residual = readings[lane] - (start[0][lane] + start[2][lane] * v + start[1][lane] * u);
-                // Without a branch: the lanes of a register stay together.
+                // Branch-free, so that the compiler can vectorize it.
                 let near = (readings[lane] > 0.0) & (residual.abs() < gates[lane]);
                 let (one, residual) = if near { (1.0, residual) } else { (0.0, 0.0) };
                 n[lane] += one;
@@ -234,7 +236,7 @@ fn window_sums(
             }
         }
         for lane in 0..LANES {
-            // All of a row have one v: moments with v are products.
+            // All readings of a row share v, so its moments are products.
             let moments = [n[lane], nu[lane], v * n[lane], nuu[lane], v * nu[lane], v * v * n[lane]];
             (0..6).for_each(|k| sums.moments[k][lane] += moments[k]);
             let residuals = [r[lane], ru[lane], v * r[lane]];
@@ -244,7 +246,7 @@ fn window_sums(
     sums
 }
 
-/// Offsets of a window's readings, pixels.
+/// Offsets of the used readings of a window, pixels.
 fn reading_offsets(window: &FitWindow) -> impl Iterator<Item = i32> {
     let half = window.radius / window.stride;
     let stride = window.stride;
@@ -269,9 +271,9 @@ impl WindowSums {
         }
         let covariance = Matrix3::new(s[0], s[1], s[2], s[1], s[3], s[4], s[2], s[4], s[5]).try_inverse()?;
         let change = covariance * b;
-        // The fall of the squares is known without a second pass over the window.
+        // The reduction of the squares follows from the fit, without a second pass over the window.
         let misfit = (f64::from(self.squares[lane]) - change.dot(&b)) / (s[0] - 3.0) / (sigma * sigma);
-        // The mean of ν squared residuals has the variance 2 / ν; readings with common noise count as one.
+        // The mean of ν squared residuals has the variance 2 / ν; correlated readings count as one.
         let freedom = (s[0] / window.correlated - 3.0).max(1.0);
         if !first && misfit > 1.0 + (2.0 / freedom).sqrt() {
             return None;

@@ -1,4 +1,4 @@
-//! The depth noise of a recording against the model of the settings.
+//! The depth noise of a recording relative to the noise model of the settings.
 
 use super::{CaptureConfig, NoiseConfig, RgbdFrame, noise_factor};
 use common::stop::{Stop, Stopped};
@@ -6,8 +6,8 @@ use common::stop::{Stop, Stopped};
 /// Least and greatest factor on the noise model. chosen: sensors do not differ by more
 const NOISE_FACTORS: [f64; 2] = [0.25, 8.0];
 
-/// Depth noise of frames against the model of the settings; `None` where it is not to be measured, or cannot
-/// be.
+/// Depth noise of frames as a factor on the model of the settings; `None` where it is not to be measured or
+/// cannot be.
 ///
 /// # Errors
 /// [`Stopped`].
@@ -24,7 +24,7 @@ pub fn measured_noise<'a>(
     Ok(factor.map(|f| f.clamp(NOISE_FACTORS[0], NOISE_FACTORS[1])))
 }
 
-/// The noise model of the settings, scaled to what frames show.
+/// The noise model of the settings, scaled to the noise of the frames.
 ///
 /// # Errors
 /// [`Stopped`].

@@ -4,18 +4,18 @@ use std::path::{Path, PathBuf};
 
 use common::stop::Stopped;
 
-/// A fault, its place, and its remedy.
+/// A recording that cannot be used: the message names the fault, its place and its remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum CaptureError {
-    /// Nothing is wrong: it was asked to stop.
+    /// The run was asked to stop; nothing is wrong.
     #[error(transparent)]
     Stopped(#[from] Stopped),
     /// The file or folder cannot be read.
     #[error("cannot read `{}`: {source}", path.display())]
     Read {
-        /// The file to read.
+        /// File that could not be read.
         path: PathBuf,
-        /// The system's message.
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// Nothing is at the path.
@@ -24,21 +24,21 @@ pub enum CaptureError {
          an .mcap file or a dataset folder", path.display()
     )]
     Missing {
-        /// The given value.
+        /// Path as given.
         path: PathBuf,
     },
-    /// Neither a bag nor a dataset.
+    /// The path holds neither a bag nor a dataset.
     #[error(
         "`{}` is not a recording: {reason}; give a rosbag2 folder, an .mcap file, a folder that holds \
          `state0` and `state1` (and `state2`, ...), or a dataset folder", path.display()
     )]
     NotARecording {
-        /// The given value.
+        /// Path as given.
         path: PathBuf,
-        /// The found value.
+        /// Why it is no recording.
         reason: String,
     },
-    /// A bag in sqlite3 storage.
+    /// The bag is in sqlite3 storage, which is not read.
     #[error(
         "`{}` is an sqlite3 (.db3) bag; convert it first: `rosbags-convert --src {} --dst {} --dst-storage \
          mcap` (pip install rosbags), or `ros2 bag convert -i {} -o convert.yaml` with this line in \
@@ -46,140 +46,140 @@ pub enum CaptureError {
         path.display(), quoted(path), quoted(&converted(path)), quoted(path), quoted(&converted(path))
     )]
     Sqlite {
-        /// The bag.
+        /// Path of the bag.
         path: PathBuf,
     },
     /// The bag's metadata.yaml cannot be trusted.
     #[error("`{}`: {reason}", path.display())]
     Metadata {
-        /// The metadata file.
+        /// Path of the metadata file.
         path: PathBuf,
-        /// Its fault, and the remedy.
+        /// The fault and its remedy.
         reason: String,
     },
     /// Nothing could be read from a file.
     #[error("`{}` is damaged and nothing in it could be read: {reason}; record again or copy the file \
              again", path.display())]
     Corrupt {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The first fault.
+        /// The first fault found in it.
         reason: String,
     },
-    /// A known format without support.
+    /// A known format that is not supported.
     #[error("{what} is not supported; {remedy}")]
     Unsupported {
-        /// The feature, with its place.
+        /// The unsupported feature and its place.
         what: String,
-        /// The remedy.
+        /// What to do instead.
         remedy: String,
     },
-    /// A bag without any image topic.
+    /// The bag has no image topic.
     #[error(
         "`{}` is not an RGB-D recording: it has no image topics at all (it has {topics}); record color, \
          aligned depth, camera_info and /tf", path.display()
     )]
     NotRgbd {
-        /// The bag.
+        /// Path of the bag.
         path: PathBuf,
-        /// Its contents instead.
+        /// Topics of the bag.
         topics: String,
     },
-    /// A needed topic is missing.
+    /// A required topic is missing.
     #[error("no {role} topic in `{}` (candidates looked at: {candidates}); {remedy}", path.display())]
     NoTopic {
-        /// `color`, `depth` or `camera_info`.
+        /// Role of the missing topic: `color`, `depth` or `camera_info`.
         role: &'static str,
-        /// The bag.
+        /// Path of the bag.
         path: PathBuf,
-        /// The existing ones.
+        /// Topics of the bag that were considered.
         candidates: String,
-        /// The remedy.
+        /// What to do about it.
         remedy: String,
     },
     /// A requested topic is missing or has the wrong type.
     #[error("the {role} topic `{topic}` that was asked for {problem}; topics with messages: {available}")]
     BadTopic {
-        /// Its role.
+        /// Role of the topic, such as `color`.
         role: &'static str,
-        /// Its name.
+        /// Topic name as requested.
         topic: String,
-        /// `is not in the bag` or its fault.
+        /// `is not in the bag`, or why the topic cannot be used.
         problem: String,
-        /// The existing ones.
+        /// Topics of the bag with messages.
         available: String,
     },
-    /// No transform at a stamp.
+    /// No transform between two frames at a stamp.
     #[error("no transform from `{source_frame}` to `{target}` at {stamp_secs:.6} s: {reason}")]
     NoTransform {
-        /// Target frame of the pose.
+        /// Frame in which the pose was requested.
         target: String,
-        /// Frame of the wanted pose.
+        /// Frame of which the pose was requested.
         source_frame: String,
-        /// When.
+        /// Stamp, seconds.
         stamp_secs: f64,
-        /// The missing part.
+        /// The part of the transform that is missing.
         reason: String,
     },
-    /// Not one frame has a camera pose.
+    /// No frame of a state has a camera pose.
     #[error(
         "state {state}: none of {frames} frames has a camera pose (first: {first}); record /tf and \
          /tf_static from before the first to after the last image, or name a pose topic with `--topic \
          pose=TOPIC`"
     )]
     NoPoses {
-        /// The state.
+        /// Index of the state.
         state: usize,
         /// Number of frames.
         frames: usize,
-        /// Why the first one has none.
+        /// Why the first frame has none.
         first: String,
     },
-    /// The camera cannot be tracked.
+    /// The camera cannot be tracked by its images.
     #[error(
         "state {state}: the recording holds no camera poses, and the camera cannot be tracked through its \
          {views} views, of which no two hang together: {why}; or record camera poses (/tf)"
     )]
     NotTracked {
-        /// The state.
+        /// Index of the state.
         state: usize,
         /// Number of views.
         views: usize,
-        /// Reason for most of them, and its remedy.
+        /// Most frequent reason for which views have no place, and its remedy.
         why: &'static str,
     },
-    /// The states have no common world.
+    /// The states cannot be brought into a common world.
     #[error(
         "state {state} cannot be brought into the world of state 0: {reason}; keep in view what stands \
          still, or record camera poses of both states in one frame"
     )]
     StatesUnaligned {
-        /// The state.
+        /// Index of the state.
         state: usize,
-        /// Why.
+        /// Why they cannot be aligned.
         reason: String,
     },
-    /// Every pose is NaN or no rotation.
+    /// Every pose is not finite or has no unit quaternion.
     #[error(
         "all {count} camera poses on `{topic}` are invalid (NaN, infinite or no unit quaternion); check the \
          odometry or robot driver"
     )]
     InvalidPoses {
-        /// Where they came from.
+        /// Topic of the poses.
         topic: String,
-        /// How many there are.
+        /// Number of poses.
         count: usize,
     },
-    /// The chain of frames holds no motion.
+    /// The chain of transforms to the camera is static.
     #[error(
         "the pose of `{frame}` comes from static transforms alone (root `{root}`): the recording holds no \
          camera motion; record odometry or the robot's /tf, name a pose topic with `--topic pose=TOPIC`, or \
          give `--set capture.world_frame={root}` if the camera did stand still"
     )]
     StaticCamera {
-        /// The optical frame.
+        /// Optical frame of the camera.
         frame: String,
-        /// Where its chain ends.
+        /// Root of its chain.
         root: String,
     },
     /// Only one state was given.
@@ -188,31 +188,31 @@ pub enum CaptureError {
          `state1`, or say where the states part (`--split SECONDS` or a marker topic)", path.display()
     )]
     OneState {
-        /// The given value.
+        /// Path as given.
         path: PathBuf,
     },
     /// More states than a run takes.
     #[error("{count} states, {limit} at most; give the paths of those that show the joints farthest apart")]
     TooManyStates {
-        /// Number of states.
+        /// Number of given states.
         count: usize,
-        /// The largest accepted number.
+        /// Largest number of states.
         limit: usize,
     },
-    /// The states cannot be separated at the place given.
+    /// The recording cannot be split into states as requested.
     #[error("cannot split the recording into two states: {reason}")]
     Split {
-        /// The fault, and the remedy.
+        /// The fault and its remedy.
         reason: String,
     },
-    /// An unusable image encoding.
+    /// An image encoding that is not supported.
     #[error("{topic}: encoding `{encoding}` is not supported; {supported}")]
     Encoding {
-        /// Where.
+        /// Topic of the image.
         topic: String,
-        /// The encoding by its name.
+        /// Name of the encoding.
         encoding: String,
-        /// Supported ones.
+        /// The supported encodings.
         supported: &'static str,
     },
     /// Images change their size or differ from their camera_info.
@@ -222,19 +222,19 @@ pub enum CaptureError {
          a fixed profile"
     )]
     ImageSize {
-        /// Where.
+        /// Topic of the image.
         topic: String,
-        /// The found value.
+        /// Width of the image, pixels.
         width: usize,
-        /// The found value.
+        /// Height of the image, pixels.
         height: usize,
-        /// When.
+        /// Stamp of the image, seconds.
         stamp_secs: f64,
-        /// The contradicting source: `earlier images`, `camera_info`.
+        /// Source that says otherwise: `earlier images` or `camera_info`.
         expected: &'static str,
-        /// The expected value.
+        /// Width according to that source, pixels.
         expected_width: usize,
-        /// The expected value.
+        /// Height according to that source, pixels.
         expected_height: usize,
     },
     /// Depth is not aligned to color.
@@ -248,52 +248,52 @@ pub enum CaptureError {
         depth: String,
         /// Color topic.
         color: String,
-        /// Their difference.
+        /// How the two differ.
         reason: String,
     },
-    /// Lens model without an inverse.
+    /// A lens distortion that cannot be undone.
     #[error(
         "{topic}: distortion model `{model}` {problem}; supported: plumb_bob (4 or 5 values) and \
          rational_polynomial (8), or rectify the images first"
     )]
     Distortion {
-        /// Where.
+        /// Topic of the camera_info.
         topic: String,
-        /// Its name.
+        /// Name of the distortion model.
         model: String,
-        /// Its fault.
+        /// Why it cannot be used.
         problem: String,
     },
-    /// Camera parameters of no pinhole camera.
+    /// The camera_info describes no pinhole camera.
     #[error("{topic}: camera_info is unusable: {reason}; calibrate the camera or fix its driver")]
     CameraInfo {
-        /// Where.
+        /// Topic of the camera_info.
         topic: String,
-        /// The fault.
+        /// Why it cannot be used.
         reason: String,
     },
-    /// A state without frames.
+    /// A state has no usable frame.
     #[error("state {state} has no usable frame: {reason}")]
     NoFrames {
-        /// The state.
+        /// Index of the state.
         state: usize,
-        /// Their fate.
+        /// Why its frames were dropped.
         reason: String,
     },
-    /// No depth at all.
+    /// A state has no valid depth reading.
     #[error(
         "state {state}: all depth is invalid (no reading between {min_m} and {max_m} m in {frames} frames); \
          check the depth topic's unit (16UC1 is millimeters, 32FC1 meters) and the range (`--set \
          capture.depth_max_m=METERS`)"
     )]
     NoDepth {
-        /// The state.
+        /// Index of the state.
         state: usize,
         /// Number of frames.
         frames: usize,
-        /// Depth range.
+        /// Least accepted depth, meters.
         min_m: f64,
-        /// Depth range.
+        /// Largest accepted depth, meters.
         max_m: f64,
     },
     /// The states were recorded in different world frames.
@@ -302,19 +302,19 @@ pub enum CaptureError {
          frame: name one that all recordings hold with `--set capture.world_frame=FRAME`"
     )]
     WorldFrames {
-        /// Root frame of state 0.
+        /// World frame of state 0.
         world0: String,
-        /// The state in another frame.
+        /// Index of the other state.
         state: usize,
-        /// Its root frame.
+        /// World frame of the other state.
         world1: String,
     },
-    /// A dataset folder in breach of its format.
+    /// A dataset folder that breaks its format.
     #[error("dataset file `{}`: {reason}", path.display())]
     Dataset {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The fault, and the remedy.
+        /// The fault and its remedy.
         reason: String,
     },
     /// The object cannot be separated from its surroundings.
@@ -323,10 +323,10 @@ pub enum CaptureError {
          `--at`, or a box around it with `--workspace`"
     )]
     Isolation {
-        /// The missing part.
+        /// Why it cannot be separated.
         reason: String,
     },
-    /// Things apart from each other changed about as much.
+    /// Several separate things changed about as much between the states.
     #[error(
         "{} things changed between the states, about ({}) m; record again with nothing moved but the object, \
          or say which is the object with `--at X,Y,Z`",
@@ -334,7 +334,7 @@ pub enum CaptureError {
         at.iter().map(|p| p.map(|x| format!("{x:.2}")).join(", ")).collect::<Vec<_>>().join(") m, (")
     )]
     SeveralChanged {
-        /// Their middles in the world, meters.
+        /// Centers of these things in the world, meters.
         at: Vec<[f64; 3]>,
     },
     /// One recording was given for two states.
@@ -343,66 +343,66 @@ pub enum CaptureError {
          that was made after the joints were moved"
     )]
     SameRecording {
-        /// A state.
+        /// Index of one state.
         first: usize,
-        /// The state with the repetition.
+        /// Index of the state with the same images.
         second: usize,
     },
-    /// The states lie in different places.
+    /// Two states show nothing at a common place.
     #[error(
         "states 0 and {state} have no place in common: only {share_percent:.1} % of the object's points in \
          one state lie near those of the other; the static part must stand still in the world frame: check \
          the camera poses of both recordings"
     )]
     NoOverlap {
-        /// The state apart from state 0.
+        /// Index of the other state.
         state: usize,
-        /// Points in common.
+        /// Object points near those of the other state, percent.
         share_percent: f64,
     },
-    /// The frames would take more memory than they may.
+    /// The frames would take more memory than allowed.
     #[error(
         "{frames} frames of {width}x{height} pixels take {needed_gib:.1} GiB, more than capture.memory_gib = \
          {limit_gib}; keep fewer with `--set capture.frames_per_state={fitting}`, record smaller images, or \
          allow more with `--set capture.memory_gib=GIB`"
     )]
     Memory {
-        /// Of all states.
+        /// Number of frames of all states.
         frames: usize,
-        /// Columns of the largest.
+        /// Width of the largest frame, pixels.
         width: usize,
-        /// Rows of the largest.
+        /// Height of the largest frame, pixels.
         height: usize,
-        /// Their memory.
+        /// Memory the frames would take, GiB.
         needed_gib: f64,
-        /// Their limit.
+        /// Memory limit, GiB.
         limit_gib: f64,
-        /// Number of frames of a state within it.
+        /// Frames per state that would fit.
         fitting: usize,
     },
-    /// An unusable setting.
+    /// A setting with an unusable value.
     #[error("setting `{key}`: {reason}")]
     Setting {
-        /// Its key.
+        /// Key of the setting.
         key: &'static str,
-        /// Its fault.
+        /// What is wrong with its value.
         reason: String,
     },
 }
 
-/// Where a bag in another storage is converted to.
+/// Path to which a bag in another storage is to be converted.
 fn converted(path: &Path) -> PathBuf {
     let mut name = path.file_stem().unwrap_or(path.as_os_str()).to_owned();
     name.push("_mcap");
     path.with_file_name(name)
 }
 
-/// A path as a word of a shell and as a string of YAML: bare where nothing in it means more, else in single
-/// quotes. (One with a single quote in it needs another form in each; it is written for the shell.)
+/// A path quoted for both a shell and YAML: bare without special characters, else in single quotes. (A path
+/// with a single quote would need two forms; it gets the shell's.)
 #[must_use]
 pub fn quoted(path: &Path) -> String {
     let text = path.display().to_string();
-    // A path with a hyphen in front would be read as an option.
+    // A leading hyphen would make it an option.
     let plain = text.chars().all(|c| c.is_alphanumeric() || "/._-+".contains(c))
         && !text.starts_with('-')
         && !text.is_empty();

@@ -27,13 +27,13 @@ pub struct RgbdFrame {
     /// Object pixels, row-major; `None` until the object was isolated.
     #[serde(with = "geometry::bytes::option")]
     pub mask: Option<Vec<bool>>,
-    /// How many independent readings of the sensor each pixel's depth is worth; empty = one each.
+    /// Number of independent sensor readings that each pixel's depth counts for; empty: one each.
     #[serde(with = "geometry::bytes")]
     pub readings: Vec<f32>,
 }
 
 impl RgbdFrame {
-    /// Whether a pixel shows the object (every pixel, where there is no mask).
+    /// Whether a pixel shows the object; true for every pixel without a mask.
     #[must_use]
     pub fn is_object(&self, pixel: usize) -> bool {
         self.mask.as_ref().is_none_or(|m| m[pixel])
@@ -42,7 +42,7 @@ impl RgbdFrame {
     /// Expected standard deviation of a pixel's depth, meters.
     #[must_use]
     pub fn sigma_m(&self, pixel: usize, noise: &NoiseConfig) -> f64 {
-        // Raw depth has no list. A pixel dropped by denoising stands for none; the bound keeps its deviation
+        // Raw depth has no list. A pixel dropped by denoising counts for none; the bound keeps its deviation
         // finite.
         let readings = self.readings.get(pixel).map_or(1.0, |r| f64::from(r.max(1e-3)));
         noise.sigma_m(f64::from(self.depth_m[pixel])) / readings.sqrt()
@@ -57,14 +57,14 @@ impl RgbdFrame {
         (d > 0.0).then(|| self.world_from_camera * self.intrinsics.unproject(u, v, d))
     }
 
-    /// A world point in the optical frame.
+    /// Position of a world point in the optical frame, meters.
     #[must_use]
     pub fn in_camera(&self, point_in_world: &Point3<f64>) -> Point3<f64> {
         self.world_from_camera.inverse_transform_point(point_in_world)
     }
 }
 
-/// The cameras of frames, each once, in the order of their first frames.
+/// The distinct cameras of frames, in order of first use.
 #[must_use]
 pub fn cameras<'a>(frames: impl Iterator<Item = &'a RgbdFrame>) -> Vec<Intrinsics> {
     let mut all = Vec::new();
@@ -76,13 +76,13 @@ pub fn cameras<'a>(frames: impl Iterator<Item = &'a RgbdFrame>) -> Vec<Intrinsic
     all
 }
 
-/// Median of a value over every 97th pixel with depth on the object; `None` where there is none.
+/// Median of a value over every 97th object pixel with depth; `None` where there is none.
 #[must_use]
 pub fn median_over_object<'a>(
     frames: impl Iterator<Item = &'a RgbdFrame>,
     value: impl Fn(&RgbdFrame, usize) -> f64,
 ) -> Option<f64> {
-    // Divides no usual width: samples are of many columns.
+    // 97 divides no usual image width, so samples come from many columns.
     const EVERY: usize = 97;
     let mut all = Vec::new();
     for f in frames {

@@ -1,4 +1,5 @@
-//! RGB-D frames of one object in two states: pure data and selection; no file or network.
+//! RGB-D frames of one object in several states. This crate computes on data only; it uses no file and no
+//! network.
 //!
 //! ```
 //! // Stamps in nanoseconds: a depth image belongs to the color image next to it, at most 10 ms away.

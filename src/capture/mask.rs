@@ -1,6 +1,6 @@
 //! Masks of pixels.
 
-/// A mask spread by `reach` pixels in rows and in columns.
+/// A mask dilated by `reach` pixels along rows and columns.
 #[must_use]
 pub fn dilated_mask(mask: &[bool], width: usize, height: usize, reach: usize) -> Vec<bool> {
     // A square is separable: along rows, then along columns.
@@ -8,7 +8,7 @@ pub fn dilated_mask(mask: &[bool], width: usize, height: usize, reach: usize) ->
     spread_along_lines(&rows, height, width, width, 1, reach)
 }
 
-/// Spreads along lines of `length` pixels, `step` apart; lines are `next` apart, `lines` of them.
+/// Dilates along `lines` lines of `length` pixels with step `step`; lines are `next` apart.
 fn spread_along_lines(
     mask: &[bool],
     length: usize,
@@ -22,7 +22,7 @@ fn spread_along_lines(
         let mut filled = 0;
         for i in 0..length {
             if mask[line * next + i * step] {
-                // Every pixel is written once, however far the mask spreads.
+                // Writes every pixel once, however large the reach.
                 for k in filled.max(i.saturating_sub(reach))..(i + reach + 1).min(length) {
                     out[line * next + k * step] = true;
                 }

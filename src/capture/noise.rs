@@ -1,13 +1,13 @@
-//! How far a depth pixel can be trusted.
+//! Noise model of depth readings.
 
 use serde::{Deserialize, Serialize};
 
-/// Readings of surfaces seen at a smaller cosine to their normal hold no height, and are not used.
+/// Surfaces seen at a smaller cosine between ray and normal have no reliable height and are not used.
 /// chosen: 75 deg; beyond it few stereo cameras read well
 pub const GRAZING_COSINE: f64 = 0.25;
 
-/// Depth noise model: one standard deviation is `constant_m + quadratic_per_m * depth^2`, as disparity noise
-/// gives. See docs/method.md (2.6).
+/// Depth noise model: the standard deviation is `constant_m + quadratic_per_m * depth^2`, as disparity noise
+/// implies. See docs/method.md (2.6).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct NoiseConfig {
@@ -15,10 +15,10 @@ pub struct NoiseConfig {
     pub constant_m: f64,
     /// Growth with the square of the depth, 1/meter.
     pub quadratic_per_m: f64,
-    /// A neighbor further away than this many standard deviations (plus the slope of a surface seen at
-    /// `grazing_cosine`) marks a depth edge: its pixels are not used.
+    /// A depth difference to a neighbor beyond this many standard deviations (plus the slope of a surface at
+    /// `grazing_cosine`) marks a depth edge; pixels at edges are not used.
     pub edge_sigmas: f64,
-    /// Surfaces seen at a smaller cosine to their normal are not used.
+    /// Surfaces at a smaller cosine between ray and normal are not used.
     pub grazing_cosine: f64,
 }
 

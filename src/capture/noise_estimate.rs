@@ -1,8 +1,8 @@
-//! How noisy the depth of a recording is, from the recording itself.
+//! Estimate of the depth noise from a recording itself.
 //!
-//! The inverse depth of a plane is an affine function of the pixel. So in small windows the residual of
-//! inverse depth after an affine fit is the noise, wherever the surface is about flat; the median over many
-//! windows takes no notice of the others.
+//! The inverse depth of a plane is an affine function of the pixel. So the residual of an affine fit in a
+//! small window is noise, wherever the surface is about flat; the median over many windows is robust to the
+//! others.
 
 use super::{
     NoiseConfig, RgbdFrame,
@@ -10,17 +10,15 @@ use super::{
 };
 use numeric::statistics::median;
 
-/// Windows per frame, about. chosen: enough for a median, and cheap
+/// Approximate number of windows per frame. chosen: enough for a median, and cheap
 const WINDOWS: f64 = 600.0;
 /// Fewest windows for an estimate.
 const MIN_WINDOWS: usize = 200;
-/// Noise of neighboring pixels is alike in stereo cameras, and the fit takes the common part for surface:
-/// measured on rendered stereo depth with known noise.
+/// Correction factor: noise of neighboring stereo pixels is correlated, and the fit absorbs the common part.
 /// measured: on rendered stereo depth with known noise (docs/method.md 2.5)
 const CORRELATION: f64 = 1.1;
 
-/// Noise of the frames as a multiple of the model's; `None` where too few flat places are seen.
-/// See docs/method.md (2.8).
+/// Noise of the frames as a factor on the model's; `None` for too few flat windows. See docs/method.md (2.8).
 #[must_use]
 pub fn noise_factor<'a>(frames: impl Iterator<Item = &'a RgbdFrame>, noise: &NoiseConfig) -> Option<f64> {
     let factors: Vec<f64> = frames.flat_map(|f| window_factors(f, noise)).collect();
@@ -31,7 +29,7 @@ pub fn noise_factor<'a>(frames: impl Iterator<Item = &'a RgbdFrame>, noise: &Noi
 }
 
 impl NoiseConfig {
-    /// The model with both terms multiplied.
+    /// The model with both terms multiplied by `factor`.
     #[must_use]
     pub fn scaled(&self, factor: f64) -> Self {
         Self { constant_m: self.constant_m * factor, quadratic_per_m: self.quadratic_per_m * factor, ..*self }

@@ -1,17 +1,17 @@
-//! How much the depth of a pixel counts.
+//! Weights of depth pixels.
 
 use nalgebra::Vector3;
 
 use super::{NoiseConfig, RgbdFrame};
 
-/// Half the window of a slope, pixels.
+/// Half the window for slopes, pixels.
 const R: usize = 2;
 
-/// Weights of the pixels of a frame, one by one: see [`pixel_weights`].
+/// Weights of single pixels of a frame; see [`pixel_weights`].
 pub(super) struct PixelWeights<'a> {
     frame: &'a RgbdFrame,
     noise: &'a NoiseConfig,
-    /// Slopes of the rays, by column and by row.
+    /// Slopes of the viewing rays, by column and by row.
     slopes: [Vec<f64>; 2],
 }
 
@@ -43,12 +43,13 @@ impl<'a> PixelWeights<'a> {
         let d = self.depth_m(x, y);
         let ends = [(x - R, y), (x + R, y), (x, y - R), (x, y + R)];
         let around = ends.map(|(x, y)| self.depth_m(x, y));
-        // Beside a hole the slope is not known.
+        // Beside a hole the slope is unknown.
         if d <= 0.0 || around.iter().any(|&n| n <= 0.0) {
             return 0.0;
         }
         let pixel_m = d * R as f64 / k.fx;
-        // Fall of a surface at the grazing limit over the window; more is an edge. docs/method.md (2.9).
+        // Largest depth change of a surface at the grazing limit over the window; more is an edge.
+        // docs/method.md (2.9).
         let slope =
             pixel_m * (1.0 - noise.grazing_cosine * noise.grazing_cosine).sqrt() / noise.grazing_cosine;
         if around.iter().any(|n| (n - d).abs() > slope + noise.edge_sigmas * noise.sigma_m(d)) {
@@ -63,8 +64,8 @@ impl<'a> PixelWeights<'a> {
     }
 }
 
-/// Weight of every pixel's depth in `[0, 1]`: 0 where it is unknown, at a depth edge or seen at a grazing
-/// angle, else the cosine between ray and surface normal (from central differences over a 5-pixel window).
+/// Weight of every pixel's depth in `[0, 1]`: 0 where it is unknown, at a depth edge or at a grazing angle;
+/// else the cosine between ray and surface normal (central differences over 5 pixels).
 #[must_use]
 pub fn pixel_weights(frame: &RgbdFrame, noise: &NoiseConfig) -> Vec<f32> {
     let weights = PixelWeights::of_frame(frame, noise);
@@ -73,7 +74,7 @@ pub fn pixel_weights(frame: &RgbdFrame, noise: &NoiseConfig) -> Vec<f32> {
     (0..h).flat_map(|y| (0..w).map(move |x| (x, y))).map(|(x, y)| weights.weight_at(x, y)).collect()
 }
 
-/// The same of the pixels of the object; 0 off it.
+/// The same for object pixels; 0 elsewhere.
 #[must_use]
 pub fn object_weights(frame: &RgbdFrame, noise: &NoiseConfig) -> Vec<f32> {
     let weights = PixelWeights::of_frame(frame, noise);

@@ -1,52 +1,52 @@
-//! A recording for the pipeline: frames of every state, and findings on the way.
+//! A recording as the pipeline reads it: frames of every state, and notes on how they were obtained.
 
 use serde::{Deserialize, Serialize};
 
 use super::{BoardInWorld, NoiseConfig, PoseFindings, RgbdFrame, TrackingFindings, features::PixelMatch};
 use common::note::Note;
 
-/// The recording: frames of every state, with findings and losses on the way.
+/// A recording: the frames of every state, with notes and warnings.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Capture {
-    /// A name for the object, from the folder or file: `[A-Za-z][A-Za-z0-9_]*`.
+    /// Name of the object, from the folder or file: `[A-Za-z][A-Za-z0-9_]*`.
     pub name: String,
     /// Frames per state, in time order.
     pub states: Vec<Vec<RgbdFrame>>,
-    /// Pixel matches of the data, if any.
+    /// Pixel matches given with the data, if any.
     pub matches: Vec<PixelMatch>,
     /// Depth noise: the model of the settings, scaled to the recording's own noise unless the settings say
     /// otherwise.
     pub noise: NoiseConfig,
-    /// How the camera was tracked, of each state; empty where poses came with the recording.
+    /// By state, how the camera was tracked; empty where the recording holds poses.
     #[serde(default)]
     pub tracking: Vec<TrackingFindings>,
-    /// The board of tags of the world. Used up before the first checkpoint.
+    /// The tag board that defines the world. It is used before the first checkpoint.
     #[serde(skip)]
     pub board: Option<BoardInWorld>,
-    /// Findings about the camera poses.
+    /// Corrections of the camera poses.
     pub poses: PoseFindings,
-    /// Box about the object in all states, lower and upper corner in the world, meters, once it is isolated.
+    /// Box around the object in all states once it is isolated: lower and upper corner in the world, meters.
     #[serde(default)]
     pub object_box_m: Option<[[f64; 3]; 2]>,
-    /// Degradations: damage, drops, frames not used.
+    /// What is worse than expected: damage, drops, unused frames.
     pub warnings: Vec<Note>,
-    /// Choices: topics, counts, frames.
+    /// What was chosen: topics, counts, frames.
     pub notes: Vec<Note>,
 }
 
 impl Capture {
-    /// A recording of so many states, without frames yet.
+    /// A recording of `count` states without frames.
     #[must_use]
     pub fn of_states(count: usize) -> Self {
         Self { states: vec![Vec::new(); count], ..Self::default() }
     }
 
-    /// Frames of every state.
+    /// The frames of every state.
     #[must_use]
     pub fn frames(&self) -> Vec<&[RgbdFrame]> {
         self.states.iter().map(Vec::as_slice).collect()
     }
 }
 
-/// Most states of one recording.
+/// Largest number of states of a recording.
 pub const MAX_STATES: usize = 16;

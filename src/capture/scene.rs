@@ -7,17 +7,17 @@ use rustc_hash::FxHashMap;
 use super::{NoiseConfig, RgbdFrame, pixel_weights::PixelWeights};
 use geometry::SceneBox;
 
-/// Cells along the longest side in the search for points seen by several frames.
+/// Cells along the longest side for finding points seen by several frames.
 /// chosen: a hundredth of the scene is finer than any object in it
 const CELLS: f64 = 100.0;
-/// Share of points cut off at each end of each axis before the cells are laid.
-/// chosen: a few stray readings of a thousand
+/// Share of points cut off at each end of each axis before cells are laid out.
+/// chosen: a few stray readings in a thousand
 const TRIM: f64 = 0.002;
-/// Every how many pixels a point is taken.
+/// Stride of sampled pixels.
 const STRIDE: usize = 3;
 
-/// Scene cube around the object in all states (docs/method.md 2.10): points from at least two frames (one, if
-/// a state has only one) within a cell. `None` without points.
+/// Scene cube around the object in all states (docs/method.md 2.10): it encloses the points in cells seen
+/// by two frames, or by one if a state has only one. `None` without points.
 #[must_use]
 pub fn scene_box(states: &[&[RgbdFrame]], noise: &NoiseConfig) -> Option<SceneBox> {
     let frames: Vec<&RgbdFrame> = states.iter().copied().flatten().collect();
@@ -40,7 +40,7 @@ pub fn scene_box(states: &[&[RgbdFrame]], noise: &NoiseConfig) -> Option<SceneBo
         cells.entry(key).or_insert_with(|| Agreement::new(*frame, p)).see(*frame, p);
     }
     let needed = if states.iter().all(|s| s.len() > 1) { 2 } else { 1 };
-    // In any order, for least and largest values.
+    // The order does not matter for extremes.
     let mut agreed = cells.values().filter(|c| c.frames >= needed);
     let first = agreed.next()?;
     let (lower, upper) =
@@ -48,7 +48,7 @@ pub fn scene_box(states: &[&[RgbdFrame]], noise: &NoiseConfig) -> Option<SceneBo
     Some(SceneBox::around_box(&lower, &upper))
 }
 
-/// Some points of a frame on the object, in the world.
+/// Sampled world points of a frame on the object.
 fn object_points(frame: &RgbdFrame, noise: &NoiseConfig) -> Vec<Point3<f64>> {
     let weights = PixelWeights::of_frame(frame, noise);
     let w = frame.intrinsics.width;
@@ -58,13 +58,13 @@ fn object_points(frame: &RgbdFrame, noise: &NoiseConfig) -> Vec<Point3<f64>> {
     wanted.filter_map(|(x, y)| frame.world_point(y * w + x)).collect()
 }
 
-/// Least and greatest value without a share at either end.
+/// Least and greatest value after cutting [`TRIM`] off either end.
 fn trimmed_range(mut values: Vec<f64>) -> [f64; 2] {
     let cut = (values.len() as f64 * TRIM) as usize;
     [cut, values.len() - 1 - cut].map(|at| *values.select_nth_unstable_by(at, f64::total_cmp).1)
 }
 
-/// Bounds of the points in one cell and the number of frames with some there.
+/// Bounds of the points in a cell, and the number of frames with points there.
 struct Agreement {
     last: usize,
     frames: usize,
@@ -78,7 +78,7 @@ impl Agreement {
     }
 
     fn see(&mut self, frame: usize, p: &Point3<f64>) {
-        // Points come frame by frame: the last frame is all to remember.
+        // Points come frame by frame, so the last frame is enough to count each frame once.
         self.frames += usize::from(frame != self.last);
         (self.last, self.lower, self.upper) = (frame, self.lower.inf(p), self.upper.sup(p));
     }

@@ -1,12 +1,12 @@
-//! Choice of frames from the most different sides of the object.
+//! Choice of frames with the most different views of the object.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use geometry::Pose;
 
-/// Indices of at most `budget` poses, rising, spread as widely as possible: farthest-point sampling, begun at
-/// the pose nearest to the middle of all. The distance of two views is the angle between their optical axes
-/// plus the angle between their centers as seen from their common focus. See docs/method.md (2.4).
+/// Indices, increasing, of at most `budget` poses with views as different as possible: farthest-point
+/// sampling from the pose nearest to the mean. The distance of two views is the angle between their optical
+/// axes plus the angle between their centers as seen from the common focus. See docs/method.md (2.4).
 #[must_use]
 pub fn spread_views(world_from_camera: &[Pose], budget: usize) -> Vec<usize> {
     let count = world_from_camera.len();
@@ -25,35 +25,35 @@ pub fn spread_views(world_from_camera: &[Pose], budget: usize) -> Vec<usize> {
         for (i, g) in gap.iter_mut().enumerate() {
             *g = g.min(view_distance(&world_from_camera[i], &world_from_camera[last], range));
         }
-        // The first of the farthest; an index beats a later one only if it is farther.
+        // The first of equally far poses: only a greater distance replaces it.
         let farthest = (0..count).fold(0, |best, i| if gap[i] > gap[best] { i } else { best });
-        // Rounding of equal poses.
+        // Rounding may leave a distance between equal poses.
         if gap[farthest] <= 1e-6 {
             break;
         }
         chosen.push(farthest);
     }
-    // In time order again: drift runs along it.
+    // Back in time order, along which drift accumulates.
     chosen.sort_unstable();
     chosen
 }
 
-/// docs/method.md (2.4): in mean distances a shift is about the angle under which it is seen.
+/// docs/method.md (2.4): a shift over the mean distance is about the angle it subtends.
 fn view_distance(a: &Pose, b: &Pose, mean_distance_m: f64) -> f64 {
     let axes = [a, b].map(|pose| pose.rotation * Vector3::z());
     let turned = axes[0].dot(&axes[1]).clamp(-1.0, 1.0).acos();
     (a.translation.vector - b.translation.vector).norm() / mean_distance_m + turned
 }
 
-/// The point nearest to all optical axes, least squares; `None` where the axes are all but parallel.
-/// See docs/method.md (2.5).
+/// The point nearest to all optical axes by least squares; `None` where the axes are nearly parallel. See
+/// docs/method.md (2.5).
 #[must_use]
 pub fn common_focus(world_from_camera: &[Pose]) -> Option<Point3<f64>> {
     let mut normal = Matrix3::zeros();
     let mut right = Vector3::zeros();
     for pose in world_from_camera {
         let axis = pose.rotation * Vector3::z();
-        // Projection onto the plane normal to the axis: its square is the distance to the axis.
+        // Projection onto the plane normal to the axis: the square of the result is the squared distance.
         let across = Matrix3::identity() - axis * axis.transpose();
         normal += across;
         right += across * pose.translation.vector;

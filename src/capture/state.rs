@@ -1,13 +1,13 @@
-//! The state of a message, where one recording holds both.
+//! Assignment of messages to states, where one recording holds several.
 
 use super::CaptureError;
 
-/// Times above this are seconds since the epoch, below it seconds from the start of the recording.
-/// chosen: three years; no recording is longer, no clock stands before 1973
+/// Larger times count from the epoch, smaller ones from the start of the recording, seconds.
+/// chosen: about 1973; recordings are shorter, and clocks later
 const ABSOLUTE_FROM_SECS: f64 = 1e8;
 
-/// The end of state 0 and the beginning of state 1, nanoseconds of recording time; the time between belongs
-/// to neither (the object is being moved).
+/// End of state 0 and beginning of state 1, nanoseconds of recording time; in between the object is being
+/// moved, and messages belong to neither state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Split {
     /// State 0 is recorded before this.
@@ -17,7 +17,7 @@ pub struct Split {
 }
 
 impl Split {
-    /// From one or two times in seconds: since the epoch, or from the start of the recording.
+    /// From one or two times, seconds since the epoch or from the start of the recording.
     ///
     /// # Errors
     /// [`CaptureError::Split`] where a time lies outside the recording.
@@ -39,7 +39,7 @@ impl Split {
     /// From the times of marker messages: state 0 ends at the first, state 1 begins at the last.
     ///
     /// # Errors
-    /// [`CaptureError::Split`] where there is none.
+    /// [`CaptureError::Split`] without markers.
     pub fn at_markers(topic: &str, marker_nanos: &[i64]) -> Result<Self, CaptureError> {
         match (marker_nanos.iter().min(), marker_nanos.iter().max()) {
             (Some(first), Some(last)) => Ok(Self { end0_nanos: *first, begin1_nanos: *last }),
@@ -47,7 +47,7 @@ impl Split {
         }
     }
 
-    /// Whether a time lies between the states, farther from both than `margin_nanos`.
+    /// Whether a time lies between the states, further than `margin_nanos` from both.
     #[must_use]
     pub fn is_between(&self, nanos: i64, margin_nanos: i64) -> bool {
         let after = self.end0_nanos.saturating_add(margin_nanos);
@@ -55,7 +55,7 @@ impl Split {
         nanos >= after && nanos < before
     }
 
-    /// State of a message recorded at this time; `None` for one in between.
+    /// State of a message by its recording time; `None` between the states.
     #[must_use]
     pub fn state_at(&self, nanos: i64) -> Option<usize> {
         if nanos < self.end0_nanos {
@@ -63,13 +63,13 @@ impl Split {
         } else if nanos >= self.begin1_nanos {
             Some(1)
         } else {
-            // In between, the joints were being moved.
+            // Between the states the joints were being moved.
             None
         }
     }
 }
 
-/// Nanoseconds since the epoch of a time in seconds, since the epoch or from the start of the recording.
+/// Nanoseconds since the epoch, of a time in seconds since the epoch or from the start of the recording.
 fn nanos_since_epoch(secs: f64, first_nanos: i64) -> i64 {
     let nanos = (secs * 1e9).round() as i64;
     if nanos as f64 > ABSOLUTE_FROM_SECS * 1e9 { nanos } else { first_nanos + nanos }

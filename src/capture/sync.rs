@@ -1,24 +1,23 @@
-//! Pairing of messages by their stamps.
+//! Pairing of messages by stamp.
 
 use std::{
     cmp::Reverse,
     collections::{BTreeMap, BinaryHeap, VecDeque},
 };
 
-/// Partner of each `left` stamp among the `right` ones, as an index; `None` where none lies within
-/// `slop_nanos`.
+/// For each `left` stamp the index of its partner in `right`; `None` where none lies within `slop_nanos`.
 ///
-/// Equal stamps are paired first, then the closest remaining pairs, the earlier first among equals. Each
-/// message is used once. Neither side needs to be sorted.
+/// Equal stamps are paired first, then the closest remaining pairs, the earlier one of equally close pairs.
+/// Each message is used once. Neither side needs to be sorted.
 #[must_use]
 pub fn pair(left: &[i64], right: &[i64], slop_nanos: i64) -> Vec<Option<usize>> {
     let mut partners = vec![None; left.len()];
     let mut free = Free::new(left, right, &mut partners);
-    // The closest pair has nobody between it: only neighbors can be one.
+    // No stamp lies within the closest pair, so only neighbors can form one.
     let mut closest: BinaryHeap<_> =
         (0..free.stamps.len()).filter_map(|at| free.pair_behind(at, slop_nanos)).collect();
     while let Some(Reverse((key, at))) = closest.pop() {
-        // Entries go stale where a stamp was used up by a closer pair.
+        // A heap entry is stale once a closer pair has used one of its stamps.
         if free.pair_behind(at, slop_nanos) != Some(Reverse((key, at))) {
             continue;
         }
@@ -29,19 +28,19 @@ pub fn pair(left: &[i64], right: &[i64], slop_nanos: i64) -> Vec<Option<usize>> 
     partners
 }
 
-/// How far two stamps are apart, the left and the right one; then the place of the first of them.
+/// Heap key: difference of the stamps, left and right stamp; and the index of the first of them.
 type Closest = Reverse<((u64, i64, i64), usize)>;
 
-/// Messages without a partner, in the order of their stamps.
+/// Messages without a partner, in order of stamp.
 struct Free {
     stamps: Vec<Stamp>,
-    /// Place of the next stamp with a free message, and of the one before; the number of stamps where there
-    /// is none.
+    /// Index of the next and of the previous stamp with a free message; the number of stamps where there is
+    /// none.
     next: Vec<usize>,
     before: Vec<usize>,
 }
 
-/// Messages of one stamp, in their order: all of one side.
+/// Messages with one stamp, in order of arrival; all from one side.
 struct Stamp {
     nanos: i64,
     is_left: bool,
@@ -49,7 +48,7 @@ struct Stamp {
 }
 
 impl Free {
-    /// Pairs equal stamps; returns the others.
+    /// Pairs equal stamps and returns the remaining messages.
     fn new(left: &[i64], right: &[i64], partners: &mut [Option<usize>]) -> Self {
         let mut sides = BTreeMap::<i64, [VecDeque<usize>; 2]>::new();
         for (side, list) in [left, right].into_iter().enumerate() {
@@ -59,7 +58,7 @@ impl Free {
         }
         let mut stamps = Vec::new();
         for (nanos, [mut lefts, mut rights]) in sides {
-            // Equal stamps are of one exposure, in order of arrival.
+            // Equal stamps are of one exposure; pair them in order of arrival.
             let equal = lefts.len().min(rights.len());
             lefts.drain(..equal).zip(rights.drain(..equal)).for_each(|(l, r)| partners[l] = Some(r));
             let is_left = !lefts.is_empty();
@@ -74,7 +73,7 @@ impl Free {
         }
     }
 
-    /// The pair of a stamp and the next one, where they are of two sides and within reach.
+    /// The pair of a stamp and the next one, if they are from different sides and within the slop.
     fn pair_behind(&self, at: usize, slop_nanos: i64) -> Option<Closest> {
         let first = self.stamps.get(at)?;
         let second = self.stamps.get(self.next[at])?;
@@ -85,7 +84,7 @@ impl Free {
             .then_some(Reverse(((apart, l.nanos, r.nanos), at)))
     }
 
-    /// Takes a message of a stamp and one of the next.
+    /// Removes a message of a stamp and one of the next.
     fn take(&mut self, at: usize) -> TakenPair {
         let second = self.next[at];
         let mut taken = [0; 2];
@@ -104,21 +103,21 @@ impl Free {
             }
         }
         let alive = |place: usize| (!self.stamps[place].messages.is_empty()).then_some(place);
-        // Where stamps went, others became neighbors, and these may be the closest now.
+        // Removed stamps make others neighbors, which may now be the closest pair.
         let first = alive(at).or_else(|| Some(self.before[at]).filter(|b| *b < self.stamps.len()));
         TakenPair { left: taken[0], right: taken[1], around: [first, alive(second)] }
     }
 }
 
-/// Two messages taken together.
+/// Two messages paired with each other.
 struct TakenPair {
     left: usize,
     right: usize,
-    /// Places with new neighbors.
+    /// Indices of stamps with new neighbors.
     around: [Option<usize>; 2],
 }
 
-/// Index of the stamp nearest to `stamp` among rising ones, the earlier one among equals; `None` of none.
+/// Index of the nearest among increasing stamps, the earlier of two equally near; `None` for an empty list.
 #[must_use]
 pub fn nearest_stamp(rising: &[i64], stamp: i64) -> Option<usize> {
     let after = rising.partition_point(|s| *s < stamp);

@@ -1,49 +1,49 @@
-//! Frame transforms over time: chains, interpolation, and refusal where something is missing.
+//! Frame transforms over time: chains and interpolation, with errors for missing parts.
 //!
-//! Every frame has at most one parent (REP-105). A changing transform is known at its samples; between two
-//! close samples the translation is interpolated linearly and the rotation by slerp. Nothing is extrapolated.
+//! Every frame has at most one parent (REP-105). A moving transform is known at its samples; between close
+//! samples the translation is interpolated linearly and the rotation by slerp. Nothing is extrapolated.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::{CaptureError, error::stamp_secs};
 use geometry::Pose;
 
-/// Longest chain of frames.
+/// Most frames in a chain.
 const MAX_DEPTH: usize = 64;
 
-/// Most frames with a parent; a robot has some hundreds.
+/// Most frames with a parent; a robot has a few hundred.
 pub const MAX_TF_FRAMES: usize = 10_000;
 
-/// Most parents of one frame kept for the message.
+/// Most parents of one frame kept for the error message.
 const MAX_PARENTS: usize = 8;
 
-/// A connection between a frame and its parent: `parent_from_child`.
+/// Transform from a frame to its parent, `parent_from_child`.
 #[derive(Clone, Debug)]
 enum Edge {
     Static(Pose),
-    /// Samples by stamp, nanoseconds.
+    /// Samples by stamp in nanoseconds.
     Moving(BTreeMap<i64, Pose>),
 }
 
 /// Transforms of a recording.
 #[derive(Clone, Debug, Default)]
 pub struct TfBuffer {
-    /// By child: parent and transform.
+    /// Parent and transform, by child.
     edges: BTreeMap<String, (String, Edge)>,
-    /// Frames with different parents.
+    /// Frames with more than one parent, and these parents.
     conflicts: BTreeMap<String, BTreeSet<String>>,
-    /// Transforms left out as they were no transforms.
+    /// Number of invalid transforms that were dropped.
     pub invalid: usize,
-    /// Transforms of frames beyond [`MAX_TF_FRAMES`], left out.
+    /// Number of dropped transforms of frames beyond [`MAX_TF_FRAMES`].
     pub surplus: usize,
 }
 
-/// Where a chain upwards from a frame ends.
+/// End of the chain upwards from a frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Chain {
-    /// The frame without parent.
+    /// The frame without a parent.
     pub root: String,
-    /// Whether some transform in between changes with time.
+    /// Whether some transform of the chain changes with time.
     pub moves: bool,
 }
 
@@ -76,7 +76,7 @@ impl TfBuffer {
         }
     }
 
-    /// Adds a sample of a changing transform.
+    /// Adds a sample of a moving transform.
     pub fn add(&mut self, parent: &str, child: &str, stamp_nanos: i64, parent_from_child: Pose) {
         if !self.accept(parent, child) {
             return;
@@ -87,7 +87,7 @@ impl TfBuffer {
             .or_insert_with(|| (parent.to_owned(), Edge::Moving(BTreeMap::new())));
         match edge {
             Edge::Moving(samples) => _ = samples.insert(stamp_nanos, parent_from_child),
-            // A frame on both topics moves.
+            // A frame in both topics counts as moving.
             Edge::Static(_) => *edge = Edge::Moving(BTreeMap::from([(stamp_nanos, parent_from_child)])),
         }
     }
@@ -99,7 +99,7 @@ impl TfBuffer {
         }
         match self.edges.get(child) {
             Some((known, _)) if known != parent => {
-                // Reported when the frame is asked for: an unneeded one may have two parents.
+                // Reported only when the frame is looked up: an unused frame may have two parents.
                 let parents = self.conflicts.entry(child.to_owned()).or_default();
                 if parents.len() < MAX_PARENTS {
                     parents.extend([known.clone(), parent.to_owned()]);
@@ -114,13 +114,13 @@ impl TfBuffer {
         }
     }
 
-    /// Puts one frame under a parent with samples from elsewhere (a pose topic), in place of the known one.
+    /// Sets the parent and samples of a frame from elsewhere (a pose topic), in place of the known ones.
     pub fn replace(&mut self, parent: &str, child: &str, samples: BTreeMap<i64, Pose>) {
         self.conflicts.remove(child);
         self.edges.insert(child.to_owned(), (parent.to_owned(), Edge::Moving(samples)));
     }
 
-    /// Forgets samples before a stamp, and the oldest of a frame with more than `most`.
+    /// Drops samples before a stamp, and the oldest of a frame with more than `most`.
     pub fn forget_before(&mut self, stamp_nanos: i64, most: usize) {
         for (_, edge) in self.edges.values_mut() {
             let Edge::Moving(samples) = edge else { continue };
@@ -130,7 +130,7 @@ impl TfBuffer {
         }
     }
 
-    /// The chain upwards from a frame; a frame without parent is its own root.
+    /// The chain upwards from a frame; a frame without a parent is its own root.
     #[must_use]
     pub fn chain_of_frame(&self, frame: &str) -> Chain {
         let mut chain = Chain { root: frame.to_owned(), moves: false };
@@ -161,8 +161,9 @@ impl TfBuffer {
 
     /// `target_from_source` at a stamp, through the frames' nearest common ancestor.
     ///
-    /// # Errors [`CaptureError::NoTransform`] with target, source, stamp and the missing part: the chain, a
-    /// sample on either side of the stamp, or samples closer together than `max_gap_nanos`.
+    /// # Errors
+    /// [`CaptureError::NoTransform`] names target, source, stamp and the missing part: the chain, a sample on
+    /// either side of the stamp, or samples at most `max_gap_nanos` apart.
     pub fn lookup(
         &self,
         target: &str,
@@ -173,7 +174,7 @@ impl TfBuffer {
         let fail = |reason: String| no_transform(target, source, stamp_nanos, reason);
         let from_source = self.ancestors(source);
         let from_target = self.ancestors(target);
-        // Not the root: transforms above the common ancestor cancel, and may be missing.
+        // Not through the root: transforms above the common ancestor cancel, and may be missing.
         let Some(common) = from_source.iter().find(|f| from_target.contains(f)) else {
             return Err(fail(format!(
                 "the frames are not connected (`{source}` ends at `{}`, `{target}` at `{}`)",
@@ -192,7 +193,7 @@ impl TfBuffer {
         Ok(common_from_target.inverse() * common_from_source)
     }
 
-    /// The frame and those above it.
+    /// The frame and its ancestors.
     fn ancestors<'a>(&'a self, frame: &'a str) -> Vec<&'a str> {
         std::iter::successors(Some(frame), |f| self.edges.get(*f).map(|(parent, _)| parent.as_str()))
             .take(MAX_DEPTH)
@@ -214,11 +215,11 @@ impl TfBuffer {
         let before = samples.range(..=stamp).next_back();
         let after = samples.range(stamp..).next();
         match (before, after) {
-            // At a sample nothing is interpolated, however far the next one is.
+            // At a sample no interpolation is needed, however far the next one is.
             (Some((t0, a)), Some((t1, _))) if t0 == t1 => Ok(*a),
             (Some((t0, a)), Some((t1, b))) if t1 - t0 <= max_gap => {
                 let share = (stamp - t0) as f64 / (t1 - t0) as f64;
-                // Half a turn between samples has no unique path.
+                // A half turn between samples has no unique path.
                 // docs/method.md (2.2).
                 a.try_lerp_slerp(b, share, 1e-9).ok_or_else(|| StepFault::HalfTurn(frame()))
             }

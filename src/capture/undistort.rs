@@ -1,5 +1,5 @@
-//! Lens distortion taken out: images of a real lens resampled into an ideal pinhole camera with the same
-//! camera matrix. See docs/method.md (2.3).
+//! Removal of lens distortion: images are resampled into an ideal pinhole camera with the same camera matrix.
+//! See docs/method.md (2.3).
 //!
 //! The models are those of `sensor_msgs/CameraInfo` (OpenCV): with `x, y` the ideal image plane coordinates
 //! and `r2 = x^2 + y^2`, the lens shows the point at
@@ -10,7 +10,7 @@
 //! y' = y radial + p1 (r2 + 2 y^2) + 2 p2 x y
 //! ```
 //!
-//! z-depth is the same in both cameras, as they share their frame.
+//! z-depth is the same in both cameras, since they share their frame.
 
 use geometry::Intrinsics;
 
@@ -25,27 +25,28 @@ pub struct Distortion {
     pub tangential: [f64; 2],
 }
 
-/// The fault of a lens, as the end of a sentence.
+/// Why a lens model cannot be used, as the end of a sentence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LensFault {
-    /// A coefficient is no number.
+    /// A coefficient is not finite.
     #[error("has coefficients that are not finite")]
     NotFinite,
-    /// Unsupported terms.
+    /// It has prism or tilt terms, which are not supported.
     #[error("has thin prism or tilt terms")]
     PrismOrTilt,
-    /// A number of coefficients unknown to the model.
+    /// A number of coefficients that the model does not have.
     #[error("has {0} coefficients")]
     Count(usize),
-    /// Another model.
+    /// The model is unknown.
     #[error("is not supported")]
     Unknown,
 }
 
 impl Distortion {
-    /// The model of a camera_info by its name and coefficients.
+    /// The distortion by model name and coefficients of a camera_info.
     ///
-    /// # Errors Another model, a wrong number of coefficients, or infinite values.
+    /// # Errors
+    /// Another model, a wrong number of coefficients, or values that are not finite.
     pub fn from_info(model: &str, d: &[f64]) -> Result<Self, LensFault> {
         if d.iter().any(|v| !v.is_finite()) {
             return Err(LensFault::NotFinite);
@@ -88,31 +89,31 @@ impl Distortion {
         )
     }
 
-    /// Whether the radial mapping turns back at this radius: further out the model is meaningless and shows
-    /// the image folded over.
+    /// Whether the radial mapping decreases at this radius: further out the model is invalid, and the image
+    /// would be folded over.
     fn folds_at(&self, r: f64) -> bool {
         let at = |r: f64| self.distorted_point(r, 0.0).0;
         at(r + 1e-4) <= at(r)
     }
 }
 
-/// For every pixel of the ideal image, where it lies in the distorted one.
+/// For each pixel of the ideal image, its position in the distorted one.
 #[derive(Clone, Debug)]
 pub struct UndistortMap {
     width: usize,
     height: usize,
-    /// Source pixel coordinates; NaN where the lens shows nothing.
+    /// Source positions in pixels; NaN outside the lens's image.
     sources: Vec<[f32; 2]>,
 }
 
 impl UndistortMap {
-    /// The map of one camera; `None` for a pinhole: its images pass through as they are.
+    /// The map of a camera; `None` for a pinhole, as its images need no resampling.
     #[must_use]
     pub fn new(camera: &Intrinsics, distortion: &Distortion) -> Option<Self> {
         if distortion.is_pinhole() {
             return None;
         }
-        // The largest radius of a one-to-one model.
+        // Largest radius at which the model is one-to-one.
         let corner = [(0.0, 0.0), (camera.width as f64, camera.height as f64)]
             .map(|(u, v)| camera.ray_at(u, v).xy().amax())
             .iter()
@@ -125,7 +126,7 @@ impl UndistortMap {
         let mut sources = vec![[f32::NAN; 2]; camera.width * camera.height];
         for (i, source) in sources.iter_mut().enumerate() {
             let ray = camera.ray_at((i % camera.width) as f64, (i / camera.width) as f64);
-            // Beyond, the model folds back onto pixels of other directions.
+            // Beyond it, the model folds back onto pixels of other rays.
             if ray.xy().norm() >= limit {
                 continue;
             }
@@ -135,15 +136,15 @@ impl UndistortMap {
         Some(Self { width: camera.width, height: camera.height, sources })
     }
 
-    /// Color, bilinear; black where the lens shows nothing.
+    /// Undistorted color, bilinear; black outside the lens's image.
     #[must_use]
     pub fn undistorted_color(&self, pixels: &[[u8; 3]]) -> Vec<[u8; 3]> {
         self.sources.iter().map(|source| self.color_at(pixels, *source)).collect()
     }
 
-    /// Color of the distorted image at one place.
+    /// Color of the distorted image at a position.
     fn color_at(&self, pixels: &[[u8; 3]], [u, v]: [f32; 2]) -> [u8; 3] {
-        // NaN marks no source, and fulfills no condition.
+        // NaN fails every comparison, so it yields no source.
         if !(u >= 0.0 && v >= 0.0 && u <= (self.width - 1) as f32 && v <= (self.height - 1) as f32) {
             return [0; 3];
         }
@@ -161,13 +162,13 @@ impl UndistortMap {
         })
     }
 
-    /// Values without interpolation (depth, masks), from the nearest pixel; `outside` where the lens shows
-    /// nothing.
+    /// Values that must not be interpolated (depth, masks), from the nearest pixel; `outside` where there is
+    /// no source.
     #[must_use]
     pub fn undistorted_nearest<T: Copy>(&self, pixels: &[T], outside: T) -> Vec<T> {
         let mut samples = vec![outside; self.sources.len()];
         for (sample, source) in samples.iter_mut().zip(&self.sources) {
-            // Depth and masks are not mixed: between two surfaces there is none.
+            // Depth must not be averaged across the edge between two surfaces.
             let [x, y] = source.map(f32::round);
             if x >= 0.0 && y >= 0.0 && x < self.width as f32 && y < self.height as f32 {
                 *sample = pixels[y as usize * self.width + x as usize];

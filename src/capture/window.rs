@@ -12,13 +12,13 @@ pub(super) const R: usize = 3;
 pub(super) const READINGS: usize = (2 * R + 1) * (2 * R + 1);
 /// Fitted values of a window.
 const UNKNOWNS: usize = 3;
-/// Least share of the readings in a window with holes. chosen: most of it, with a margin
+/// Least share of valid readings in a window with holes. chosen: well over half
 const LEAST_SHARE: f64 = 0.6;
-/// Largest difference of depths in a window without an edge, a share of their mean.
-/// chosen: no surface but a grazing one falls so much over a window
+/// A window with a larger range of depths, relative to their mean, shows an edge.
+/// chosen: only a grazing surface has this range over a window
 const MAX_RANGE: f64 = 0.1;
 
-/// Inverse depth in the window about a pixel, least squares.
+/// Plane of inverse depth fitted to the window around a pixel by least squares.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct WindowPlane {
     /// Inverse depth in the middle, 1/meter.
@@ -32,7 +32,7 @@ pub(super) struct WindowPlane {
 }
 
 impl WindowPlane {
-    /// The plane about a pixel at least [`R`] from the border; `None` where a reading is missing or the
+    /// The plane around a pixel at least [`R`] from the border; `None` where a reading is missing or the
     /// window shows an edge.
     pub fn fit(frame: &RgbdFrame, x: usize, y: usize) -> Option<Self> {
         let side = 2 * R + 1;
@@ -54,7 +54,7 @@ impl WindowPlane {
         if most - least > MAX_RANGE * mean_depth_m {
             return None;
         }
-        // The window is symmetric: slopes and mean are independent.
+        // The window is symmetric, so slopes and mean are independent.
         let place = |i: usize| ((i % side) as f64 - R as f64, (i / side) as f64 - R as f64);
         let spread: f64 = (0..inverse.len()).map(|i| place(i).0.powi(2)).sum();
         let mean = inverse.iter().sum::<f64>() / count;
@@ -67,7 +67,7 @@ impl WindowPlane {
         Some(Self { inverse: mean, slopes: [slope_x, slope_y], variance, mean_depth_m })
     }
 
-    /// The same where some readings are missing, as in the speckled depth of measured frames.
+    /// The same with some readings missing, as in the speckled depth of real sensors.
     pub fn fit_with_holes(frame: &RgbdFrame, x: usize, y: usize) -> Option<Self> {
         if let Some(whole) = Self::fit(frame, x, y) {
             return Some(whole);
@@ -97,7 +97,7 @@ impl WindowPlane {
         if most - least > MAX_RANGE * mean_depth_m {
             return None;
         }
-        // With holes the window is not symmetric: slopes and mean are solved for together.
+        // With holes the window is not symmetric: slopes and mean are solved for jointly.
         let moments: Matrix3<f64> = readings().map(|(at, _)| at * at.transpose()).sum();
         let right: Vector3<f64> = readings().map(|(at, d)| at / *d).sum();
         let plane = moments.cholesky()?.solve(&right);

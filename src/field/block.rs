@@ -30,11 +30,11 @@ pub(super) fn sdf_loss(s: f32, target: SdfTarget) -> (f32, f32) {
     }
 }
 
-/// Buffers for the widest block of a plan.
+/// Buffers for blocks of at most a number of columns.
 pub(super) struct Scratch {
     geometry: GeometryPass,
     color: ColorPass,
-    /// Column in the block of every column with color weight.
+    /// Columns with color weight, by index in the block.
     columns: Vec<usize>,
 }
 
@@ -48,7 +48,7 @@ impl Scratch {
     }
 }
 
-/// Shared input of all blocks of a step.
+/// Input shared by all blocks of a step.
 pub(super) struct StepContext<'a> {
     pub isa: InstructionSet,
     pub batch: &'a SampleBatch,
@@ -57,8 +57,8 @@ pub(super) struct StepContext<'a> {
     pub backward: &'a BackwardNetwork,
 }
 
-/// One block: reads its columns of `features` (all columns of all levels), writes the gradient of its
-/// features to `d_features` (`padded(2 levels)` rows of the block's columns), adds to the layers' gradient,
+/// Trains on one block: reads its columns of `features` (all columns of all levels) and writes the gradient
+/// by them to `d_features` (`padded(2 levels)` rows of the block's columns). Adds to the layers' gradient and
 /// returns the losses.
 pub(super) fn train_block(
     context: &StepContext<'_>,
@@ -83,7 +83,7 @@ pub(super) fn train_block(
 /// TSDF terms of a block and their derivatives.
 fn sdf_losses(context: &StepContext<'_>, block: &Block, tsdf: &[f32], d_tsdf: &mut [f32]) -> f64 {
     let batch = context.batch;
-    // Of all samples: omitted ones count as zeros, and batches are weighed alike.
+    // Relative to all samples: omitted ones count as zero, so that all batches have the same weight.
     let share = 1.0 / (batch.rays * batch.samples_per_ray) as f32;
     let samples = &context.plan.sample[block.start..block.start + block.len];
     let mut sum = 0.0;
@@ -95,8 +95,8 @@ fn sdf_losses(context: &StepContext<'_>, block: &Block, tsdf: &[f32], d_tsdf: &m
     sum * f64::from(share)
 }
 
-/// Color term of a block: runs the color network both ways where it has weight, adds to the features'
-/// gradient in rows 1 to 15 of `d_outputs`.
+/// Color term of a block: forward and backward pass of the color network where it has weight; adds to the
+/// features' gradient in rows 1 to 15 of `d_outputs`.
 fn color_losses(
     context: &StepContext<'_>,
     block: &Block,
@@ -104,7 +104,7 @@ fn color_losses(
     gradient: &mut NetworkGradient,
 ) -> f64 {
     let StepContext { isa, network, backward, .. } = *context;
-    // Samples in free space carry no color weight: the color network runs on the others alone.
+    // Samples in free space have no color weight and are skipped.
     let batch = context.batch;
     let samples = &context.plan.sample[block.start..block.start + block.len];
     let Scratch { geometry, color, columns } = scratch;
@@ -124,12 +124,12 @@ fn color_losses(
     color.d_rgb[..network.color[2].outputs * cols].fill(0.0);
     let loss = ray_colors(context, block, columns, &color.rgb, &mut color.d_rgb, cols);
     color.backward(isa, backward, cols, gradient);
-    // Columns without color weight keep a gradient of 0.
+    // Columns without color weight keep a zero gradient.
     color.return_features(0, columns, cols, &mut geometry.d_outputs, block.cols);
     loss
 }
 
-/// Loss of the rays' colors `sum_i w_i rgb_i` and its derivative by the networks' values before the logistic
+/// Loss of the rays' colors `sum_i w_i rgb_i` and its derivative by the network outputs before the logistic
 /// function.
 fn ray_colors(
     context: &StepContext<'_>,
@@ -152,7 +152,7 @@ fn ray_colors(
         for channel in 0..3 {
             let values = &rgb[channel * cols..][..cols];
             let color: f32 = (first..end).map(|i| batch.color_weights[sample(i)] * values[i]).sum();
-            // docs/method.md (12.8); below the slope of the logistic function, c (1 - c).
+            // docs/method.md (12.8); the factor below is the slope of the logistic function, c (1 - c).
             let excess = color - batch.colors[ray][channel];
             let weight = batch.ray_weights[ray] * share;
             sum += f64::from(weight * excess * excess);

@@ -1,18 +1,18 @@
-//! The computed samples of a batch, in an order with one rectangle of them for the color network.
+//! The computed samples of a batch, ordered so that the color network gets a rectangle of them.
 
 use std::ops::Range;
 
 use super::{SampleBatch, SdfTarget};
 
-/// Samples computed at once at most; a larger batch is cut between rays. Bounds the memory of a step: about
-/// 2 kB a sample with 64 hidden units.
+/// Most samples computed at once; a larger batch is split between rays. This bounds the memory of a step:
+/// about 2 kB per sample with 64 hidden units.
 const PIECE_SAMPLES: usize = 1 << 17;
 
-/// Samples of a range of rays. The first `lit_rays.len() * per_ray` samples belong to rays with color loss,
-/// `per_ray` each; further samples have TSDF supervision only. Samples without any loss are left out.
+/// Samples of a range of rays. First come `per_ray` samples of each ray with color loss; the others have TSDF
+/// supervision only. Samples without any loss are left out.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Piece {
-    /// Samples in all.
+    /// Number of samples.
     pub samples: usize,
     /// `[samples, 3]` positions in the unit cube.
     pub points: Vec<f32>,
@@ -21,13 +21,13 @@ pub(super) struct Piece {
     pub targets: Vec<f32>,
     /// Rays with color loss, by their index in the batch.
     pub lit_rays: Vec<usize>,
-    /// Samples of each of them.
+    /// Number of samples of each of these rays.
     pub per_ray: usize,
     /// `[lit rays, per_ray]` color weights.
     pub color_weights: Vec<f32>,
 }
 
-/// Cuts a batch into pieces of whole rays; pieces without any loss are left out.
+/// Splits a batch into pieces of whole rays; pieces without any loss are left out.
 pub(super) fn batch_pieces(batch: &SampleBatch) -> Vec<Piece> {
     let rays = (PIECE_SAMPLES / batch.samples_per_ray.max(1)).max(1);
     let starts = (0..batch.rays).step_by(rays);
@@ -43,8 +43,7 @@ impl Piece {
         let mut piece = Self { per_ray, ..Self::default() };
         let mut rest = Vec::new();
         for (ray, &count) in rays.zip(&lit_counts) {
-            // A ray with fewer lit samples than the most lit one is filled up with its unlit samples, of
-            // weight 0.
+            // Rays with fewer samples of color weight are filled up with samples of weight 0.
             let mut fill = if count > 0 { per_ray - count } else { 0 };
             for i in of_ray(ray) {
                 if lit(i) || fill > 0 {
@@ -57,7 +56,7 @@ impl Piece {
             }
             piece.lit_rays.extend((count > 0).then_some(ray));
         }
-        // Behind the samples of lit rays: the color network takes these as one rectangle.
+        // After the samples of rays with color: the color network processes those as a rectangle.
         for i in rest {
             piece.push_sample(batch, i);
         }

@@ -1,8 +1,8 @@
-//! Devices for the burn engine, and their errors.
+//! Devices of the burn engine, and their errors.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Why the burn engine cannot work. The CPU engine can take over from any of these.
+/// Why the burn engine cannot run. The CPU engine can take over in each case.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum EngineError {
     /// The binary was built without the `gpu` feature.
@@ -10,7 +10,7 @@ pub enum EngineError {
         "this binary was built without GPU support; build it with `--features gpu` or use the CPU engine"
     )]
     NotBuilt,
-    /// No adapter, or the driver refused to open it.
+    /// There is no adapter, or the driver refused to open it.
     #[error(
         "no GPU could be opened: {message}; install a Vulkan driver (`artitwin doctor` lists adapters) or \
          use the CPU engine"
@@ -19,15 +19,15 @@ pub enum EngineError {
         /// The driver's message.
         message: String,
     },
-    /// The device failed at work.
+    /// The device failed during an operation.
     #[error("the device failed while it {doing}: {message}; use the CPU engine, or a smaller table or batch")]
     Failed {
-        /// The failed work.
+        /// The operation that failed.
         doing: &'static str,
-        /// The message of the device or of burn.
+        /// Message of the device or of burn.
         message: String,
     },
-    /// Parameters or moments do not fit together.
+    /// Parameters or moments have inconsistent sizes.
     #[error("field parameters do not fit together: {0}; the checkpoint is damaged or of another version")]
     Shape(String),
 }
@@ -37,7 +37,7 @@ pub(super) fn guarded<T>(
     doing: &'static str,
     work: impl FnOnce() -> Result<T, EngineError>,
 ) -> Result<T, EngineError> {
-    // A failed engine is not used again: nobody reads work left half done by a panic.
+    // A failed engine is never used again, so no half-finished state is read.
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|payload| {
         let text = payload.downcast_ref::<String>().cloned();
         let text = text.or_else(|| payload.downcast_ref::<&str>().map(ToString::to_string));
@@ -48,12 +48,12 @@ pub(super) fn guarded<T>(
     })
 }
 
-/// An adapter for wgpu.
+/// A GPU adapter visible to wgpu.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Adapter {
-    /// Its name, kind, interface and driver.
+    /// Name, kind, interface and driver.
     pub description: String,
-    /// Whether it is a renderer in software: slower than the CPU engine on the same processor.
+    /// Whether it renders in software, which is slower than the CPU engine.
     pub is_software: bool,
 }
 
@@ -95,10 +95,10 @@ pub fn adapters() -> Result<Vec<Adapter>, EngineError> {
     Err(EngineError::NotBuilt)
 }
 
-/// The best adapter, opened once in a process.
+/// The best adapter, opened once per process.
 ///
-/// Refused without atomic addition of floats: burn then scatters the table's gradient in one thread. This
-/// takes seconds a step, and drivers with a cap on loops drop most of it without an error.
+/// Adapters without atomic addition of floats are refused: on these, burn scatters the table's gradient in
+/// one thread. That takes seconds per step, and drivers that limit loops drop most of it without an error.
 #[cfg(feature = "gpu")]
 pub(super) fn wgpu_device() -> Result<burn::tensor::Device, EngineError> {
     use burn::tensor::Device;

@@ -1,6 +1,6 @@
 //! The field engine on burn: any device, gradients by automatic differentiation.
 //!
-//! Slower than the engine of the CPU on a CPU; it exists for GPUs, and as a second opinion on gradients.
+//! On a CPU it is slower than the CPU engine; it exists for GPUs, and to verify gradients.
 
 use std::sync::{Mutex, OnceLock};
 
@@ -17,14 +17,14 @@ use super::{Layer, VIEW_COEFFICIENTS};
 
 /// Trains a field on a burn device.
 ///
-/// A GPU sums table gradients with atomics, so repeated runs differ in the last bits; on the CPU device they
-/// do not. When the device fails in a method of [`FieldEngine`], the losses are NaN from then on,
-/// [`FieldEngine::failure`] returns the error, and [`FieldEngine::training_state`] the last state read: another engine
-/// can go on from its `steps`.
+/// A GPU sums table gradients with atomics, so repeated runs differ in the last bits; the CPU device is
+/// exact. If the device fails in a method of [`FieldEngine`], all later losses are NaN and
+/// [`FieldEngine::failure`] returns the error. [`FieldEngine::training_state`] then returns the last state
+/// read, and another engine can continue from its `steps`.
 pub struct BurnEngine {
     device: Device,
     shape: FieldShape,
-    /// One tensor per level and two per layer, on the device without autodiff; as are the moments.
+    /// One tensor per level and two per layer, on the device without autodiff, like the moments.
     params: Vec<Tensor<1>>,
     first: Vec<Tensor<1>>,
     second: Vec<Tensor<1>>,
@@ -34,10 +34,10 @@ pub struct BurnEngine {
 }
 
 impl BurnEngine {
-    /// Fresh moments on a device.
+    /// Starts with zero moments on a device.
     ///
     /// # Errors
-    /// [`EngineError::Shape`] if the parameters do not fit together, [`EngineError::Failed`] if the device
+    /// [`EngineError::Shape`] if the parameters are inconsistent, [`EngineError::Failed`] if the device
     /// fails.
     pub fn new(params: FieldParams, device: Device) -> Result<Self, EngineError> {
         let n = params.parameter_count();
@@ -67,7 +67,7 @@ impl BurnEngine {
                 failure: OnceLock::new(),
                 last_read: Mutex::new(state),
             };
-            // A device has a queue: without waiting, a failed upload would show in a later step.
+            // Devices work from a queue: without waiting, a failed upload would only show in a later step.
             engine.device.sync().map_err(|e| device_failure("received the parameters", e))?;
             Ok(engine)
         })
@@ -81,8 +81,8 @@ impl BurnEngine {
         Self::resume(state, Device::flex())
     }
 
-    /// Continues from a checkpoint on the best GPU, after a trial gradient against the CPU engine's.
-    /// Environment variable `CUBECL_WGPU_DEFAULT_DEVICE` (e.g. `DiscreteGpu(1)`, `Cpu`) chooses another
+    /// Continues from a checkpoint on the best GPU, once a trial gradient agrees with the CPU engine. The
+    /// environment variable `CUBECL_WGPU_DEFAULT_DEVICE` (e.g. `DiscreteGpu(1)`, `Cpu`) selects another
     /// adapter.
     ///
     /// # Errors
@@ -103,11 +103,10 @@ impl BurnEngine {
         Err(EngineError::NotBuilt)
     }
 
-    /// Compares a trial gradient with the CPU engine's at the same state.
+    /// Compares a trial gradient with that of the CPU engine at the same state.
     ///
     /// # Errors
-    /// [`EngineError::Failed`] if the device fails, [`EngineError::Unavailable`] if it computes something
-    /// else.
+    /// [`EngineError::Failed`] if the device fails, [`EngineError::Unavailable`] if it gives other values.
     #[cfg(any(test, feature = "gpu"))]
     pub(super) fn check(&mut self, state: EngineState) -> Result<(), EngineError> {
         use super::burn_trial::{agree, trial_batch};
@@ -120,7 +119,7 @@ impl BurnEngine {
     /// As [`FieldEngine::train_step`].
     ///
     /// # Errors
-    /// [`EngineError::Failed`]; the engine is of no use afterwards.
+    /// [`EngineError::Failed`]; the engine is unusable afterwards.
     pub fn try_step(&mut self, batch: &SampleBatch, learning_rate: f32) -> Result<FieldLosses, EngineError> {
         guarded("took a training step", || {
             let (losses, gradients) = self.losses_and_gradients(batch)?;
@@ -172,13 +171,13 @@ impl BurnEngine {
     ) -> Result<(FieldLosses, Vec<Tensor<1>>), EngineError> {
         let mut sums = FieldLosses::default();
         let mut gradients: Vec<Option<Tensor<1>>> = vec![None; self.params.len()];
-        // A graph of its own for each piece bounds the memory of a step.
+        // One graph per piece bounds the memory of a step.
         for piece in batch_pieces(batch) {
             let params: Vec<Tensor<1>> =
                 self.params.iter().map(|p| p.clone().autodiff().require_grad()).collect();
             let (sdf, color) = piece_losses(&self.shape, &params, batch, &piece);
             let mut backward = (sdf.clone() + color.clone()).backward();
-            // One transfer for both: each would wait for the device.
+            // One transfer, since each waits for the device.
             let values = Tensor::cat(vec![sdf, color], 0)
                 .without_autodiff()
                 .try_into_vec_as::<f32>()
@@ -196,13 +195,13 @@ impl BurnEngine {
         Ok((sums, filled.collect()))
     }
 
-    /// Losses of a failed engine.
+    /// Stores the failure and returns NaN losses.
     fn record_failure(&self, error: EngineError) -> FieldLosses {
         self.failure.get_or_init(|| error);
         FieldLosses { sdf: f64::NAN, color: f64::NAN }
     }
 
-    /// The failure, if there was one.
+    /// Returns the failure, if there was one.
     fn ensure_working(&self) -> Result<(), EngineError> {
         self.failure.get().cloned().map_or(Ok(()), Err)
     }
@@ -234,7 +233,7 @@ impl FieldEngine for BurnEngine {
 }
 
 impl Drop for BurnEngine {
-    /// A lost device may panic when its memory is given back.
+    /// A lost device may panic as its memory is freed.
     fn drop(&mut self) {
         let tensors = [&mut self.params, &mut self.first, &mut self.second].map(std::mem::take);
         guarded("gave its memory back", || {
@@ -280,7 +279,7 @@ impl AdamUpdate {
     }
 }
 
-/// Values of tensors, one after another.
+/// Values of tensors, concatenated.
 fn read_tensors(tensors: &[Tensor<1>]) -> Result<Vec<f32>, EngineError> {
     let mut all = Vec::new();
     for t in tensors {
@@ -293,20 +292,20 @@ fn device_failure(doing: &'static str, error: impl std::fmt::Display) -> EngineE
     EngineError::Failed { doing, message: error.to_string() }
 }
 
-/// Checks the assumptions of the tensors: contiguous levels, hashed levels of 2^k entries, fitting layers,
-/// moments of the parameters' number.
+/// Checks what the tensors assume: contiguous levels, hashed levels of 2^k entries, matching layers, and as
+/// many moments as parameters.
 fn check_shape(state: &EngineState) -> Result<(), EngineError> {
     let params = &state.params;
     let err = |text: String| Err(EngineError::Shape(text));
     let mut offset = 0;
     for (k, l) in params.levels.iter().enumerate() {
         let addressable = if l.hashed {
-            // A hash is cut to the table by its low bits.
+            // The low bits of a hash address the table.
             l.entries.is_power_of_two()
         } else {
             l.resolution.checked_pow(3).is_some_and(|n| n <= l.entries)
         };
-        // Floats of a level are numbered by signed integers of 32 bits.
+        // Floats of a level are indexed by signed 32-bit integers.
         if l.offset != offset || !addressable || l.entries > 1 << 29 {
             return err(format!("level {k} is {l:?}"));
         }

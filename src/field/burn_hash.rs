@@ -1,9 +1,8 @@
-//! Multi-resolution hash encoding (docs/method.md 12.1): own kernels on a GPU, tensor operations on the CPU
-//! device.
+//! Multi-resolution hash encoding (docs/method.md 12.1): custom kernels on a GPU, tensor operations on the
+//! CPU device.
 //!
 //! The table is read by `gather`; its backward pass is an atomic `scatter`. `select` would be shorter, but
-//! its backward pass runs one thread per table column: slow on a GPU, and wrong on drivers with a cap on
-//! loops.
+//! its backward pass runs one thread per table column: slow on a GPU, and wrong on drivers that limit loops.
 
 use burn::tensor::{Device, Int, Tensor, TensorData};
 
@@ -31,7 +30,7 @@ pub(super) fn hash_encode(points: &Tensor<2>, tables: &[Tensor<1>], levels: &[Le
     Tensor::cat(features.collect(), 1)
 }
 
-/// The constants 0 and 1 along the axes of the 8 corners of a cell, `[1, z 2, y 2, x 2]`.
+/// The constants 0 and 1 along the axes of a cell's 8 corners, `[1, z 2, y 2, x 2]`.
 struct Corners {
     offset: Tensor<1, Int>,
     feature: Tensor<3, Int>,
@@ -89,7 +88,7 @@ fn corner_weights(fraction: &Tensor<2>, axis: usize, shape: [usize; 4]) -> Tenso
     Tensor::cat(vec![f.clone().neg() + 1.0, f], 1).reshape(shape)
 }
 
-/// `a ^ b` after expansion of both to one shape.
+/// `a ^ b` with both expanded to one shape.
 fn broadcast_xor(a: Tensor<4, Int>, b: Tensor<4, Int>, shape: [usize; 4]) -> Tensor<4, Int> {
     a.expand(shape).bitwise_xor(b.expand(shape))
 }

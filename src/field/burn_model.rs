@@ -1,4 +1,4 @@
-//! The field as tensors: forward pass and losses of `SampleBatch`, differentiated by burn.
+//! The field as tensors: forward pass and losses of a `SampleBatch`, differentiated by burn.
 
 use burn::tensor::{
     Device, Tensor, TensorData,
@@ -13,7 +13,7 @@ use super::{FieldParams, GEOMETRY_OUTPUTS, LevelLayout, SampleBatch, VIEW_COEFFI
 #[derive(Clone, Debug)]
 pub(super) struct FieldShape {
     pub levels: Vec<LevelLayout>,
-    /// `[outputs, inputs]` of every layer, geometry then color.
+    /// `[outputs, inputs]` of every layer, geometry before color.
     pub layers: Vec<[usize; 2]>,
     pub geometry_layers: usize,
 }
@@ -29,8 +29,8 @@ impl FieldShape {
     }
 }
 
-/// Uploads one tensor per hash level, then weights and biases of every layer: their concatenation is the
-/// order of [`FieldParams::flatten`].
+/// Uploads one tensor per hash level, then weights and biases of every layer, in the order of
+/// [`FieldParams::flatten`].
 pub(super) fn upload_tensors(shape: &FieldShape, flat: &[f32], device: &Device) -> Vec<Tensor<1>> {
     let tables = shape.levels.iter().map(|l| l.entries * super::FEATURES);
     let layers = shape.layers.iter().flat_map(|[outputs, inputs]| [outputs * inputs, *outputs]);
@@ -68,25 +68,25 @@ pub(super) fn piece_losses(
     let sdf = sdf_loss(&tsdf, &float_tensor(piece.targets.clone(), [n, 4], &device))
         / (batch.rays * batch.samples_per_ray) as f32;
     let lit = piece.lit_rays.len() * piece.per_ray;
-    // The color network would get a tensor without rows.
+    // A color network without rows would be an error.
     if lit == 0 {
         return (sdf, Tensor::zeros([1], &device));
     }
-    // Lit samples come first (see `Piece`): the color network takes a rectangle of them.
+    // Lit samples come first (see `Piece`), so the color network gets a rectangle of them.
     let appearance = outputs.narrow(0, 0, lit).narrow(1, 1, GEOMETRY_OUTPUTS - 1);
     let inputs = Tensor::cat(vec![view_harmonics(batch, piece, &device), appearance], 1);
     let colors = sigmoid(network_outputs(inputs, color, color_shape));
     (sdf, color_loss(colors, batch, piece) / (3 * batch.rays) as f32)
 }
 
-/// Rows of one product; a layer is a batch of products.
-/// derived: the square root of a batch of 65,536: sums within and over the groups are equally long.
+/// Rows per product; a layer is computed as a batch of products.
+/// derived: the square root of a batch of 65,536, so that sums within and over groups are equally long
 const GROUP_ROWS: usize = 256;
 
 /// Layers with ReLU between them: `[points, inputs]` to `[points, outputs]`.
 ///
-/// The rows go in groups, and biases come as products: a gradient by a parameter is a sum over all rows. As
-/// one product or as a plain sum, few threads of a GPU would add them one after another.
+/// Rows are grouped and biases are products, because the gradient by a parameter is a sum over all rows: as
+/// one product or a plain sum, a few GPU threads would add them serially.
 fn network_outputs(x: Tensor<2>, params: &[Tensor<1>], shapes: &[[usize; 2]]) -> Tensor<2> {
     let [rows, inputs] = x.dims();
     let device = x.device();

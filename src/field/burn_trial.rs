@@ -1,18 +1,18 @@
-//! A small gradient as a test of a device.
+//! A small gradient that tests a device.
 //!
 //! Some drivers drop most of a sum without an error.
 
 use super::{FieldLosses, SampleBatch, SdfTarget};
 
-/// Rays of the trial.
+/// Rays of the trial batch.
 const RAYS: usize = 64;
-/// Samples on each.
+/// Samples per ray.
 const SAMPLES_PER_RAY: usize = 16;
-/// Largest difference of a loss, and of a gradient in the Euclidean norm, as a share of the expected one.
-/// chosen: far above rounding, far below the error of a wrong kernel
+/// Largest relative difference of a loss, and of the gradient in the Euclidean norm.
+/// chosen: far above rounding, far below the error of a faulty kernel
 const TOLERANCE: f64 = 0.01;
 
-/// Every kind of loss at points spread over the unit cube.
+/// A batch with every kind of loss at points all over the unit cube.
 pub(super) fn trial_batch() -> SampleBatch {
     let samples = RAYS * SAMPLES_PER_RAY;
     SampleBatch {
@@ -29,12 +29,12 @@ pub(super) fn trial_batch() -> SampleBatch {
     }
 }
 
-/// Number `i` of an even spread over `[0, 1)`: the fractional part of a multiple of `base`.
+/// Item `i` of a low-discrepancy sequence in `[0, 1)`: the fractional part of a multiple of `base`.
 fn spread(i: usize, base: f64) -> f32 {
     ((i + 1) as f64 * base).fract() as f32
 }
 
-/// Point `i` of an even spread over the unit cube, by the powers of 1 / x with x^4 = x + 1.
+/// Item `i` of a low-discrepancy sequence in the unit cube, by powers of 1 / x with x^4 = x + 1.
 fn spread_point(i: usize) -> [f32; 3] {
     [spread(i, 0.819_172_5), spread(i, 0.671_043_6), spread(i, 0.549_700_5)]
 }
@@ -48,7 +48,7 @@ fn trial_target(i: usize) -> SdfTarget {
     }
 }
 
-/// Where a device and the CPU engine differ.
+/// How a device disagrees with the CPU engine.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub(super) enum Disagreement {
     #[error("its {name} loss of a trial batch is {found:e}, {expected:e} on the CPU")]
@@ -57,7 +57,7 @@ pub(super) enum Disagreement {
     Gradient { apart: f64, length: f64 },
 }
 
-/// Compares losses and gradient of a device with those expected.
+/// Compares the losses and gradient of a device with the expected ones.
 ///
 /// # Errors
 /// The first difference.
@@ -66,7 +66,7 @@ pub(super) fn agree(
     expected: &(FieldLosses, Vec<f32>),
 ) -> Result<(), Disagreement> {
     for (name, a, b) in [("SDF", found.0.sdf, expected.0.sdf), ("color", found.0.color, expected.0.color)] {
-        // Negated, here and below: NaN differs.
+        // Negated, here and below, so that NaN counts as a difference.
         if !((a - b).abs() <= TOLERANCE * b.abs() + 1e-9) {
             return Err(Disagreement::Loss { name, found: a, expected: b });
         }

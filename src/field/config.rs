@@ -1,4 +1,4 @@
-//! Settings of the training of a field, and its errors.
+//! Settings and errors of training a field.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,13 +14,13 @@ pub struct TrainConfig {
     pub field: FieldConfig,
     /// Optimiser steps.
     pub steps: usize,
-    /// Rays a step.
+    /// Rays per step.
     pub rays: usize,
-    /// Samples of a ray spread over the occupied cells in front of the surface.
+    /// Samples per ray in the occupied cells in front of the surface.
     pub free_samples: usize,
-    /// Samples of a ray within the truncation of its surface.
+    /// Samples per ray within the truncation of the surface.
     pub band_samples: usize,
-    /// Share of background rays, past the object, if there are any.
+    /// Share of background rays (past the object), if there are any.
     pub background_share: f64,
     /// Largest distance of background rays from the object's mask, pixels.
     pub background_ring_px: usize,
@@ -28,43 +28,44 @@ pub struct TrainConfig {
     pub background: BackgroundLoss,
     /// Learning rate of the first step.
     pub learning_rate: f64,
-    /// Factor on the learning rate at the last step.
+    /// Factor on the learning rate reached at the last step.
     pub learning_rate_decay: f64,
-    /// Weight of the empty-space term.
+    /// Weight of the empty-space loss.
     pub empty_weight: f64,
-    /// Weight of the surface term, per squared truncation: the balance against empty space is then the same
-    /// at every truncation. The published 6000 a squared length of the normalized cube are 5.4 at the
+    /// Weight of the surface loss, in units of squared truncation: the balance with empty space is then
+    /// independent of the truncation. The published 6000, in units of the normalized cube, equal 5.4 at the
     /// published truncation of 0.03.
     pub surface_weight: f64,
-    /// Weight of the color term.
+    /// Weight of the color loss.
     pub color_weight: f64,
-    /// Share of the rays on the object with a color term.
+    /// Share of the object rays with a color loss.
     pub color_share: f64,
-    /// Sharpness of the bell of color weights along a ray: `sigmoid(a q) sigmoid(-a q)`, q in truncations.
+    /// Sharpness `a` of the color weights along a ray: `sigmoid(a q) sigmoid(-a q)`, q in truncations.
     pub color_sharpness: f64,
-    /// Truncation of the signed distance, meters; `None`: [`Self::derived_truncation_m`]. Not a setting: a
-    /// run has one truncation for fields and surfaces, `surface.truncation_m`.
+    /// Truncation of the signed distance, meters; `None`: [`Self::derived_truncation_m`]. This is not a
+    /// setting: `surface.truncation_m` sets it for fields and surfaces.
     #[serde(skip)]
     pub truncation_m: Option<f64>,
-    /// Whether the network learns a residual on the fused distances, in place of the whole distance.
+    /// Whether the network learns a residual on the fused distances instead of the distance itself.
     pub residual: bool,
-    /// Whether a ray teaches only its camera's side of the fused surface.
+    /// Whether a ray supervises only its camera's side of the fused surface.
     pub side_test: bool,
-    /// Initial TSDF of a fresh field, in truncations (the bias of the last geometry layer). Where
-    /// nothing was observed, the field stays near it. A residual starts from 0.
+    /// Initial TSDF of a new field, in truncations (bias of the last geometry layer). Unobserved space stays
+    /// near it. A residual starts from 0.
     pub initial_tsdf: f64,
-    /// Target distance of the surface term.
+    /// Target distance of the surface loss.
     pub distance: SurfaceDistance,
-    /// Whether surface terms lose weight with depth behind the surface: both sides of a thin wall survive.
+    /// Whether the surface loss fades with depth behind the surface, so that both sides of a thin wall
+    /// survive.
     pub behind_falloff: bool,
-    /// Whether surface terms are weighted by the expected noise and the pixel's weight.
+    /// Whether the surface loss is weighted by expected noise and pixel weight.
     pub noise_weights: bool,
-    /// Residuals beyond this many standard deviations lose their weight in the last part of the training; 0 =
-    /// never.
+    /// Residual at which readings lose their weight late in training, standard deviations; 0 = never.
     pub outlier_sigmas: f64,
-    /// Share of the steps after which outliers are looked for.
+    /// Share of the steps before outliers are determined.
     pub outlier_from: f64,
-    /// Depth noise. Not a setting: a run gives its measurement (`capture.noise`, `capture.measure_noise`).
+    /// Depth noise. This is not a setting: the run passes its measurement (`capture.noise`,
+    /// `capture.measure_noise`).
     #[serde(skip)]
     pub noise: NoiseConfig,
 }
@@ -73,16 +74,16 @@ pub struct TrainConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum BackgroundLoss {
-    /// Nothing: such rays are not sampled.
+    /// None: such rays are not sampled.
     Off,
-    /// The empty-space term: 1 everywhere (the paper, read with an infinite depth).
+    /// The empty-space loss, with value 1 everywhere (the paper, read with an infinite depth).
     Empty,
-    /// Not negative: weight 100, as the released code has it. Other than `Empty` it does not contradict
-    /// surfaces close to the ray.
+    /// The TSDF must not be negative; weight 100, as in the released code. Unlike `Empty`, it does not
+    /// contradict surfaces close to the ray.
     NonNegative,
 }
 
-/// Target distance of the surface term.
+/// Target distance of the surface loss.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SurfaceDistance {
@@ -90,11 +91,11 @@ pub enum SurfaceDistance {
     Depth,
     /// Along the ray (the paper).
     Ray,
-    /// To the plane of the observed surface: nearer to the true distance on surfaces seen at an angle.
+    /// To the plane of the observed surface: closest to the true distance for slanted surfaces.
     Plane,
 }
 
-/// Weight of the term on rays without a hit. derived: the weight in the released code
+/// Weight of the loss on rays without a hit. derived: the weight in the released code
 pub(super) const NON_NEGATIVE_WEIGHT: f64 = 100.0;
 
 impl Default for TrainConfig {
@@ -130,8 +131,8 @@ impl Default for TrainConfig {
 }
 
 impl TrainConfig {
-    /// The truncation in meters: the configured one, else the larger of 2 % of the object's longest side and
-    /// four times the median of the expected noise. (The published 3 cm suit objects of 1 to 2 m.)
+    /// The truncation, meters: as configured, or the larger of 2 % of the object's longest side and four
+    /// times the median expected noise. (The published 3 cm suit objects of 1 to 2 m.)
     #[must_use]
     pub fn derived_truncation_m(&self, scene: &SceneBox, median_sigma_m: f64) -> f64 {
         self.truncation_m.unwrap_or_else(|| (0.02 * scene.extent_m()).max(4.0 * median_sigma_m))
@@ -163,12 +164,12 @@ impl TrainConfig {
     }
 }
 
-/// Refuses a configured value out of its range.
+/// Checks that a value is within its range.
 pub(super) fn ensure_within(key: &'static str, value: f64, low: f64, high: f64) -> Result<(), FieldError> {
     if value >= low && value <= high { Ok(()) } else { Err(FieldError::Config { key, value, low, high }) }
 }
 
-/// Refuses shapes of a field out of their ranges.
+/// Checks that the shape of a field is within its ranges.
 pub(super) fn check_shape(f: &FieldConfig) -> Result<(), FieldError> {
     ensure_within("field.levels", f.levels as f64, 1.0, 32.0)?;
     ensure_within("field.base_resolution", f.base_resolution as f64, 2.0, 1024.0)?;
@@ -185,51 +186,51 @@ pub enum FieldError {
     Config {
         /// Key in the configuration.
         key: &'static str,
-        /// Its value.
+        /// Configured value.
         value: f64,
-        /// Smallest allowed.
+        /// Smallest allowed value.
         low: f64,
-        /// Largest allowed.
+        /// Largest allowed value.
         high: f64,
     },
-    /// No depth reading can be used.
+    /// There is no usable depth reading.
     #[error(
         "field: none of the {frames} frames has a usable depth reading on the object; check the mask, the \
          depth's unit and the scene cube (edge and grazing pixels are not used)"
     )]
     NoRays {
-        /// Frames given.
+        /// Number of given frames.
         frames: usize,
     },
-    /// A state was never seen.
+    /// No frame shows a state.
     #[error("field: state {state} has no frame that looks at the scene cube; check the cameras' poses")]
     NoViews {
-        /// 0 or 1.
+        /// Index of the state, 0 or 1.
         state: usize,
     },
-    /// More frames than a ray can name.
+    /// More frames than a ray can index.
     #[error("field: {frames} frames are too many, at most 65535; select fewer")]
     TooManyFrames {
-        /// Frames given.
+        /// Number of given frames.
         frames: usize,
     },
-    /// The optimisation ran away.
+    /// Training diverged.
     #[error(
         "the loss or a parameter is not a finite number after {step} steps; lower train.learning_rate, or \
          report this"
     )]
     NotFinite {
-        /// Steps done.
+        /// Number of steps done.
         step: usize,
     },
     /// A checkpoint belongs to other data or another configuration.
     #[error("field: the checkpoint has {found} {what}, this run {expected}; start again without it")]
     Checkpoint {
-        /// Name of the compared count.
+        /// Name of the count that differs.
         what: &'static str,
-        /// In the checkpoint.
+        /// Count in the checkpoint.
         found: usize,
-        /// In this run.
+        /// Count in this run.
         expected: usize,
     },
 }

@@ -1,7 +1,8 @@
-//! The field engine of the CPU: level-major hash encoding, blocks of whole rays, owner-computes scatter.
+//! The field engine on the CPU: hash encoding level by level, blocks of whole rays, one table owner per
+//! scatter.
 //!
-//! Results do not depend on the number of threads: work is cut into the same pieces whatever runs them, every
-//! piece is computed in order, and partial sums are added in the order of the pieces.
+//! Results do not depend on the number of threads: the work is always cut into the same pieces, each piece is
+//! computed in order, and partial sums are added in the order of the pieces.
 
 use std::sync::Mutex;
 
@@ -17,28 +18,28 @@ use super::{EngineState, FEATURES, FieldEngine, FieldLosses, FieldParams, Sample
 /// Phases of a step of [`CpuEngine`], in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StepPhase {
-    /// Samples with a loss are put into blocks.
+    /// Samples with a loss are arranged in blocks.
     Plan,
     /// Features are read from the hash grid.
     Encode,
-    /// Both networks run forward and backward, with the losses between.
+    /// Both networks run forward and backward, with the losses in between.
     Networks,
-    /// The features' gradient is added to the table's, and Adam moves the table.
+    /// The features' gradient is added to the table's, and Adam updates the table.
     Table,
-    /// Adam moves the networks' layers.
+    /// Adam updates the networks' layers.
     Layers,
 }
 
 /// Trains a field on the CPU.
 pub struct CpuEngine {
     learner: Learner,
-    /// Encoded features and their gradient; kept between steps for their memory.
+    /// Encoded features and their gradient, reused between steps.
     features: Vec<f32>,
     d_features: Vec<f32>,
 }
 
 impl CpuEngine {
-    /// Fresh moments on the fastest instruction set of this processor.
+    /// Starts with zero moments on the fastest instruction set.
     #[must_use]
     pub fn new(params: FieldParams) -> Self {
         let n = params.parameter_count();
@@ -48,28 +49,28 @@ impl CpuEngine {
     /// Continues from a checkpoint.
     ///
     /// # Panics
-    /// If the moments do not have the parameters' number.
+    /// If moments and parameters differ in number.
     #[must_use]
     pub fn resume(state: EngineState) -> Self {
         Self::with_instructions(state, InstructionSet::detect())
     }
 
-    /// As [`Self::resume`], on a chosen instruction set.
+    /// As [`Self::resume`], with a given instruction set.
     ///
     /// # Panics
-    /// If the moments do not have the parameters' number.
+    /// If moments and parameters differ in number.
     #[must_use]
     pub fn with_instructions(state: EngineState, isa: InstructionSet) -> Self {
         Self { learner: Learner::resume(state, isa), features: Vec::new(), d_features: Vec::new() }
     }
 
-    /// The parameters as they stand.
+    /// The current parameters.
     #[must_use]
     pub fn current_params(&self) -> &FieldParams {
         &self.learner.params
     }
 
-    /// As [`FieldEngine::train_step`]; `after` is called with every phase once it is done.
+    /// As [`FieldEngine::train_step`]; calls `after` at the end of every phase.
     pub fn step_by_phases(
         &mut self,
         batch: &SampleBatch,
@@ -100,7 +101,7 @@ impl CpuEngine {
         let d_rows = padded_rows(rows);
         self.d_features.resize(d_rows * columns, 0.0);
         let mut rest = self.d_features.as_mut_slice();
-        // Each group writes a piece of the gradient of its own.
+        // Each group writes its own part of the gradient.
         let mut tasks = Vec::with_capacity(plan.groups.len());
         for group in &plan.groups {
             let (own, others) = rest.split_at_mut(plan.group_columns(group).len() * d_rows);
@@ -110,7 +111,7 @@ impl CpuEngine {
         let context =
             StepContext { isa: self.learner.isa, batch, plan, network: &network, backward: &backward };
         let features = Columns { data: &self.features, stride: columns, rows };
-        // As many buffers as threads are at work, in place of one a group.
+        // One buffer per active thread instead of one per group.
         let pool = Mutex::new(Vec::new());
         let parts: Vec<_> = tasks
             .into_par_iter()
@@ -134,7 +135,7 @@ impl CpuEngine {
         (losses, gradient)
     }
 
-    /// Adds the table's gradient and lets Adam move the table.
+    /// Computes the table's gradient and updates the table with Adam.
     fn apply_table_gradient(&mut self, plan: &Plan, learning: Option<AdamStep>) {
         let blocks: Vec<_> = plan.blocks.iter().map(|b| b.start..b.start + b.cols).collect();
         let features =
@@ -143,8 +144,8 @@ impl CpuEngine {
     }
 }
 
-/// Forward and backward pass of a group of blocks; returns the losses and the layers' gradient, and writes
-/// the features' gradient block by block.
+/// Forward and backward pass of a group of blocks: writes the features' gradient block by block; returns the
+/// losses and the layers' gradient.
 fn train_group(
     context: &StepContext<'_>,
     blocks: &[Block],

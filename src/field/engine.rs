@@ -1,12 +1,12 @@
-//! The interface of all engines of the field networks: same parameters, same samples, same
-//! losses.
+//! Interface of the engines that train a field's networks: all take the same parameters and samples, and give
+//! the same losses.
 
 use serde::{Deserialize, Serialize};
 
 use super::{EngineError, FieldParams};
 
-/// Target of the network's output `s` at one sample, in truncation distances. For a network on the residual
-/// of a known distance, `value` is less this distance.
+/// Target of the network's output `s` at one sample, in truncations. For a network of residuals, `value` is
+/// reduced by the known distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SdfTarget {
     /// No supervision.
@@ -14,7 +14,7 @@ pub enum SdfTarget {
     /// Empty space in front of a surface: `weight * |s - value|` where `s < value`; `value` is 1:
     /// docs/method.md (12.4).
     Empty {
-        /// Lowest TSDF of empty space.
+        /// Least TSDF of empty space.
         value: f32,
         /// Loss weight.
         weight: f32,
@@ -22,7 +22,7 @@ pub enum SdfTarget {
     /// Near an observed surface: `weight * (s - value)^2` ("surface SDF"; `value = (depth - z) /
     /// truncation`).
     Surface {
-        /// Signed projective distance in truncation distances.
+        /// Signed projective distance, in truncations.
         value: f32,
         /// Loss weight.
         weight: f32,
@@ -30,14 +30,14 @@ pub enum SdfTarget {
     /// On a ray past the object: `weight * (s - value)^2` where `s < value`; `value` is `BACKGROUND_TSDF`
     /// ("background free space").
     Background {
-        /// Lowest TSDF of unfilled space.
+        /// Least TSDF of empty space.
         value: f32,
         /// Loss weight.
         weight: f32,
     },
 }
 
-/// TSDF target where a sample on an empty ray must stay above it: docs/method.md (12.6).
+/// Least TSDF of samples on a background ray: docs/method.md (12.6).
 /// derived: the value of the released program (docs/method.md 12.9)
 pub(crate) const BACKGROUND_TSDF: f32 = 0.001;
 
@@ -54,7 +54,7 @@ pub struct SampleBatch {
     pub targets: Vec<SdfTarget>,
     /// Color weight of every sample, normalised along its ray; all 0 on a ray without color loss.
     pub color_weights: Vec<f32>,
-    /// Unit view direction of every ray, world axes.
+    /// Unit view direction of every ray in world axes.
     pub directions: Vec<[f32; 3]>,
     /// Observed color of every ray in `[0, 1]`.
     pub colors: Vec<[f32; 3]>,
@@ -106,15 +106,14 @@ pub trait FieldEngine: Send {
     /// Everything a checkpoint needs.
     fn training_state(&self) -> EngineState;
 
-    /// Why the engine stopped working, if it did: its losses are NaN from then on and [`Self::training_state`] is of
-    /// no use.
+    /// Why the engine failed, if it did; its losses are NaN from then on.
     fn failure(&self) -> Option<&EngineError> {
         None
     }
 }
 
 impl FieldParams {
-    /// All parameters in one vector: table, then per layer of geometry and color its weights and biases.
+    /// All parameters in one vector: the table, then weights and biases of each layer, geometry before color.
     #[must_use]
     pub fn flatten(&self) -> Vec<f32> {
         let mut all = self.table.clone();
@@ -128,7 +127,7 @@ impl FieldParams {
     /// Sets all parameters from the order of [`Self::flatten`].
     ///
     /// # Panics
-    /// If `values` has another length than [`Self::flatten`] gives.
+    /// If `values` has the wrong length.
     pub fn assign_values(&mut self, values: &[f32]) {
         let mut rest = values;
         take_values(&mut rest, &mut self.table);
@@ -140,7 +139,7 @@ impl FieldParams {
     }
 }
 
-/// Moves the first values of `rest` to `target`, as many as it has.
+/// Fills `target` from the front of `rest`.
 fn take_values(rest: &mut &[f32], target: &mut [f32]) {
     let (head, tail) = rest.split_at(target.len());
     target.copy_from_slice(head);

@@ -1,17 +1,17 @@
-//! The fused distances of a state, as the training of its field asks them.
+//! The fused distances of a state, for training its field.
 
 use nalgebra::{Point3, Vector3};
 
 use geometry::Grid3;
 
-/// Share of the truncation; a larger fused distance means only a farther surface.
+/// Share of the truncation up to which fused distances are exact.
 ///
 /// chosen: one, less rounding
 const CUT: f32 = 0.999;
 
-/// Whether a view from `eye` (world) sees the surface from the side of a place, by the slope of the fused
-/// distances there (docs/method.md 3.4); true where they know no surface. Behind a wall thinner than
-/// the truncation its readings would push the other side outwards. `distance_m` is NaN where nothing was
+/// Whether a view from `eye` (world) sees the surface from the same side as a point, by the gradient of the
+/// fused distances (docs/method.md 3.4); true if no surface is near. Behind a wall thinner than the
+/// truncation, its readings would push the other side outwards. `distance_m` is NaN where nothing was
 /// observed.
 #[must_use]
 pub(super) fn sees_side(
@@ -23,19 +23,19 @@ pub(super) fn sees_side(
     let (distance_m, slope) = distance_m.sample_with_gradient(place);
     let near = distance_m.abs() < CUT * truncation_m as f32;
     let toward: Vector3<f32> = (eye - place).cast();
-    // Negated: an unknown slope is evidence for no side.
+    // Negated, so that an unknown gradient excludes no side.
     !near || !(slope.dot(&toward) < 0.0)
 }
 
-/// The distances in truncations, every unobserved node with the value of an observed one nearby, passed on
-/// from neighbor to neighbor; -1 without any observed node.
+/// The distances in truncations; unobserved nodes take the value of a nearby observed one, by propagation
+/// between neighbors. All -1 without observed nodes.
 #[must_use]
 pub(super) fn extended_distances(distance_m: &Grid3<f32>, truncation_m: f64) -> Grid3<f32> {
     let values = distance_m.values.iter().map(|d| d / truncation_m as f32).collect();
     let mut grid =
         Grid3 { origin: distance_m.origin, spacing_m: distance_m.spacing_m, dims: distance_m.dims, values };
     let [nx, ny, nz] = grid.dims;
-    // Breadth first, from the nodes in their order: nearest first, and the same for any number of threads.
+    // Breadth first in order of the nodes: nearest first, and independent of the number of threads.
     let mut front: Vec<usize> = (0..grid.values.len()).filter(|&i| grid.values[i].is_finite()).collect();
     while !front.is_empty() {
         let mut next = Vec::new();

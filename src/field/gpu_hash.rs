@@ -1,4 +1,4 @@
-//! The hash encoding as one differentiable operation on a GPU, in place of a dozen tensor operations a level.
+//! The hash encoding as one differentiable GPU operation, instead of a dozen tensor operations per level.
 
 use burn::{
     backend::{
@@ -45,7 +45,7 @@ trait HashLevel: Backend {
         level: LevelLayout,
     ) -> FloatTensor<Self>;
 
-    /// Gradient `[2 entries]` by the table from the one `[points, 2]` by the features.
+    /// Gradient `[2 entries]` by the table from the gradient `[points, 2]` by the features.
     #[fusion(dtype = gradient, shape = Shape::new([FEATURES * level.entries]))]
     fn hash_scatter(
         points: FloatTensor<Self>,
@@ -56,7 +56,7 @@ trait HashLevel: Backend {
 
 impl HashLevel for CubeBackend {
     fn hash_encode(points: CubeTensor, table: CubeTensor, level: LevelLayout) -> CubeTensor {
-        // The kernels number rows by themselves; a view with strides would break this.
+        // The kernels index rows directly and would misread a strided view.
         let points = into_contiguous(points);
         let table = into_contiguous(table);
         let count = points.meta.shape()[0];
@@ -69,8 +69,8 @@ impl HashLevel for CubeBackend {
         );
         let dim = CubeDim::new(&client, count);
         let cubes = calculate_cube_count_elemwise(&client, count, dim);
-        // SAFETY: the kernel ends threads beyond the points; nodes of points in the unit cube are inside the
-        // table; `check_shape` has checked it against the level.
+        // SAFETY: threads beyond the points return early; nodes of points in the unit cube lie inside the
+        // table, whose size `check_shape` has verified.
         unsafe {
             gpu_kernels::encode::launch_unchecked(
                 &client,
@@ -143,7 +143,7 @@ impl<B: Backend + HashLevel, C: CheckpointStrategy> HashLevel for Autodiff<B, C>
         table: FloatTensor<Self>,
         level: LevelLayout,
     ) -> FloatTensor<Self> {
-        // No gradient by the points: they are samples, and nothing learns them.
+        // The points are samples and need no gradient.
         let points = points.into_primitive();
         match Scatter.prepare::<C>([table.node()]).compute_bound().stateful() {
             OpsKind::Tracked(tracked) => {
@@ -156,7 +156,7 @@ impl<B: Backend + HashLevel, C: CheckpointStrategy> HashLevel for Autodiff<B, C>
         }
     }
 
-    /// Not differentiable itself: no loss has second derivatives.
+    /// Not differentiable itself, as no loss needs second derivatives.
     fn hash_scatter(
         points: FloatTensor<Self>,
         gradient: FloatTensor<Self>,

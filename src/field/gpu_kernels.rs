@@ -1,4 +1,4 @@
-//! Kernels of one level of the hash grid on a GPU: a thread a point (docs/method.md 12.1).
+//! GPU kernels for one level of the hash grid, with one thread per point (docs/method.md 12.1).
 
 use cubecl::prelude::*;
 
@@ -6,7 +6,7 @@ use cubecl::prelude::*;
 const PRIME_Y: u32 = 2_654_435_761;
 const PRIME_Z: u32 = 805_459_861;
 
-/// A point in a level's grid: the cell it is in and where in the cell.
+/// The cell of a point in a level's grid, and the position within the cell.
 #[derive(CubeType)]
 struct Place {
     x: u32,
@@ -40,11 +40,11 @@ fn place(points: &Tensor<f32>, scale: f32) -> Place {
 #[cube]
 fn weight(fraction: f32, upper: u32) -> f32 {
     let upper = f32::cast_from(upper);
-    // Without a branch: neighboring threads stay together.
+    // Branch-free, to keep neighboring threads together.
     1.0 - upper + (2.0 * upper - 1.0) * fraction
 }
 
-/// First float of the entry of a node.
+/// Index of the first float of a node's entry.
 #[cube]
 fn first_float(x: u32, y: u32, z: u32, resolution: u32, mask: u32, #[comptime] hashed: bool) -> usize {
     if hashed {
@@ -54,7 +54,7 @@ fn first_float(x: u32, y: u32, z: u32, resolution: u32, mask: u32, #[comptime] h
     }
 }
 
-/// A node around a place: its share, and the first float of its entry.
+/// A node around a point: its weight, and the index of its entry's first float.
 #[derive(CubeType)]
 struct Node {
     weight: f32,
@@ -81,7 +81,7 @@ pub(super) fn encode(
     mask: u32,
     #[comptime] hashed: bool,
 ) {
-    // The last block of threads reaches beyond the points.
+    // The last block of threads extends beyond the points.
     if ABSOLUTE_POS >= points.shape(0) {
         terminate!();
     }
@@ -98,7 +98,7 @@ pub(super) fn encode(
     features[ABSOLUTE_POS * 2 + 1] = second;
 }
 
-/// Adds the gradient `[points, 2]` by the features to the gradient `[2 entries]` by the table.
+/// Adds the gradient by the features, `[points, 2]`, to the gradient by the table, `[2 entries]`.
 #[cube(launch_unchecked)]
 pub(super) fn scatter(
     points: &Tensor<f32>,
@@ -118,7 +118,7 @@ pub(super) fn scatter(
     #[unroll]
     for corner in 0..8u32 {
         let n = node(&p, corner, resolution, mask, hashed);
-        // Threads of several points meet at one node.
+        // Several points may share a node.
         table[n.at].fetch_add(n.weight * first);
         table[n.at + 1].fetch_add(n.weight * second);
     }

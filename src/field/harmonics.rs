@@ -36,8 +36,9 @@ pub fn view_coefficients<T: RealField + Copy>([x, y, z]: [T; 3]) -> [T; VIEW_COE
     ]
 }
 
-/// Gradient by the direction of a value with the gradient `by_coefficients` by [`view_coefficients`], as
-/// polynomials in three free coordinates; only its part across the direction has a meaning.
+/// Gradient by the direction, given the gradient `by_coefficients` of a value by [`view_coefficients`]. The
+/// polynomials are differentiated in three free coordinates, so only the part perpendicular to the direction
+/// is meaningful.
 #[must_use]
 pub(super) fn view_gradient([x, y, z]: [f64; 3], by_coefficients: &[f64; VIEW_COEFFICIENTS]) -> [f64; 3] {
     let xx = x * x;

@@ -1,7 +1,7 @@
-//! The parameters of one field while they are trained: reading the hash grid, adding to its gradient, Adam.
+//! The parameters of a field during training: reading the hash grid, accumulating its gradient, Adam.
 //!
-//! Results do not depend on the number of threads: work is cut into the same pieces whatever runs them, and
-//! every piece is computed in order.
+//! Results do not depend on the number of threads: the work is always cut into the same pieces, each computed
+//! in order.
 
 use std::ops::Range;
 
@@ -11,14 +11,14 @@ use super::matrix::{NetworkGradient, padded_rows};
 use super::simd::{AdamStep, InstructionSet, LevelGeometry, PointColumns};
 use super::{EngineState, FEATURES, FieldParams};
 
-/// Points of one level in one task.
+/// Points of one level per task.
 const ENCODE_POINTS: usize = 8192;
-/// Table floats with one flag for moments of 0; see [`update_table`].
+/// Number of table floats per flag for zero moments; see [`update_table`].
 const CHUNK: usize = 128;
-/// Floats of a level updated by one task.
+/// Number of floats of a level that one task updates.
 const UPDATE_FLOATS: usize = 1024 * CHUNK;
 
-/// Parameters, moments and the table's gradient of one field.
+/// Parameters, moments and table gradient of a field.
 pub(super) struct Learner {
     pub isa: InstructionSet,
     pub params: FieldParams,
@@ -26,7 +26,7 @@ pub(super) struct Learner {
     second: Vec<f32>,
     /// Gradient of the table; all 0 between steps.
     table_gradient: Vec<f32>,
-    /// Chunks of the table reached by a gradient.
+    /// Per chunk of the table, whether it ever received a gradient.
     awake: Vec<bool>,
     steps: u64,
 }
@@ -44,7 +44,7 @@ impl Learner {
     /// Continues from a checkpoint on a chosen instruction set.
     ///
     /// # Panics
-    /// If the moments do not have the parameters' number.
+    /// If moments and parameters differ in number.
     pub(crate) fn resume(state: EngineState, isa: InstructionSet) -> Self {
         let EngineState { params, first, second, steps } = state;
         let n = params.parameter_count();
@@ -55,7 +55,7 @@ impl Learner {
             second.len()
         );
         let floats = params.table.len();
-        // A checkpoint has no such flags; moments show where a gradient was.
+        // Checkpoints hold no flags; nonzero moments show which chunks received a gradient.
         let mut awake = Vec::new();
         for l in &params.levels {
             let range = l.offset..l.offset + l.entries * FEATURES;
@@ -65,7 +65,7 @@ impl Learner {
         Self { isa, params, table_gradient: vec![0.0; floats], awake, first, second, steps }
     }
 
-    /// The state for [`Self::resume`].
+    /// The state, as taken by [`Self::resume`].
     pub(crate) fn training_state(&self) -> EngineState {
         EngineState {
             params: self.params.clone(),
@@ -75,7 +75,7 @@ impl Learner {
         }
     }
 
-    /// Counts a step; its coefficients are `step_of(number)`, numbers from 1.
+    /// Counts a step; its coefficients are `step_of(number)`, starting from 1.
     pub(crate) fn begin_step(&mut self, step_of: impl FnOnce(u64) -> AdamStep) -> AdamStep {
         self.steps += 1;
         step_of(self.steps)
@@ -88,7 +88,7 @@ impl Learner {
         if columns == 0 {
             return;
         }
-        // Level by level: one table stays in the cache while many points read it.
+        // Level by level, so that one table stays in the cache for many points.
         let tasks: Vec<_> = features
             .chunks_exact_mut(FEATURES * columns)
             .zip(&self.params.levels)
@@ -107,13 +107,13 @@ impl Learner {
         });
     }
 
-    /// Adds the table's gradient, every level by one task, and lets Adam move the table.
+    /// Computes the table's gradient, one task per level, and updates the table with Adam.
     pub(crate) fn scatter_gradient(&mut self, features: FeatureGradient<'_>, learning: Option<AdamStep>) {
         let d_rows = padded_rows(FEATURES * self.params.levels.len());
         let isa = self.isa;
         let sizes: Vec<usize> = self.params.levels.iter().map(|l| l.entries * FEATURES).collect();
         let chunks: Vec<usize> = sizes.iter().map(|s| s.div_ceil(CHUNK)).collect();
-        // One task a level adds to its table: additions need no atomics and keep their order.
+        // One task per level, so additions need no atomics and keep their order.
         let gradients = split_by_sizes(&mut self.table_gradient, &sizes);
         let table = split_by_sizes(&mut self.params.table, &sizes);
         let first = split_by_sizes(&mut self.first, &sizes);
@@ -122,7 +122,7 @@ impl Learner {
         let tables = table.into_iter().zip(first).zip(second).zip(awake);
         let mut levels: Vec<_> = self.params.levels.iter().enumerate().zip(gradients).zip(tables).collect();
         levels.reverse(); // fine levels take longest
-        // One level a task: several large ones in one piece of work would leave threads idle.
+        // One level per task: several large ones together would leave threads idle.
         levels.into_par_iter().with_max_len(1).for_each(
             |(((l, layout), gradient), (((table, first), second), awake))| {
                 let level = LevelGeometry::new(layout);
@@ -140,7 +140,7 @@ impl Learner {
         );
     }
 
-    /// Adam on the layers.
+    /// Adam update of the layers.
     pub(crate) fn update_layers(&mut self, step: AdamStep, gradient: &NetworkGradient) {
         let mut gradient = gradient.unpadded_values(&self.params);
         let floats = self.params.table.len();
@@ -159,8 +159,7 @@ impl Learner {
         }
     }
 
-    /// The whole gradient in the order of [`FieldParams::flatten`]; the table's is cleared, as a step expects
-    /// it.
+    /// The whole gradient in the order of [`FieldParams::flatten`]; the table's gradient is reset to 0.
     pub(crate) fn take_gradient(&mut self, layers: &NetworkGradient) -> Vec<f32> {
         let mut all = self.table_gradient.clone();
         self.table_gradient.fill(0.0);
@@ -169,7 +168,7 @@ impl Learner {
     }
 }
 
-/// Cuts the front of a slice into pieces of the given sizes.
+/// Splits the front of a slice into pieces of the given sizes.
 fn split_by_sizes<'a, T>(mut rest: &'a mut [T], sizes: &[usize]) -> Vec<&'a mut [T]> {
     let mut pieces = Vec::with_capacity(sizes.len());
     for &size in sizes {
@@ -180,10 +179,10 @@ fn split_by_sizes<'a, T>(mut rest: &'a mut [T], sizes: &[usize]) -> Vec<&'a mut 
     pieces
 }
 
-/// Adam on the table of one level.
+/// Adam update of the table of one level.
 ///
-/// This is dense Adam: every entry moves by its momentum in every step. Chunks never reached by a gradient
-/// have moments of 0 and would not move: they are skipped without a change of any bit.
+/// This is dense Adam: momentum moves every entry in every step. Chunks that never received a gradient have
+/// zero moments; skipping them changes no bit.
 fn update_table(
     isa: InstructionSet,
     step: AdamStep,

@@ -5,8 +5,8 @@
 //! use field::{FieldConfig, FieldParams};
 //! use numeric::random::stage_rng;
 //!
-//! let params = FieldParams::init(&FieldConfig::default(), &mut stage_rng(0, "field", 0));
-//! assert!(params.parameters() > 0);
+//! let params = FieldParams::random_params(&FieldConfig::default(), &mut stage_rng(0, "field", 0));
+//! assert!(params.parameter_count() > 0);
 //! ```
 
 mod block;

@@ -21,7 +21,7 @@ pub(super) struct Matrix {
 }
 
 impl Matrix {
-    /// A layer, its outputs padded to tiles, its inputs to `inputs`.
+    /// A layer with outputs padded to whole tiles and inputs padded to `inputs`.
     pub(crate) fn packed_layer(layer: &Layer, inputs: usize) -> Self {
         let outputs = padded_rows(layer.outputs);
         let mut weights = vec![0.0; outputs * inputs];
@@ -33,7 +33,7 @@ impl Matrix {
         Self { outputs, inputs, weights, biases: Some(biases) }
     }
 
-    /// The transposed weights from input row `from` on, without biases, to carry gradients back.
+    /// The transposed weights from input row `from` on, without biases, for the backward pass.
     pub(crate) fn transposed(&self, from: usize) -> Self {
         let outputs = padded_rows(self.inputs - from);
         let mut weights = vec![0.0; outputs * self.outputs];
@@ -99,22 +99,22 @@ impl Network {
         }
     }
 
-    /// Rows of hidden activations.
+    /// Number of rows of hidden activations.
     pub(crate) fn hidden_rows(&self) -> usize {
         self.geometry[0].outputs
     }
 }
 
-/// The transposes for the backward pass.
+/// The transposed layers for the backward pass.
 pub(super) struct BackwardNetwork {
     pub geometry: [Matrix; 2],
-    /// The first carries gradients to the color network's inputs from the first with a gradient.
+    /// The first one carries gradients to the color network's inputs from `from` on.
     pub color: [Matrix; 3],
 }
 
 impl BackwardNetwork {
-    /// `from` is the first input of the color network with a gradient: [`VIEW_COEFFICIENTS`] where view
-    /// directions are given and nothing is carried back to them, else 0.
+    /// `from` is the first input of the color network that needs a gradient: [`VIEW_COEFFICIENTS`] if view
+    /// directions are given, else 0.
     pub(crate) fn packed_transposes(network: &Network, from: usize) -> Self {
         let g = &network.geometry;
         let c = &network.color;

@@ -1,4 +1,4 @@
-//! A trained field as other stages ask it: signed distances and colors at world points.
+//! Queries of a trained field: signed distances and colors at world points.
 
 use std::sync::Arc;
 
@@ -14,12 +14,12 @@ use super::{FEATURES, FieldParams, GEOMETRY_OUTPUTS, VIEW_COEFFICIENTS};
 use geometry::{Grid3, SceneBox};
 use surface::{ColorField, ColorSample, TriangleMesh};
 
-/// Points of one task.
+/// Points per task.
 const CHUNK: usize = 512;
-/// Features of the geometry network for the color network.
+/// Number of geometry outputs passed to the color network.
 const COLOR_FEATURES: usize = GEOMETRY_OUTPUTS - 1;
 
-/// A frozen field of one state.
+/// The trained field of one state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ObjectField {
     /// Parameters of the hash grid and the networks.
@@ -28,13 +28,13 @@ pub struct ObjectField {
     pub scene: SceneBox,
     /// Unit of the network's TSDF, meters.
     pub truncation_m: f64,
-    /// Base of the network's TSDF, in truncations; none for a network on the whole distance.
+    /// Base of the network's TSDF, in truncations; `None` if the network gives the whole distance.
     pub base: Option<Arc<Grid3<f32>>>,
 }
 
 impl ObjectField {
-    /// Projective signed distance in meters, negative inside, at world points. Beyond the truncation the
-    /// value only gives the sign; it is not cut.
+    /// Projective signed distance at world points, meters, negative inside. Beyond the truncation only the
+    /// sign is meaningful; the value is not clamped.
     #[must_use]
     pub fn signed_distances_m(&self, points: &[Point3<f64>]) -> Vec<f32> {
         let query = Query::new(self);
@@ -44,7 +44,7 @@ impl ObjectField {
     /// Colors in `[0, 1]` at world points seen along unit world directions.
     ///
     /// # Panics
-    /// If there is not one direction a point.
+    /// If points and directions differ in number.
     #[must_use]
     pub fn view_colors(&self, points: &[Point3<f64>], directions: &[Vector3<f64>]) -> Vec<[f32; 3]> {
         assert_eq!(points.len(), directions.len(), "one direction a point");
@@ -53,7 +53,7 @@ impl ObjectField {
         chunks.map(|(points, directions)| query.chunk_colors(points, directions)).collect::<Vec<_>>().concat()
     }
 
-    /// Colors a mesh in the world as seen along the inward normals.
+    /// Colors a world mesh as seen along its inward normals.
     pub fn paint_mesh(&self, mesh: &mut TriangleMesh) {
         let mut normals = vec![Vector3::<f64>::zeros(); mesh.vertices.len()];
         for t in 0..mesh.triangles.len() {
@@ -70,8 +70,8 @@ impl ObjectField {
             .collect();
     }
 
-    /// Signed distances in meters, cut to `+-truncation_m`, at the nodes of a grid like `template` with a
-    /// world position `inside`; `+truncation_m` at all other nodes.
+    /// Signed distances, meters, clamped to `+-truncation_m`, at the nodes of a grid like `template` whose
+    /// world position passes `inside`; `+truncation_m` at the other nodes.
     #[must_use]
     pub fn tsdf_grid<T>(
         &self,
@@ -84,7 +84,7 @@ impl ObjectField {
         let limit = self.truncation_m as f32;
         let [nx, ny, nz] = template.dims;
         let mut values = vec![limit; nx * ny * nz];
-        // A slab at a time bounds the memory of the positions.
+        // Slab by slab, to bound the memory for positions.
         for (z, out) in values.chunks_mut(nx * ny).enumerate() {
             let (nodes, points): (Vec<usize>, Vec<Point3<f64>>) = (0..nx * ny)
                 .into_par_iter()
@@ -111,7 +111,7 @@ impl ColorField for ObjectField {
     }
 }
 
-/// A field packed for the kernels.
+/// A field with layers packed for the kernels.
 struct Query<'a> {
     isa: InstructionSet,
     field: &'a ObjectField,
@@ -120,7 +120,7 @@ struct Query<'a> {
     features: Matrix,
 }
 
-/// Activations of one chunk of points; `cols` columns a row.
+/// Activations for one chunk of points; rows have `cols` columns.
 struct Buffers {
     cols: usize,
     axes: [Vec<f32>; 3],
@@ -136,7 +136,7 @@ impl Buffers {
     fn new(query: &Query<'_>, points: &[Point3<f64>]) -> Self {
         let cols = points.len().next_multiple_of(COLUMN_ALIGN);
         let hidden = query.network.hidden_rows();
-        // Padding columns need some place in the cube.
+        // Padding columns need some point in the cube.
         let mut axes = [(); 3].map(|()| vec![0.5; cols]);
         for (i, p) in points.iter().enumerate() {
             let n = query.field.scene.normalise(p);
@@ -164,8 +164,8 @@ impl Buffers {
         PointColumns { x: &self.axes[0], y: &self.axes[1], z: &self.axes[2] }
     }
 
-    /// Color of a point and its derivative; `slopes` are derivatives of the values before the sigmoid by unit
-    /// coordinates; a meter has `scale` of them.
+    /// Color of a point and its derivative, from the derivatives `slopes` of the values before the sigmoid by
+    /// unit coordinates; one meter is `scale` unit coordinates.
     fn color_sample(&self, point: usize, slopes: &[Vec<f32>; 3], scale: f32) -> ColorSample {
         let rgb = Vector3::from_fn(|c, _| self.rgb[c * self.cols + point]);
         let jacobian =
@@ -218,7 +218,7 @@ impl<'a> Query<'a> {
         (0..points.len()).map(|i| b.color_sample(i, &slopes, scale)).collect()
     }
 
-    /// Table of a level.
+    /// The table of a level.
     fn level_table(&self, level: usize) -> (LevelGeometry, &[f32]) {
         let layout = &self.field.params.levels[level];
         (
@@ -239,7 +239,7 @@ impl<'a> Query<'a> {
         self.run_geometry_network(b);
     }
 
-    /// As [`Self::geometry`]; also the outputs' derivatives by the three unit coordinates.
+    /// As [`Self::run_geometry_network`], with the outputs' derivatives by the three unit coordinates.
     fn geometry_with_tangents(&self, b: &mut Buffers) -> [Vec<f32>; 3] {
         let cols = b.cols;
         let mut encoded = std::mem::take(&mut b.encoded);
@@ -258,7 +258,7 @@ impl<'a> Query<'a> {
         }
         b.encoded = encoded;
         self.run_geometry_network(b);
-        // Forward mode: three tangents, one a coordinate, go with the value through both layers.
+        // Forward mode: tangents along the three coordinates pass through both layers with the value.
         slopes.map(|slope| {
             let mut hidden = vec![0.0; b.hidden.len()];
             self.network.geometry[0].apply_linear(
@@ -339,10 +339,11 @@ impl<'a> Query<'a> {
         self.isa.sigmoid(&mut b.rgb);
     }
 
-    /// Derivatives of the three channels before the logistic function, given those of the geometry's outputs.
+    /// Derivatives of the three channels before the logistic function, given the derivatives of the geometry
+    /// outputs.
     fn color_tangent(&self, b: &Buffers, outputs: &[f32]) -> Vec<f32> {
         let cols = b.cols;
-        // The view direction is held: derivatives are by position alone.
+        // The view direction is fixed: derivatives are by position alone.
         let mut first = vec![0.0; b.first.len()];
         let mut second = vec![0.0; b.second.len()];
         let mut rgb = vec![0.0; b.rgb.len()];

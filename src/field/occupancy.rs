@@ -1,13 +1,13 @@
-//! Cells of the scene cube near surface: rays are only sampled there (docs/method.md 12.2).
+//! Cells of the scene cube near surfaces; rays are sampled only there (docs/method.md 12.2).
 
 use nalgebra::{Point3, Vector3};
 
 use geometry::SceneBox;
 
-/// Cells along a side at most.
+/// Most cells along a side.
 const MAX_CELLS: usize = 512;
 
-/// A bit for every cell of a regular division of the scene cube.
+/// One bit per cell of a regular grid over the scene cube.
 #[derive(Clone, Debug)]
 pub struct Occupancy {
     scene: SceneBox,
@@ -16,9 +16,9 @@ pub struct Occupancy {
 }
 
 impl Occupancy {
-    /// The cells of about `cell_m` meters with one of the world points, and all within `reach` cells of them.
-    /// Points of all states belong here: all fields are defined wherever the object ever was. Cells are
-    /// larger than asked if the cube would have more than 512 along a side.
+    /// Marks the cells, of about `cell_m` meters, with one of the world points, and all cells within `reach`.
+    /// Pass the points of all states: every field is defined wherever the object ever was. Cells are larger
+    /// than requested if the cube would have more than 512 along a side.
     #[must_use]
     pub fn new<'a>(
         scene: &SceneBox,
@@ -33,14 +33,14 @@ impl Occupancy {
                 seeds.occupy_cell(c);
             }
         }
-        // A cube of cells is separable: spread along one axis after the other.
+        // Dilation by a cube is separable by axis.
         for axis in 0..3 {
             seeds = seeds.dilated_along(axis, reach);
         }
         seeds
     }
 
-    /// Every cell spread along one axis.
+    /// Dilates every cell along one axis.
     fn dilated_along(&self, axis: usize, reach: usize) -> Self {
         let mut out = self.clone();
         for (word, &bits) in self.bits.iter().enumerate() {
@@ -66,7 +66,7 @@ impl Occupancy {
         inside.then(|| [n.x as usize, n.y as usize, n.z as usize])
     }
 
-    /// World coordinates to cells.
+    /// Converts world coordinates to cells.
     fn in_cells(&self, point: &Point3<f64>) -> Point3<f64> {
         Point3::from((self.scene.normalise(point).coords.add_scalar(1.0)) * (0.5 * self.cells as f64))
     }
@@ -97,8 +97,8 @@ impl Occupancy {
         self.bits.iter().map(|b| f64::from(b.count_ones())).sum::<f64>() / self.cells.pow(3) as f64
     }
 
-    /// The intervals of `t` in `[from, to]` with `origin + t direction` (world) in occupied cells, ascending,
-    /// adjacent ones joined, into `out`.
+    /// Writes to `out` the intervals of `t` in `[from, to]` with `origin + t direction` (world) in occupied
+    /// cells: ascending, with adjacent ones joined.
     pub fn occupied_intervals(
         &self,
         origin: &Point3<f64>,
@@ -111,7 +111,7 @@ impl Occupancy {
         let o = self.in_cells(origin);
         let d = direction * (0.5 * self.scene.scale * self.cells as f64);
         let side = self.cells as f64;
-        // Where the ray is in the cube.
+        // Range of the ray inside the cube.
         let mut enter = from;
         let mut leave = to;
         for k in 0..3 {
@@ -126,11 +126,11 @@ impl Occupancy {
             enter = enter.max(a.min(b));
             leave = leave.min(a.max(b));
         }
-        // `partial_cmp` also ends rays of NaN.
+        // `partial_cmp` also ends rays with NaN.
         if enter.partial_cmp(&leave) != Some(std::cmp::Ordering::Less) {
             return;
         }
-        // From cell to cell, by the nearest border (Amanatides and Woo 1987).
+        // Cell by cell along the nearest boundary (Amanatides and Woo 1987).
         let mut cell = [0usize; 3];
         let mut next = [f64::INFINITY; 3];
         let mut step = [f64::INFINITY; 3];
@@ -150,7 +150,7 @@ impl Occupancy {
             let end = next[axis].min(leave);
             if self.is_occupied(cell) && end > t {
                 match out.last_mut() {
-                    // Equal bit for bit: this interval begins at the end of the last one.
+                    // Exact equality: this interval begins where the last one ended.
                     Some(last) if last.1 == t => last.1 = end,
                     _ => out.push((t, end)),
                 }

@@ -1,4 +1,4 @@
-//! Shape and parameters of an object field: one flat layout for all engines.
+//! Shape and parameters of an object field, in one flat layout for all engines.
 
 use rand_core::Rng;
 use serde::{Deserialize, Serialize};
@@ -7,13 +7,13 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FieldConfig {
-    /// Number of hash grid levels, each with two features an entry.
+    /// Number of hash grid levels, with two features per entry.
     pub levels: usize,
     /// Nodes along one side at the coarsest level.
     pub base_resolution: usize,
     /// Nodes along one side at the finest level.
     pub finest_resolution: usize,
-    /// Base-2 logarithm of the largest number of entries of one level.
+    /// Base-2 logarithm of the largest number of entries per level.
     pub log2_table_size: u32,
     /// Width of every hidden layer.
     pub hidden: usize,
@@ -25,11 +25,11 @@ impl Default for FieldConfig {
     }
 }
 
-/// Number of features an entry of the hash grid holds.
+/// Number of features per entry of the hash grid.
 pub const FEATURES: usize = 2;
-/// Geometry outputs: one TSDF value (in truncation distances, positive outside) and 15 features.
+/// Number of geometry outputs: one TSDF value (in truncations, positive outside) and 15 features.
 pub const GEOMETRY_OUTPUTS: usize = 16;
-/// Real spherical harmonics coefficients of the view direction (bands 0 to 3).
+/// Number of spherical harmonics of the view direction (bands 0 to 3).
 pub const VIEW_COEFFICIENTS: usize = 16;
 
 /// One level of the hash grid.
@@ -37,9 +37,9 @@ pub const VIEW_COEFFICIENTS: usize = 16;
 pub struct LevelLayout {
     /// `position = unit * scale + 0.5`, with unit coordinates in `[0, 1]`.
     pub scale: f32,
-    /// Nodes along one side (`ceil(scale) + 2`: the cell of every position has its upper nodes).
+    /// Nodes along one side (`ceil(scale) + 2`, so that every cell has its upper nodes).
     pub resolution: usize,
-    /// Entries of the level's table; a dense level strides by `resolution`, a hashed one by the spatial hash.
+    /// Number of table entries; a dense level is addressed by `resolution`, a hashed one by the spatial hash.
     pub entries: usize,
     /// Whether entries are addressed by hash.
     pub hashed: bool,
@@ -61,7 +61,7 @@ pub struct Layer {
 }
 
 impl Layer {
-    /// A fresh layer, uniform in `+-1/sqrt(inputs)`.
+    /// A random layer, uniform in `+-1/sqrt(inputs)`.
     fn random(inputs: usize, outputs: usize, rng: &mut impl Rng) -> Self {
         let bound = 1.0 / (inputs as f32).sqrt();
         let weights = (0..inputs * outputs).map(|_| uniform_float(rng, bound)).collect();
@@ -70,21 +70,21 @@ impl Layer {
     }
 }
 
-/// All parameters of one field.
+/// All parameters of a field.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FieldParams {
     /// Levels, coarse to fine.
     pub levels: Vec<LevelLayout>,
-    /// Hash grid features: per level, per entry, [`FEATURES`] floats.
+    /// Hash grid: per level and entry, [`FEATURES`] floats.
     pub table: Vec<f32>,
     /// `2 levels -> hidden (ReLU) -> 16`: TSDF and 15 features.
     pub geometry: Vec<Layer>,
-    /// `[view coefficients 16, features 15] -> hidden (ReLU) -> hidden (ReLU) -> 3`, sigmoid outside.
+    /// `[view coefficients 16, features 15] -> hidden (ReLU) -> hidden (ReLU) -> 3`, followed by a sigmoid.
     pub color: Vec<Layer>,
 }
 
 impl FieldParams {
-    /// Fresh parameters: table uniform in `+-1e-4`, layers uniform in `+-1/sqrt(inputs)`.
+    /// Random initial parameters: table uniform in `+-1e-4`, layers uniform in `+-1/sqrt(inputs)`.
     #[must_use]
     pub fn random_params(config: &FieldConfig, rng: &mut impl Rng) -> Self {
         let levels = level_layouts(config);
@@ -113,11 +113,12 @@ impl FieldParams {
 
 /// Uniform in `[-bound, bound)`.
 fn uniform_float(rng: &mut impl Rng, bound: f32) -> f32 {
-    // 24 bits: exact in a single float.
+    // 24 bits are exact in a single float.
     ((rng.next_u32() >> 8) as f32 / (1u32 << 23) as f32 - 1.0) * bound
 }
 
-/// Level resolutions grow geometrically from base to finest; a level with all nodes in the table is dense.
+/// Resolutions grow geometrically from the base to the finest; a level is dense if all its nodes fit in the
+/// table.
 fn level_layouts(config: &FieldConfig) -> Vec<LevelLayout> {
     let growth = (config.finest_resolution as f64 / config.base_resolution as f64)
         .powf(1.0 / (config.levels.max(2) - 1) as f64);

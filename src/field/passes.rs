@@ -1,4 +1,4 @@
-//! The two networks of a field forward and backward on one block of columns.
+//! Forward and backward passes of a field's two networks on a block of columns.
 
 use super::harmonics::view_coefficients;
 use super::matrix::{BackwardNetwork, COLOR_INPUTS, Network, NetworkGradient};
@@ -10,18 +10,18 @@ fn dense_rows(data: &[f32], rows: usize, cols: usize) -> Columns<'_> {
     Columns { data: &data[..rows * cols], stride: cols, rows }
 }
 
-/// Activations of the geometry network and their gradients; matrices are dense with the block's columns.
+/// Activations of the geometry network and their gradients, as dense matrices with the block's columns.
 pub(super) struct GeometryPass {
     hidden: Vec<f32>,
     d_hidden: Vec<f32>,
-    /// [`GEOMETRY_OUTPUTS`] rows, after [`Self::forward`].
+    /// [`GEOMETRY_OUTPUTS`] rows, valid after [`Self::forward`].
     pub outputs: Vec<f32>,
-    /// Their gradient, to be filled before [`Self::backward`].
+    /// Gradient by the outputs, to be set before [`Self::backward`].
     pub d_outputs: Vec<f32>,
 }
 
 impl GeometryPass {
-    /// For blocks of at most `widest` columns.
+    /// Buffers for blocks of at most `widest` columns.
     pub(crate) fn new(network: &Network, widest: usize) -> Self {
         let rows = |n: usize| vec![0.0; n * widest];
         let hidden = network.hidden_rows();
@@ -46,8 +46,8 @@ impl GeometryPass {
         network.geometry[1].apply_affine(isa, inner, &mut self.outputs, cols, Epilogue::Linear);
     }
 
-    /// Adds to the layers' gradient and writes the features' gradient, `padded(2 levels)` rows: layer by
-    /// layer first the gradient of the weights, then the gradient of the layer's inputs.
+    /// Adds to the layers' gradient and writes the features' gradient, `padded(2 levels)` rows: in each layer
+    /// first the gradient by the weights, then by the inputs.
     pub(crate) fn backward(
         &mut self,
         isa: InstructionSet,
@@ -68,25 +68,25 @@ impl GeometryPass {
     }
 }
 
-/// Activations of the color network and their gradients; matrices are dense with `cols` columns.
+/// Activations of the color network and their gradients, as dense matrices with `cols` columns.
 pub(super) struct ColorPass {
     first: Vec<f32>,
     second: Vec<f32>,
     d_first: Vec<f32>,
     d_second: Vec<f32>,
-    /// [`COLOR_INPUTS`] rows, filled by [`Self::gather`].
+    /// [`COLOR_INPUTS`] rows, set by [`Self::gather_inputs`].
     inputs: Vec<f32>,
-    /// After [`Self::forward`]: three rows of colors in `[0, 1]`, and padding.
+    /// Three rows of colors in `[0, 1]`, and padding; valid after [`Self::forward`].
     pub rgb: Vec<f32>,
-    /// Gradient by the values before the logistic function, to be filled before [`Self::backward`] (padding
-    /// 0).
+    /// Gradient by the values before the logistic function, with padding 0; to be set before
+    /// [`Self::backward`].
     pub d_rgb: Vec<f32>,
-    /// After [`Self::backward`]: gradient of the inputs, from the first with a gradient.
+    /// Gradient by the inputs, from the first one that needs it; valid after [`Self::backward`].
     pub d_inputs: Vec<f32>,
 }
 
 impl ColorPass {
-    /// For blocks of at most `widest` columns.
+    /// Buffers for blocks of at most `widest` columns.
     pub(crate) fn new(network: &Network, widest: usize) -> Self {
         let rows = |n: usize| vec![0.0; n * widest];
         let hidden = network.hidden_rows();
@@ -103,8 +103,9 @@ impl ColorPass {
         }
     }
 
-    /// Fills the inputs at some columns of a block, given its geometry outputs with `block_cols` columns, the
-    /// ray of a column and the unit direction of a ray; returns the number of columns rounded up.
+    /// Collects the inputs of some columns of a block from its geometry outputs of `block_cols` columns,
+    /// given the ray of each column and the unit direction of each ray. Returns the number of columns,
+    /// rounded up.
     pub(crate) fn gather_inputs(
         &mut self,
         outputs: &[f32],
@@ -118,7 +119,7 @@ impl ColorPass {
         let mut view = (usize::MAX, [0.0; VIEW_COEFFICIENTS]);
         for (to, &column) in columns.iter().enumerate() {
             let ray = ray_of(column);
-            // Columns of one ray follow each other: its harmonics are computed once.
+            // Columns of one ray are consecutive, so its harmonics are computed once.
             if view.0 != ray {
                 view = (ray, view_coefficients(direction_of(ray)));
             }
@@ -136,8 +137,8 @@ impl ColorPass {
         cols
     }
 
-    /// Writes the features' gradient to the geometry outputs' gradient of the block, at the gathered columns;
-    /// `features` is the first row of the features in `d_inputs`.
+    /// Writes the gradient by the features into the geometry outputs' gradient of the block, at the gathered
+    /// columns; `features` is the features' first row in `d_inputs`.
     pub(crate) fn return_features(
         &self,
         features: usize,
@@ -165,7 +166,7 @@ impl ColorPass {
         isa.sigmoid(&mut self.rgb[..3 * cols]);
     }
 
-    /// Adds to the layers' gradient and writes the inputs' gradient.
+    /// Adds to the layers' gradient and writes the gradient by the inputs.
     pub(crate) fn backward(
         &mut self,
         isa: InstructionSet,

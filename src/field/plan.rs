@@ -1,16 +1,16 @@
-//! The computed samples of a batch, in blocks.
+//! The samples of a batch with a loss, arranged in blocks.
 
 use std::ops::Range;
 
 use super::simd::{COLUMN_ALIGN, PointColumns};
 use super::{SampleBatch, SdfTarget};
 
-/// Points of a block aimed at: its activations stay in the second-level cache.
+/// Target number of points per block, whose activations then fit in the second-level cache.
 const BLOCK_POINTS: usize = 256;
-/// Blocks are dealt to this many groups, whatever the number of threads; every group sums its own gradient.
+/// Number of groups of blocks, whatever the number of threads; every group sums its own gradient.
 const GROUPS: usize = 32;
 
-/// Whole rays, computed together. Columns `start..start + len` hold samples, the rest up to `cols`
+/// Whole rays that are computed together. Columns `start..start + len` hold samples, the rest up to `cols` is
 /// padding.
 #[derive(Clone, Debug)]
 pub(super) struct Block {
@@ -21,7 +21,7 @@ pub(super) struct Block {
     pub rays: Range<usize>,
 }
 
-/// The samples with a loss, as columns; blocks begin at multiples of 16.
+/// The samples with a loss, as columns; blocks start at multiples of 16.
 pub(super) struct Plan {
     x: Vec<f32>,
     y: Vec<f32>,
@@ -29,15 +29,15 @@ pub(super) struct Plan {
     /// Sample of every column; padding repeats the last one.
     pub sample: Vec<u32>,
     pub blocks: Vec<Block>,
-    /// Ranges of blocks; fixed for a batch.
+    /// Ranges of blocks; they depend on the batch only.
     pub groups: Vec<Range<usize>>,
 }
 
 impl Plan {
-    /// Samples without TSDF supervision and without color weight are left out.
+    /// Leaves out samples without TSDF supervision and color weight.
     ///
     /// # Panics
-    /// If the lengths of the batch's vectors do not fit its counts.
+    /// If the lengths of the batch's vectors do not match its counts.
     pub(crate) fn new(batch: &SampleBatch) -> Self {
         let rays = batch.rays;
         let per_ray = batch.samples_per_ray;
@@ -55,7 +55,7 @@ impl Plan {
         let mut blocks: Vec<Block> = Vec::new();
         let mut start = 0;
         let mut first_ray = 0;
-        // One round more than there are rays closes the last block.
+        // One extra round closes the last block.
         for ray in 0..=rays {
             let before = sample.len();
             if ray < rays {
@@ -65,12 +65,13 @@ impl Plan {
                         .filter(|&i| batch.targets[i] != SdfTarget::Ignore || batch.color_weights[i] != 0.0)
                         .map(|i| i as u32),
                 );
-                // A ray with more samples than a block is one by itself: its color is a sum over all.
+                // A ray with more samples than a block gets a block of its own, since its color sums over
+                // all.
                 if sample.len() - start <= BLOCK_POINTS || before == start {
                     continue;
                 }
             }
-            // The rays before this one make a block; this ray's samples move behind its padding.
+            // The previous rays form a block; this ray's samples move behind its padding.
             let len = before - start;
             if len > 0 {
                 let cols = len.next_multiple_of(COLUMN_ALIGN);
@@ -88,7 +89,7 @@ impl Plan {
         Self { x, y, z, sample, blocks, groups }
     }
 
-    /// Number of columns, padding included.
+    /// Number of columns, with padding.
     pub(crate) fn column_count(&self) -> usize {
         self.sample.len()
     }
@@ -97,12 +98,12 @@ impl Plan {
         PointColumns { x: &self.x, y: &self.y, z: &self.z }
     }
 
-    /// Columns of the largest block.
+    /// Number of columns of the largest block.
     pub(crate) fn widest_block(&self) -> usize {
         self.blocks.iter().map(|b| b.cols).max().unwrap_or(0)
     }
 
-    /// Columns of a group of blocks.
+    /// Range of columns of a group of blocks.
     pub(crate) fn group_columns(&self, group: &Range<usize>) -> Range<usize> {
         let last = &self.blocks[group.end - 1];
         self.blocks[group.start].start..last.start + last.cols

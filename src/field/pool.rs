@@ -1,4 +1,4 @@
-//! All rays of one state for the training of its field (docs/method.md 12.3).
+//! All rays of one state, for training its field (docs/method.md 12.3).
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -8,20 +8,20 @@ use capture::{RgbdFrame, dilated_mask, pixel_weights};
 use geometry::{Intrinsics, Pose};
 use numeric::statistics::median;
 
-/// Smallest and largest z-depth at which rays are sampled, meters (docs/method.md 12.3).
+/// Range of z-depth over which rays are sampled, meters (docs/method.md 12.3).
 /// chosen: no usual camera reads nearer or farther
 pub(super) const NEAR_M: f64 = 0.1;
 pub(super) const FAR_M: f64 = 10.0;
-/// Pixels next to the mask's border are of neither side.
+/// Width of the zone at the mask's border that counts neither as object nor as background, pixels.
 const GUARD_PX: usize = 2;
 
-/// A pixel with a usable depth on the object.
+/// A pixel with usable depth on the object.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SurfaceRay {
     pub frame: u16,
     pub pixel: u32,
     pub depth_m: f32,
-    /// Expected standard deviation of the depth.
+    /// Expected standard deviation of the depth, meters.
     pub sigma_m: f32,
     /// Cosine between ray and surface normal.
     pub cosine: f32,
@@ -33,7 +33,7 @@ pub(super) struct SurfaceRay {
 pub(super) struct BackgroundRay {
     pub frame: u16,
     pub pixel: u32,
-    /// Depth of the pixel; 0 = unknown, infinitely far.
+    /// Depth of the pixel, meters; 0 = unknown, treated as infinite.
     pub depth_m: f32,
 }
 
@@ -54,19 +54,19 @@ impl View {
     }
 }
 
-/// The rays of one state, in the order of frames and pixels.
+/// The rays of one state, in order of frames and pixels.
 #[derive(Clone, Debug)]
 pub(super) struct RayPool {
     pub views: Vec<View>,
     pub surface: Vec<SurfaceRay>,
     pub background: Vec<BackgroundRay>,
-    /// Median of the rays' expected standard deviations.
+    /// Median expected standard deviation of the rays, meters.
     pub median_sigma_m: f64,
 }
 
 impl RayPool {
-    /// Rays of object pixels with a usable depth in an occupied cell, and of pixels beside the mask with a
-    /// way through occupied cells. Object pixels without a usable depth are dropped.
+    /// Collects the rays of object pixels with usable depth in an occupied cell, and of pixels beside the
+    /// mask that cross occupied cells. Object pixels without usable depth are dropped.
     ///
     /// # Errors
     /// [`FieldError::NoRays`], [`FieldError::TooManyFrames`].
@@ -88,7 +88,7 @@ impl RayPool {
             .enumerate()
             .map(|(i, (f, v))| frame_rays(i as u16, f, v, occupancy, config))
             .collect();
-        // Joined in the order of the frames, whichever thread was first.
+        // Joined in order of the frames, for any order of the threads.
         let mut surface = Vec::new();
         let mut background = Vec::new();
         for (s, b) in rays {
@@ -128,7 +128,7 @@ fn frame_rays(
             && frame.is_object(pixel)
         {
             let (origin, direction) = view.pixel_ray(pixel as u32);
-            // A stray reading lies in no occupied cell.
+            // Stray readings lie in no occupied cell.
             if occupancy.contains(&(origin + direction * f64::from(depth_m))) {
                 let sigma_m = frame.sigma_m(pixel, &config.noise) as f32;
                 surface.push(SurfaceRay {
@@ -152,7 +152,7 @@ fn frame_rays(
         for pixel in (0..mask.len()).filter(|&p| ring[p] && !near[p]) {
             let (origin, direction) = view.pixel_ray(pixel as u32);
             let depth_m = frame.depth_m[pixel];
-            // Up to the depth of the pixel; without a depth the ray counts as empty.
+            // Up to the depth of the pixel; without depth, the whole ray is empty.
             let to = if depth_m > 0.0 { f64::from(depth_m) } else { FAR_M };
             occupancy.occupied_intervals(&origin, &direction, NEAR_M, to, &mut intervals);
             if !intervals.is_empty() {

@@ -1,4 +1,4 @@
-//! The samples of an optimiser step, a pure function of seed and step (docs/method.md 12.3).
+//! The samples of an optimiser step, determined by seed and step (docs/method.md 12.3).
 
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -11,25 +11,26 @@ use super::{BackgroundLoss, Occupancy, SampleBatch, SdfTarget, SurfaceDistance, 
 use geometry::{Grid3, SceneBox};
 use numeric::random::{STREAM_STEP, split_mix, unit_of};
 
-/// Rays drawn by one task.
+/// Rays drawn per task.
 const RAYS_PER_TASK: usize = 256;
 
-/// Input of the sampling of rays.
+/// Input for drawing samples.
 pub(super) struct Sampler<'a> {
     pub pool: &'a RayPool,
     pub scene: &'a SceneBox,
     pub occupancy: &'a Occupancy,
     pub config: &'a TrainConfig,
     pub truncation_m: f64,
-    /// Trust in every surface ray, of 255.
+    /// Trust in every surface ray, 0 to 255.
     pub trust: &'a [u8],
-    /// Fused distances, meters, where rays are to teach their side of them alone.
+    /// Fused distances, meters, if rays supervise only their side of them.
     pub sides: Option<&'a Grid3<f32>>,
-    /// Base of the network's output, truncations, if it is a residual.
+    /// Base of the network's output, in truncations, if it is a residual.
     pub base: Option<&'a Grid3<f32>>,
 }
 
-/// A counter-based stream of uniform numbers in `[0, 1)`, one a ray: rays can be drawn in any order.
+/// A counter-based stream of uniform numbers in `[0, 1)`, one per ray, so that rays can be drawn in any
+/// order.
 pub(super) struct Stream(pub u64);
 
 impl Stream {
@@ -40,7 +41,7 @@ impl Stream {
     }
 }
 
-/// One ray's part of a batch.
+/// Part of a batch written by one ray.
 struct RaySlot<'a> {
     points: &'a mut [[f32; 3]],
     targets: &'a mut [SdfTarget],
@@ -51,8 +52,8 @@ struct RaySlot<'a> {
 }
 
 impl Sampler<'_> {
-    /// The batch of a step with the random key `key`. Rays are stratified over the pool, the k-th of n from
-    /// the k-th n-th of the pool: every batch sees all views and all parts of the images.
+    /// The batch of a step with the random key `key`. Rays are stratified: the k-th of n comes from the k-th
+    /// n-th of the pool, so every batch covers all views and image regions.
     pub(crate) fn step_batch(&self, key: u64) -> SampleBatch {
         let c = self.config;
         let rays = c.rays;
@@ -78,7 +79,7 @@ impl Sampler<'_> {
             Vec::new,
             |intervals, (ray, (((((points, targets), color_weights), direction), color), ray_weight))| {
                 let slot = RaySlot { points, targets, color_weights, direction, color, ray_weight };
-                // Streams of 2^32 numbers each: those of two rays never overlap.
+                // Streams have 2^32 numbers each, so those of two rays never overlap.
                 let mut stream = Stream(key.wrapping_add((ray as u64) << 32));
                 if ray < surface {
                     let index = stratified_index(ray, surface, self.pool.surface.len(), stream.next());
@@ -108,17 +109,17 @@ impl Sampler<'_> {
         let depth = f64::from(ray.depth_m);
         let length = direction.norm();
         let weight = self.surface_weight(&ray, self.trust[index]);
-        // How much signed distance, in truncations, a meter of z-depth is.
+        // Signed distance, in truncations, per meter of z-depth.
         // docs/method.md (12.3).
         let per_depth = match c.distance {
             SurfaceDistance::Depth => 1.0,
             SurfaceDistance::Ray => length,
             SurfaceDistance::Plane => length * f64::from(ray.cosine),
         } / tau;
-        // z-depth over which the signed distance passes the truncation.
+        // Range of z-depth, meters, over which the signed distance spans the truncation.
         let band = 1.0 / per_depth;
         self.occupancy.occupied_intervals(&origin, &direction, NEAR_M, depth - band, intervals);
-        // Drawn for every share: the share does not shift the samples.
+        // Always drawn, so that the share does not change the samples.
         let colored = stream.next() < c.color_share;
         let mut bell = 0.0;
         for i in 0..c.free_samples + c.band_samples {
@@ -141,7 +142,7 @@ impl Sampler<'_> {
                 slot.targets[i] = SdfTarget::Empty { value: 1.0 - base, weight: c.empty_weight as f32 };
                 continue;
             }
-            // Behind the surface the depth is less and less evidence: space there is hidden.
+            // Depth behind the surface is weaker evidence, since that space is hidden.
             let falloff = if c.behind_falloff { (1.0 + value).clamp(0.0, 1.0) } else { 1.0 };
             if self.sides.is_none_or(|sides| sees_side(sides, tau, &place, &origin)) {
                 let value = value as f32 - base;
@@ -152,7 +153,7 @@ impl Sampler<'_> {
             slot.color_weights[i] = if colored { (e / ((1.0 + e) * (1.0 + e))) as f32 } else { 0.0 };
             bell += slot.color_weights[i];
         }
-        // The weights of a ray sum to 1, as in volume rendering of an opaque surface.
+        // The weights of a ray sum to 1, as in the volume rendering of an opaque surface.
         if colored && bell > 0.0 {
             slot.color_weights.iter_mut().for_each(|w| *w /= bell);
             *slot.ray_weight = c.color_weight as f32 * f32::from(self.trust[index]) / 255.0;
@@ -161,7 +162,7 @@ impl Sampler<'_> {
         *slot.direction = (direction / length).map(|x| x as f32).into();
     }
 
-    /// All samples in occupied cells in front of whatever the pixel shows.
+    /// All samples lie in occupied cells in front of the depth that the pixel shows.
     fn background_ray(
         &self,
         index: usize,
@@ -197,7 +198,7 @@ impl Sampler<'_> {
         }
     }
 
-    /// Weight of a ray's surface terms: the configured one, times `2 cos / (1 + (sigma / median)^2)` for the
+    /// Weight of a ray's surface loss: the configured one, times `2 cos / (1 + (sigma / median)^2)` for the
     /// expected noise, times the trust in the ray.
     fn surface_weight(&self, ray: &SurfaceRay, trust: u8) -> f32 {
         // docs/method.md (12.5).
@@ -209,24 +210,24 @@ impl Sampler<'_> {
         weight as f32
     }
 
-    /// Base of the network's output at a place, truncations.
+    /// Base of the network's output at a point, in truncations.
     fn base_at(&self, place: &Point3<f64>) -> f32 {
         self.base.map_or(0.0, |base| base.value_at(place))
     }
 
-    /// Unit-cube coordinates of a place.
+    /// Unit-cube coordinates of a point.
     fn unit_coordinates(&self, place: &Point3<f64>) -> [f32; 3] {
         let n = self.scene.normalise(place);
         [n.x, n.y, n.z].map(|x| (0.5 * (x + 1.0)) as f32)
     }
 }
 
-/// A place in a pool from its `k`-th part of `of`; `u` in `[0, 1)` chooses within the part.
+/// Index into a pool: a random one, by `u` in `[0, 1)`, of its `k`-th of `of` equal parts.
 fn stratified_index(k: usize, of: usize, pool: usize, u: f64) -> usize {
     (((k as f64 + u) / of as f64 * pool as f64) as usize).min(pool - 1)
 }
 
-/// The point a share `u` of the way through the joined intervals; `None` without any.
+/// The point at fraction `u` of the joined intervals; `None` without any.
 fn stratified_place(intervals: &[(f64, f64)], u: f64) -> Option<f64> {
     let total: f64 = intervals.iter().map(|i| i.1 - i.0).sum();
     let mut rest = u * total;

@@ -1,4 +1,4 @@
-//! Training of one field, step by step.
+//! Step-by-step training of one field.
 
 use std::sync::Arc;
 
@@ -18,10 +18,10 @@ use capture::RgbdFrame;
 use geometry::{Grid3, SceneBox};
 use numeric::random::stage_rng;
 
-/// Makes an engine from a state.
+/// Creates an engine from a state.
 pub(crate) type EngineFactory<'a> = &'a dyn Fn(EngineState) -> Box<dyn FieldEngine>;
 
-/// Input of the training of a field.
+/// Input for training a field.
 #[derive(Clone, Copy)]
 pub struct TrainInput<'a> {
     /// Frames of one state.
@@ -30,22 +30,22 @@ pub struct TrainInput<'a> {
     pub scene: SceneBox,
     /// Cells near the surface points of all states.
     pub occupancy: &'a Occupancy,
-    /// Fused distances of the same frames, meters, NaN where nothing was observed. Without them a field
-    /// learns all of the distance, and from all rays.
+    /// Fused distances of the same frames, meters, NaN where nothing was observed. Without them, a field
+    /// learns the whole distance, from all rays.
     pub fused: Option<&'a Grid3<f32>>,
 }
 
-/// Trains one field. Every step is a pure function of parameters, seed and step number: a resumed run gives
-/// the parameters of an uninterrupted one, bit by bit.
+/// Trains one field. Every step depends only on parameters, seed and step number, so that a resumed run ends
+/// with exactly the parameters of an uninterrupted one.
 pub struct FieldTrainer {
     config: TrainConfig,
     scene: SceneBox,
     occupancy: Occupancy,
     truncation_m: f64,
     pool: RayPool,
-    /// Fused distances, meters, where rays teach their side alone.
+    /// Fused distances, meters, if rays supervise only their side.
     sides: Option<Grid3<f32>>,
-    /// Base of the network's output, truncations, if it is a residual.
+    /// Base of the network's output, in truncations, if it is a residual.
     base: Option<Arc<Grid3<f32>>>,
     trust: Vec<u8>,
     engine: Box<dyn FieldEngine>,
@@ -54,20 +54,20 @@ pub struct FieldTrainer {
     done: usize,
 }
 
-/// State of a stopped training, beside its input and configuration.
+/// State of an interrupted training, apart from input and configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrainerCheckpoint {
     /// Parameters and moments.
     pub engine: EngineState,
-    /// Steps done.
+    /// Number of steps done.
     pub done: usize,
-    /// Trust in every ray of the pool, of 255.
+    /// Trust in every ray of the pool, 0 to 255.
     #[serde(with = "geometry::bytes")]
     pub trust: Vec<u8>,
 }
 
 impl FieldTrainer {
-    /// A fresh field on the CPU engine. `stage` names the random streams, e.g. `field/state0`.
+    /// Starts with a random field on the CPU engine. `stage` names the random streams, e.g. `field/state0`.
     ///
     /// # Errors
     /// [`FieldError`]: a value out of range, or no usable depth.
@@ -80,7 +80,7 @@ impl FieldTrainer {
         Self::with_engine(input, config, seed, stage, &|state| Box::new(CpuEngine::resume(state)))
     }
 
-    /// As [`Self::new`] on another engine.
+    /// As [`Self::new`], with another engine.
     ///
     /// # Errors
     /// [`FieldError`]: a value out of range, or no usable depth.
@@ -98,10 +98,10 @@ impl FieldTrainer {
         let truncation_m = config.derived_truncation_m(&input.scene, pool.median_sigma_m);
         let base =
             input.fused.filter(|_| config.residual).map(|fused| extended_distances(fused, truncation_m));
-        // Output 0 is the distance: where nothing is observed, the field stays near its bias.
+        // Output 0 is the distance; unobserved space stays near its bias.
         let last = &mut params.geometry[1];
         if base.is_some() {
-            // The fused distances themselves, to begin with.
+            // A residual starts as the fused distances themselves.
             last.biases[0] = 0.0;
             last.weights[..last.inputs].fill(0.0);
         } else {
@@ -128,7 +128,7 @@ impl FieldTrainer {
     /// Continues from a checkpoint of a trainer with the same input, configuration, seed and stage.
     ///
     /// # Errors
-    /// [`FieldError::Checkpoint`] if it does not fit.
+    /// [`FieldError::Checkpoint`] if the counts differ.
     pub fn restore(
         &mut self,
         checkpoint: TrainerCheckpoint,
@@ -165,12 +165,12 @@ impl FieldTrainer {
     pub fn train_step(&mut self) -> FieldLosses {
         let config = &self.config;
         let outliers_at = (config.outlier_from * config.steps as f64).round() as usize;
-        // Once, by the field as it then is: before, its residuals say little of the readings.
+        // Once, with the field at that step: earlier residuals say little about the readings.
         if config.outlier_sigmas > 0.0 && self.done == outliers_at.max(1) {
             self.judge_rays();
         }
         let config = &self.config;
-        // One number for the step; each ray derives a stream from it.
+        // One random number per step; each ray derives a stream from it.
         let key = stage_rng(self.seed, &self.stage, self.done as u64).next_u64();
         let sampler = Sampler {
             pool: &self.pool,
@@ -190,14 +190,14 @@ impl FieldTrainer {
         self.engine.train_step(&batch, rate as f32)
     }
 
-    /// Lowers the trust in rays with an observed point off the field's surface by much more than the expected
-    /// noise: Geman and McClure's weight `1 / (1 + (r / (k sigma))^2)^2`.
+    /// Lowers the trust in rays whose observed point is off the field's surface by much more than the
+    /// expected noise: weight `1 / (1 + (r / (k sigma))^2)^2` (Geman and McClure).
     fn judge_rays(&mut self) {
         let field = self.trained_field();
         let pool = &self.pool;
         let noise = self.config.noise;
         let sigmas = self.config.outlier_sigmas;
-        // In pieces, to bound memory.
+        // In pieces, to bound the memory.
         for (rays, trust) in pool.surface.chunks(1 << 18).zip(self.trust.chunks_mut(1 << 18)) {
             let points: Vec<Point3<f64>> = rays.par_iter().map(|ray| pool.observed_point(ray)).collect();
             for ((ray, trust), residual_m) in rays.iter().zip(trust).zip(field.signed_distances_m(&points)) {
@@ -209,19 +209,19 @@ impl FieldTrainer {
         }
     }
 
-    /// Steps done.
+    /// Number of steps done.
     #[must_use]
     pub fn steps_done(&self) -> usize {
         self.done
     }
 
-    /// Steps in all.
+    /// Total number of steps.
     #[must_use]
     pub fn total_steps(&self) -> usize {
         self.config.steps
     }
 
-    /// Why the engine stopped working, if it did. Go on from an earlier checkpoint, on another engine.
+    /// Why the engine failed, if it did. Training can continue from an earlier checkpoint on another engine.
     #[must_use]
     pub fn failure(&self) -> Option<&EngineError> {
         self.engine.failure()
@@ -233,7 +233,7 @@ impl FieldTrainer {
         self.truncation_m
     }
 
-    /// The field as it stands.
+    /// The field as trained so far.
     #[must_use]
     pub fn trained_field(&self) -> ObjectField {
         ObjectField {
@@ -244,7 +244,7 @@ impl FieldTrainer {
         }
     }
 
-    /// The state for [`Self::restore`].
+    /// The state, as taken by [`Self::restore`].
     #[must_use]
     pub fn checkpoint(&self) -> TrainerCheckpoint {
         TrainerCheckpoint { engine: self.engine.training_state(), done: self.done, trust: self.trust.clone() }

@@ -1,4 +1,4 @@
-//! Actions of the node: one goal of each at a time, with feedback and cancel.
+//! Actions of the node: each runs one goal at a time, with feedback and cancellation.
 
 use std::{sync::Arc, time::Duration};
 
@@ -13,9 +13,9 @@ use super::{
     participant::{Participant, latched_profile, reliable_profile},
 };
 
-/// Waiting requests.
+/// Queue length for requests.
 const DEPTH: usize = 10;
-/// How long a client may take to fetch its result.
+/// Longest time for a client to fetch its result.
 const RESULT_WAIT: Duration = Duration::from_secs(900);
 
 type Server<J> = AsyncActionServer<<J as Job>::Goal, <J as Job>::Result, <J as Job>::Feedback>;
@@ -24,7 +24,7 @@ type Goal<J> = ExecutingGoalHandle<<J as Job>::Goal>;
 /// Offers an action.
 ///
 /// # Errors
-/// If the name cannot be used or the network refuses.
+/// If the name is invalid or the network reports an error.
 pub(crate) fn offer_action<J: Job>(
     participant: &mut Participant,
     mapping: ServiceMapping,
@@ -36,19 +36,19 @@ pub(crate) fn offer_action<J: Job>(
         result_service: reliable_profile(DEPTH),
         cancel_service: reliable_profile(DEPTH),
         feedback_publisher: reliable_profile(DEPTH),
-        // rcl_action latches the status as well: later clients learn of the goal.
+        // rcl_action latches the status as well, so that later clients see the goal.
         status_publisher: latched_profile(1),
     };
     let server = participant
         .node()
         .create_action_server(mapping, &name, &ActionTypeName::new("artitwin_msgs", J::TYPE), qos)
         .map_err(|e| NodeError::network_error(&format!("offering {}", J::NAME), e))?;
-    // Outside of the spinner: a goal takes minutes; parameters and discovery go on meanwhile.
+    // Not in the spinner: a goal takes minutes, while parameters and discovery must go on.
     tokio::spawn(serve_goals(AsyncActionServer::new(server), job));
     Ok(())
 }
 
-/// An ended goal, and its result, waiting for the client's request.
+/// A finished goal whose result waits for the client's request.
 struct Ended<J: Job> {
     goal: Goal<J>,
     status: GoalEndStatus,
@@ -62,12 +62,12 @@ async fn serve_goals<J: Job>(server: Server<J>, job: Arc<J>) {
         tokio::select! {
             new = server.receive_new_goal() => match new {
                 Ok(new) => {
-                    // One result waits at a time; with a new goal its client has given it up.
+                    // Only one result waits; a client that sends a new goal no longer wants the old result.
                     if let Some(old) = ended.take() {
-                        // Nobody asked for it; the server would wait for ever.
+                        // Nobody requested it; otherwise the server would wait forever.
                         server.abort_executing_goal(old.goal).await.ok();
                     }
-                    // Before it is accepted, as accepting uses up the handle.
+                    // Copied, since accepting consumes the handle.
                     let Some(request) = server.get_new_goal(new.clone()) else { continue };
                     match accept_new_goal::<J>(&server, new).await {
                         Ok(goal) => {
@@ -81,7 +81,7 @@ async fn serve_goals<J: Job>(server: Server<J>, job: Arc<J>) {
                 Err(error) => log::debug!("{}: a goal could not be read: {error}", J::NAME),
             },
             cancel = server.receive_cancel_request() => {
-                // Nothing runs, so nothing is canceled.
+                // Nothing is running, so nothing is canceled.
                 if let Ok(cancel) = cancel {
                     server.respond_to_cancel_requests(&cancel, std::iter::empty()).await.ok();
                 }
@@ -91,7 +91,7 @@ async fn serve_goals<J: Job>(server: Server<J>, job: Arc<J>) {
     }
 }
 
-/// The middleware's error for a goal not accepted.
+/// The middleware's error when a goal could not be accepted.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 struct NotAccepted(String);
@@ -104,7 +104,7 @@ async fn accept_new_goal<J: Job>(
     server.start_executing_goal(accepted).await.map_err(|e| NotAccepted(format!("{e:?}")))
 }
 
-/// Waits for the client to ask for its result, and sends it.
+/// Waits until the client requests the result, and sends it.
 async fn deliver_result<J: Job>(server: &Server<J>, ended: Option<&Ended<J>>) {
     let Some(Ended { goal, status, result, until }) = ended else { return };
     match tokio::time::timeout_at(*until, server.send_result_response(goal.clone(), *status, result.clone()))
@@ -119,7 +119,7 @@ async fn deliver_result<J: Job>(server: &Server<J>, ended: Option<&Ended<J>>) {
     }
 }
 
-/// Runs a goal to its end; meanwhile other goals are rejected and cancels are heard.
+/// Runs a goal to its end; in the meantime rejects other goals and handles cancel requests.
 async fn execute_goal<J: Job>(
     server: &Server<J>,
     job: &Arc<J>,
@@ -128,20 +128,20 @@ async fn execute_goal<J: Job>(
 ) -> (GoalEndStatus, J::Result) {
     let mut work = match job.begin_work(&request) {
         Ok(work) => work,
-        // Already accepted: a refusal has to reach the client as a result.
+        // The goal is already accepted, so an error must reach the client as a result.
         Err(error) => return goal_outcome::<J>(Finished::Failed(error.to_string())),
     };
     loop {
         tokio::select! {
             news = work.next() => match news {
                 News::Feedback(feedback) => _ = server.publish_feedback(goal.clone(), feedback).await,
-                // The result is sent by `deliver`: the client asks for it by a service of its own.
+                // `deliver_result` sends the result when the client requests it.
                 News::Ended(finished) => return goal_outcome::<J>(finished),
             },
             cancel = server.receive_cancel_request() => {
                 let Ok(cancel) = cancel else { continue };
-                // A cancel may name other goals, or all: only ours can be confirmed.
-                // The work ends after its present step.
+                // A cancel request may name other goals, or all; only this one can be confirmed. The work
+                // ends after its current step.
                 let ours = cancel.contains_goal(&goal.goal_id());
                 if ours {
                     work.cancel();

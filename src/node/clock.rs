@@ -1,4 +1,4 @@
-//! The node's time: the system's, or `/clock`'s.
+//! Time of the node: system time, or simulated time from `/clock`.
 
 use std::{
     sync::atomic::{AtomicI64, Ordering},
@@ -7,25 +7,25 @@ use std::{
 
 use io::ros2msg::Time;
 
-/// Least step back of a jump of simulated time, nanoseconds.
+/// Least backward step of simulated time that counts as a jump, nanoseconds.
 const JUMP_NANOS: i64 = 100_000_000;
-/// No simulated time yet.
+/// No simulated time was received yet.
 const UNKNOWN: i64 = i64::MIN;
 
-/// The node's time.
+/// Time of the node.
 #[derive(Debug)]
 pub(crate) struct NodeClock {
     simulated: Option<AtomicI64>,
 }
 
 impl NodeClock {
-    /// The system's time, or `/clock`'s.
+    /// Uses system time, or `/clock` if `simulated`.
     #[must_use]
     pub(crate) fn new(simulated: bool) -> Self {
         Self { simulated: simulated.then(|| AtomicI64::new(UNKNOWN)) }
     }
 
-    /// Nanoseconds since the epoch; 0 before the first simulated time, as ROS has it.
+    /// Nanoseconds since the epoch; 0 before the first simulated time, as in ROS.
     #[must_use]
     pub(crate) fn now_nanos(&self) -> i64 {
         match &self.simulated {
@@ -39,13 +39,13 @@ impl NodeClock {
         }
     }
 
-    /// The time now as a stamp.
+    /// The current time as a stamp.
     #[must_use]
     pub(crate) fn stamp_now(&self) -> Time {
         Time::from_nanos(self.now_nanos())
     }
 
-    /// Takes a simulated time; whether it went back.
+    /// Sets the simulated time; returns whether it jumped back.
     pub(crate) fn set_time(&self, time: Time) -> bool {
         let (Some(simulated), Some(nanos)) = (&self.simulated, time.nanos()) else { return false };
         let before = simulated.swap(nanos, Ordering::Relaxed);

@@ -1,47 +1,47 @@
-//! Why a state cannot be begun, ended or read.
+//! Errors of collecting states.
 
 use super::session_lock::SessionLockError;
 use io::BagWriteError;
 use run::chain;
 
-/// Why a state cannot be begun, ended or read.
+/// Why a state cannot be started, finished or read.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum CollectError {
-    /// There are two states.
+    /// No such state; there are two.
     #[error("there is no state {0}; give 0 or 1")]
     NoState(usize),
-    /// One state at a time.
+    /// Another state is being collected.
     #[error("state {0} is being collected; finish it first")]
     Collecting(usize),
-    /// It was not begun.
+    /// The state was not started.
     #[error("state {0} is not being collected; start it first")]
     NotCollecting(usize),
-    /// Another one was begun.
+    /// Another state is being collected than the one to finish.
     #[error("state {collecting} is being collected, not {asked}")]
     Other {
-        /// The state in collection.
+        /// State being collected.
         collecting: usize,
-        /// The state to end.
+        /// State that was to be finished.
         asked: usize,
     },
-    /// Nothing was kept.
+    /// No view was kept.
     #[error("no view of state {state} was kept, so it does not count; {why}")]
     NoView {
-        /// The state.
+        /// Index of the state.
         state: usize,
-        /// The missing part.
+        /// What was missing.
         why: String,
     },
-    /// The recording was closed by an error.
+    /// An error closed the recording.
     #[error("no recording is open")]
     NoRecording,
-    /// The disk refuses.
+    /// Writing to the disk failed.
     #[error(transparent)]
     Bag(#[from] BagWriteError),
-    /// The next session cannot be worked on.
+    /// The folder of the next session is not available.
     #[error("{}", chain(.0))]
     Session(#[from] SessionLockError),
-    /// A run reads the session.
+    /// A reconstruction is reading the session.
     #[error("a reconstruction reads the session; wait for its end, or cancel it")]
     Read,
     /// Neither state was collected.
@@ -50,7 +50,7 @@ pub(crate) enum CollectError {
     /// One state was not collected.
     #[error("state {0} has no views; collect it with start_state and finish_state")]
     Missing(u8),
-    /// The node ends.
+    /// The node is shutting down.
     #[error("the node is ending")]
     Ending,
 }

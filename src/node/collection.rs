@@ -1,5 +1,5 @@
-//! The owner of the collector: messages and commands go in, answers and events come out. It runs on a thread
-//! of its own, as decoding and writing take time.
+//! The thread that owns the collector: it receives messages and commands, and returns answers and events. It
+//! is separate because decoding and writing take time.
 
 use std::{
     path::{Path, PathBuf},
@@ -25,72 +25,73 @@ use super::{
 };
 use io::ros2msg::TransformStamped;
 
-/// Waiting images.
+/// Queue length for images.
 pub(crate) const IMAGE_QUEUE: usize = 16;
-/// Waiting small messages.
+/// Queue length for small messages.
 pub(crate) const SMALL_QUEUE: usize = 2048;
-/// Time between flushes of a recording to the disk: the loss in a crash.
+/// Time between flushes of the recording; a crash loses at most this much.
 const FLUSH_EVERY: Duration = Duration::from_secs(1);
 
-/// Requests to the core.
+/// Requests to the collection thread.
 pub(crate) enum Command {
-    /// Begins a state.
+    /// Starts collecting a state.
     Start(usize, oneshot::Sender<Result<(), CollectError>>),
-    /// Ends a state; the number of views kept.
+    /// Finishes a state; returns the number of kept views.
     Finish(usize, oneshot::Sender<Result<usize, CollectError>>),
-    /// Forgets everything and goes on in another folder.
+    /// Discards the collected states and continues in another folder.
     Reset(PathBuf, oneshot::Sender<Result<(), CollectError>>),
-    /// Puts everything on the disk.
+    /// Flushes the recording to the disk.
     Flush(oneshot::Sender<Result<(), CollectError>>),
-    /// The time went back.
+    /// Time jumped back.
     TimeJump,
-    /// Ends the core: open recordings are closed.
+    /// Stops the thread and closes open recordings.
     Stop(oneshot::Sender<()>),
 }
 
-/// State of the core, for the others at any time.
+/// State of the collection, readable by other threads at any time.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Snapshot {
-    /// State being collected.
+    /// The state being collected, if any.
     pub collecting: Option<usize>,
-    /// State being collected, or collected last.
+    /// The state being collected, or the last one.
     pub state: usize,
     /// Whether the object is being moved between automatic states.
     pub moving: bool,
-    /// Views kept of each state.
+    /// Number of kept views per state.
     pub kept: [usize; 2],
     /// Finished recordings of the states.
     pub recordings: [Option<PathBuf>; 2],
-    /// Sets of matched images.
+    /// Number of matched image sets.
     pub matched: u64,
-    /// Color, depth and mask images given up.
+    /// Number of color, depth and mask images dropped without a match.
     pub unmatched: [u64; 3],
-    /// Images waiting for partners, sets waiting for poses.
+    /// Number of images waiting for a match, and of sets waiting for a pose.
     pub waiting: (usize, usize),
-    /// Counts of the messages.
+    /// Counts of messages and views.
     pub counts: Counts,
-    /// Transforms left out, jumps of /tf.
+    /// Number of invalid transforms, and of backward time jumps of /tf.
     pub transforms: (u64, u64),
     /// Folder of the session.
     pub session: PathBuf,
     /// Frame of the poses.
     pub world_frame: Option<String>,
-    /// Frame of a twin, where it is another.
+    /// Frame of the twin, if it differs from that of the poses.
     pub twin_frame: Option<&'static str>,
-    /// How well the camera is followed, where it is tracked.
+    /// Quality of camera tracking, if the camera is tracked.
     pub tracking: Option<TrackStatus>,
-    /// The last problem.
+    /// The last problem, for diagnostics.
     pub problem: Option<String>,
-    /// Number of changes of the cloud.
+    /// Version of the preview cloud.
     pub cloud_version: u64,
-    /// The map of the collection, where there is one.
+    /// Status of the live map, if there is one.
     pub live: Option<LiveStatus>,
 }
 
 impl Snapshot {
     /// The recordings of both states.
     ///
-    /// # Errors States without enough views.
+    /// # Errors
+    /// [`CollectError`] if a state has too few views.
     pub(crate) fn both_recordings(&self) -> Result<[PathBuf; 2], CollectError> {
         if let Some(state) = self.collecting {
             return Err(CollectError::Collecting(state));
@@ -103,43 +104,44 @@ impl Snapshot {
     }
 }
 
-/// The core's shared data.
+/// Data shared by the collection and other threads.
 #[derive(Debug, Default)]
 pub(crate) struct Shared {
     snapshot: Mutex<Snapshot>,
-    /// Whether a run reads the session. Held while a state begins: no run begins to read it then.
+    /// Whether a reconstruction reads the session. Locked while a state starts, so that none can begin
+    /// reading then.
     read: Mutex<bool>,
     cloud: Mutex<Vec<([f32; 3], [u8; 3])>>,
 }
 
 impl Shared {
-    /// The present snapshot.
+    /// The current snapshot.
     #[must_use]
     pub(crate) fn snapshot(&self) -> Snapshot {
         guard(&self.snapshot).clone()
     }
 
-    /// Marks the session as read by a run, until the returned guard is dropped; until then no state begins
-    /// and none is left.
+    /// Marks the session as being read until the guard is dropped; until then no state can be started and no
+    /// session left.
     pub(crate) fn read_session(self: &Arc<Self>) -> ReadSession {
         *guard(&self.read) = true;
         ReadSession(Arc::clone(self))
     }
 
-    /// Whether a run reads the session.
+    /// Whether a reconstruction reads the session.
     #[must_use]
     pub(crate) fn is_read(&self) -> bool {
         *guard(&self.read)
     }
 
-    /// The cloud now.
+    /// The current preview cloud.
     #[must_use]
     pub(crate) fn cloud(&self) -> Vec<([f32; 3], [u8; 3])> {
         guard(&self.cloud).clone()
     }
 }
 
-/// A run reads the session.
+/// Guard: a reconstruction reads the session.
 #[derive(Debug)]
 pub(crate) struct ReadSession(Arc<Shared>);
 
@@ -150,11 +152,11 @@ impl Drop for ReadSession {
 }
 
 fn guard<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // A panic elsewhere leaves whole values here: each is replaced, never changed in steps.
+    // A panic in another thread leaves valid values, as they are always replaced as a whole.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The collector with its queues.
+/// The collection with its queues.
 pub(crate) struct Core {
     collector: Collector,
     lock: SessionLock,
@@ -172,29 +174,29 @@ pub(crate) struct Core {
     live_key: MapKey,
 }
 
-/// Where views are tracked, and where their poses are published.
+/// Channels to and from the tracking thread.
 pub(crate) struct Tracking {
-    /// Where views go.
+    /// Views to be tracked.
     pub queue: TrackQueue,
-    /// Where they come back.
+    /// Tracked views.
     pub tracked: mpsc::Receiver<Tracked>,
-    /// Where poses go.
+    /// Poses to be published.
     pub poses: mpsc::Sender<TransformStamped>,
 }
 
-/// Where messages and commands come from.
+/// Channels for messages and commands.
 pub(crate) struct Inbox {
-    /// Images.
+    /// Image messages.
     pub images: mpsc::Receiver<Sample>,
-    /// Everything else.
+    /// All other messages.
     pub small: mpsc::Receiver<Sample>,
     /// Commands.
     pub commands: mpsc::Receiver<Command>,
 }
 
 impl Core {
-    /// A core about a collector and the right to its session; with a watch the states begin and end by
-    /// themselves.
+    /// A collection with a collector and a locked session; with a `watch`, states start and finish
+    /// automatically.
     #[must_use]
     pub(crate) fn new(
         (collector, lock): (Collector, SessionLock),
@@ -224,15 +226,15 @@ impl Core {
         }
     }
 
-    /// Works until it is stopped or everybody is gone.
+    /// Runs until it is stopped or all senders are gone.
     pub(crate) async fn run(mut self, mut inbox: Inbox) {
         self.publish_snapshot();
-        // Recordings are flushed and the snapshot is fresh also while nothing comes.
+        // Flush and update the snapshot even when nothing is received.
         let mut tick = tokio::time::interval(Duration::from_millis(200));
         loop {
             tokio::select! {
-                // In this order: a command is not kept waiting by images, and
-                // transforms come before the images they place.
+                // Biased order: images do not delay commands, and transforms come before the images that need
+                // them.
                 biased;
                 command = inbox.commands.recv() => match command {
                     Some(Command::Stop(done)) => {
@@ -263,8 +265,8 @@ impl Core {
             Command::Start(state, answer) => {
                 let started = self.unless_read(|core| {
                     core.start_state(state)?;
-                    // A state begun by people is seen for itself. A state begun by itself goes on in the map
-                    // of the still object.
+                    // A state started by a person is a new map. A state started automatically continues the
+                    // map of the resting object.
                     core.begin_map();
                     Ok(())
                 });
@@ -289,13 +291,13 @@ impl Core {
         }
     }
 
-    /// Changes the session, unless a run reads it.
+    /// Changes the session unless a reconstruction reads it.
     fn unless_read(
         &mut self,
         change: impl FnOnce(&mut Self) -> Result<(), CollectError>,
     ) -> Result<(), CollectError> {
         let shared = Arc::clone(&self.shared);
-        // Held during the change: a run waits for it.
+        // Locked during the change, so that no reconstruction starts reading.
         let read = guard(&shared.read);
         if *read {
             return Err(CollectError::Read);
@@ -306,7 +308,7 @@ impl Core {
     }
 
     fn reset_session(&mut self, session: &Path) -> Result<(), CollectError> {
-        // The new folder before the old one is given up: where it is refused, all stays as it is.
+        // Lock the new folder before leaving the old one, so that a failure changes nothing.
         let lock = SessionLock::take(session)?;
         self.watch = self.watch.take().map(MotionWatch::renewed);
         self.cloud = PreviewCloud::new(self.cloud_points);
@@ -326,14 +328,14 @@ impl Core {
         Ok(())
     }
 
-    /// The map's content is of an earlier state, or session.
+    /// The map so far belongs to an earlier state or session.
     fn begin_live(&mut self, state: usize) {
         if let Some(live) = &self.live {
             self.live_key = MapKey { begun: live.begin_map(), state, ..self.live_key };
         }
     }
 
-    /// Hands a kept view to the map, unless a run needs the processor.
+    /// Sends a kept view to the live map, unless a reconstruction needs the CPU.
     fn map_live(&self, seen: &Seen, pixels: &Pixels) {
         if let Some(live) = self.live.as_ref().filter(|_| !self.shared.is_read()) {
             live.offer_view(KeptView {
@@ -354,10 +356,10 @@ impl Core {
             Err(error) => log::error!("{error}; the state is not collected any further"),
         }
         let views = self.collector.take_to_track();
-        // A run needs the processor.
+        // A reconstruction needs the CPU.
         if !self.shared.is_read() {
             for view in views {
-                // Never waits: a busy tracker costs views; they are counted.
+                // Never blocks: if the tracker is busy, views are dropped and counted.
                 let dropped = self.tracking.queue.offer_view(view);
                 self.track_watch.count_offered(dropped.is_none(), Instant::now());
                 if let Some(ToTrack { stamp_nanos, images, .. }) = dropped
@@ -369,7 +371,7 @@ impl Core {
         }
     }
 
-    /// Takes a tracked view.
+    /// Handles a tracked view.
     fn take_tracked(&mut self, tracked: Tracked) {
         if tracked.map != self.collector.map_number() {
             return;
@@ -381,7 +383,7 @@ impl Core {
         }
         match self.collector.accept_tracked(tracked, self.clock.now_nanos()) {
             Ok(Some((seen, transform))) => {
-                // The publisher may be behind: the next one says more.
+                // If the publisher is behind, drop the transform; the next one is newer.
                 transform.into_iter().for_each(|t| _ = self.tracking.poses.try_send(t));
                 self.see_view(&seen);
             }
@@ -401,10 +403,10 @@ impl Core {
             self.map_live(seen, pixels);
             self.cloud.add_view(pixels, &seen.world_from_camera);
             self.cloud_version += 1;
-            // A copy for the publisher: it never waits for the core.
+            // A copy, so that the publisher never waits for this thread.
             *guard(&self.shared.cloud) = self.cloud.colored_points();
         }
-        // While a run reads the session no state may begin, so the object is not watched.
+        // While a reconstruction reads the session no state can start, so motion is not watched.
         let Some(watch) = self.watch.as_mut().filter(|_| !self.shared.is_read()) else { return };
         let turn =
             watch.see_view(seen.stamp_nanos, pixels, &seen.world_from_camera, self.collector.kept_views());
@@ -416,7 +418,7 @@ impl Core {
             },
             Turn::Finish(state) => self.end_state(state),
             Turn::Moved(state) => {
-                // The watch confirms motion some views after it began; those may show it.
+                // Motion is confirmed some views late; the held views may show it.
                 self.collector.drop_held();
                 self.end_state(state);
                 // The moved surface contradicts its earlier views.
@@ -433,9 +435,9 @@ impl Core {
         }
     }
 
-    /// Closes open recordings: nothing is lost.
+    /// Closes an open recording, so that nothing is lost.
     fn close_recording(&mut self) {
-        // A bag without metadata.yaml is still read, but with a warning.
+        // A bag without metadata.yaml can be read, but with a warning.
         if let Phase::Collecting(state) = self.collector.phase()
             && let Err(error) = self.collector.finish_state(state)
         {

@@ -1,5 +1,5 @@
-//! From messages to recordings of two states: pairs images, looks up the camera's pose, keeps new views and
-//! writes them to a bag as they come. It knows no middleware and no clock.
+//! From messages to the recordings of two states: matches images, looks up the camera pose, keeps new views
+//! and writes them to a bag. Independent of middleware and clock.
 
 mod keep;
 mod to_track;
@@ -28,7 +28,7 @@ use io::{
     ros2msg::{CameraInfo, Header, PoseStamped, Transform, TransformStamped},
 };
 
-/// Least step back of a jump in time, nanoseconds.
+/// Least backward step that counts as a time jump, nanoseconds.
 const JUMP_NANOS: i64 = 500_000_000;
 
 /// Settings of a collector.
@@ -36,56 +36,56 @@ const JUMP_NANOS: i64 = 500_000_000;
 pub(crate) struct CollectorSettings {
     /// Names of the topics, for messages and the recording.
     pub topics: Topics,
-    /// Frame of the twin, where given.
+    /// Frame of the twin, if given.
     pub world_frame: Option<String>,
-    /// Frame of the poses of a PoseStamped, where given.
+    /// Frame described by PoseStamped messages, if given.
     pub pose_frame: Option<String>,
-    /// Largest difference of stamps, nanoseconds.
+    /// Largest difference of matching stamps, nanoseconds.
     pub slop_nanos: i64,
-    /// Largest gap between transforms, nanoseconds.
+    /// Largest gap between transforms for interpolation, nanoseconds.
     pub max_gap_nanos: i64,
-    /// Waiting images and sets.
+    /// Most waiting images per kind, and most waiting sets.
     pub queue: usize,
-    /// Rule for kept views.
+    /// Rule for which views are kept.
     pub rule: KeyframeRule,
-    /// Views held back before they are written, as they can still be dropped.
+    /// Number of views held back before writing, while they can still be dropped.
     pub hold: usize,
     /// Whether the camera is tracked by its images.
     pub tracking: TrackCamera,
-    /// Whether poses are asked for, by a topic or a frame.
+    /// Whether a topic or frame of poses was given.
     pub poses_asked: bool,
-    /// Frame of published tracked poses.
+    /// Frame in which tracked poses are published.
     pub map_frame: String,
 }
 
-/// The present activity.
+/// What the collector is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Phase {
-    /// Nothing.
+    /// No state is being collected.
     Idle,
-    /// Views of a state are kept.
+    /// This state is being collected.
     Collecting(usize),
 }
 
-/// A view with its pose; whether it was kept.
+/// A view with its pose.
 #[derive(Clone, Debug)]
 pub(crate) struct Seen {
     /// Its stamp, nanoseconds.
     pub stamp_nanos: i64,
     /// Its pose.
     pub world_from_camera: Pose,
-    /// Its pixels; `None` where it was not decoded, as nobody needs it.
+    /// Its pixels; `None` if they were not needed and not decoded.
     pub pixels: Option<Pixels>,
     /// Whether it was kept.
     pub kept: bool,
 }
 
-/// A kept view, not written yet.
+/// A kept view that is not written yet.
 struct Held {
     view: View,
-    /// The transforms about its stamp: they may be forgotten before it is written.
+    /// Transforms around its stamp, saved in case they are dropped before it is written.
     around: Vec<TransformStamped>,
-    /// When it was received.
+    /// Time of reception, nanoseconds.
     now_nanos: i64,
 }
 
@@ -95,7 +95,7 @@ pub(crate) struct Collector {
     session: PathBuf,
     sync: Synchronizer<Picture>,
     waiting: VecDeque<Matched<Picture>>,
-    /// Transforms.
+    /// Recent transforms.
     pub tf: LiveTf,
     infos: [Option<CameraInfo>; 2],
     phase: Phase,
@@ -103,25 +103,25 @@ pub(crate) struct Collector {
     held: VecDeque<Held>,
     keyframes: [Keyframes; 2],
     finished: [Option<PathBuf>; 2],
-    /// Recording and views of the state being collected, as they were before.
+    /// Earlier recording and views of the state being collected, in case it is abandoned.
     before: (Option<PathBuf>, Keyframes),
     tracking: TrackedMap,
     newest_nanos: i64,
     /// Frame of the poses, once it is known.
     pub world_frame: Option<String>,
-    /// Counts so far.
+    /// Counts of messages and views.
     pub counts: Counts,
-    /// The last thing that went wrong.
+    /// The last problem.
     pub problem: Option<String>,
 }
 
 impl Collector {
-    /// A collector with its bags below the folder of a session.
+    /// A collector that writes its bags into the folder of a session.
     #[must_use]
     pub(crate) fn new(settings: CollectorSettings, session: &Path) -> Self {
         let with_masks = settings.topics.mask.is_some();
         let mut tf = LiveTf::default();
-        // From the start: a pose on /tf before the first one of the topic would count as well.
+        // From the start, so that poses on /tf before the topic's first one are ignored too.
         tf.overridden = settings.pose_frame.clone().filter(|_| settings.topics.pose.is_some());
         Self {
             sync: Synchronizer::new(settings.slop_nanos, settings.queue, with_masks),
@@ -144,7 +144,7 @@ impl Collector {
         }
     }
 
-    /// The present activity.
+    /// What the collector is doing.
     #[must_use]
     pub(crate) fn phase(&self) -> Phase {
         self.phase
@@ -156,7 +156,7 @@ impl Collector {
         &self.session
     }
 
-    /// Views kept of each state.
+    /// Number of kept views per state.
     #[must_use]
     pub(crate) fn kept_views(&self) -> [usize; 2] {
         [0, 1].map(|s| self.keyframes[s].len())
@@ -168,22 +168,22 @@ impl Collector {
         self.finished.clone()
     }
 
-    /// Images that wait for partners, sets that wait for poses.
+    /// Number of images waiting for a match, and of sets waiting for a pose.
     #[must_use]
     pub(crate) fn waiting_counts(&self) -> (usize, usize) {
         (self.sync.waiting(), self.waiting.len())
     }
 
-    /// Sets found and images given up.
+    /// Number of matched sets, and of images dropped without a match.
     #[must_use]
     pub(crate) fn match_counts(&self) -> (u64, [u64; 3]) {
         (self.sync.matched, self.sync.unmatched)
     }
 
-    /// Begins to collect a state. Its earlier recording is kept under another name.
+    /// Starts collecting a state; its earlier recording is renamed.
     ///
     /// # Errors
-    /// Another state is being collected, or the disk refuses.
+    /// If another state is being collected, or writing fails.
     pub(crate) fn start_state(&mut self, state: usize) -> Result<(), CollectError> {
         if state > 1 {
             return Err(CollectError::NoState(state));
@@ -193,7 +193,7 @@ impl Collector {
         }
         let bag = StateBag::create(&self.session, state, self.settings.topics.clone())?;
         self.before = (self.finished[state].take(), std::mem::take(&mut self.keyframes[state]));
-        // Waiting images were taken before the state began.
+        // Waiting images are from before the state started.
         self.waiting.clear();
         self.held.clear();
         self.tracking.to_track.clear();
@@ -203,10 +203,11 @@ impl Collector {
         Ok(())
     }
 
-    /// Ends the state being collected; the number of views kept. Without views it is as if the state had not
-    /// begun.
+    /// Finishes the state being collected; returns the number of kept views. Without views the state is
+    /// abandoned.
     ///
-    /// # Errors The state is not in collection, nothing was kept, or the disk refuses.
+    /// # Errors
+    /// If the state is not being collected, nothing was kept, or writing fails.
     pub(crate) fn finish_state(&mut self, state: usize) -> Result<usize, CollectError> {
         if self.phase != Phase::Collecting(state) {
             return Err(match self.phase {
@@ -215,7 +216,7 @@ impl Collector {
             });
         }
         let kept = self.keyframes[state].len();
-        // An empty recording must not take the place of an earlier one of this state.
+        // An empty recording must not replace an earlier one of this state.
         if kept == 0 {
             let why = self.why_nothing();
             self.abandon_state(state)?;
@@ -228,7 +229,7 @@ impl Collector {
         Ok(kept)
     }
 
-    /// Takes back the beginning of a state.
+    /// Abandons a state: restores its earlier recording.
     fn abandon_state(&mut self, state: usize) -> Result<(), BagWriteError> {
         self.phase = Phase::Idle;
         let (finished, keyframes) = std::mem::take(&mut self.before);
@@ -239,7 +240,7 @@ impl Collector {
         Ok(())
     }
 
-    /// Drops the views held back: they may show the object in motion.
+    /// Drops the views held back, which may show the object in motion.
     pub(crate) fn drop_held(&mut self) {
         if let Phase::Collecting(state) = self.phase {
             self.keyframes[state].forget_last(self.held.len());
@@ -247,7 +248,7 @@ impl Collector {
         self.held.clear();
     }
 
-    /// Writes held views, the oldest first, until so many are left.
+    /// Writes the oldest held views until `left` remain.
     fn write_held(&mut self, left: usize) -> Result<(), BagWriteError> {
         while self.held.len() > left {
             let (Some(held), Some(bag)) = (self.held.pop_front(), &mut self.bag) else { break };
@@ -264,7 +265,7 @@ impl Collector {
         Ok(())
     }
 
-    /// A sentence about the missing parts.
+    /// Describes what is missing.
     fn why_nothing(&self) -> String {
         let t = &self.settings.topics;
         let (matched, unmatched) = self.match_counts();
@@ -282,15 +283,16 @@ impl Collector {
         }
     }
 
-    /// Forgets everything and goes on in another folder. Recordings stay on the disk.
+    /// Discards the collected states and continues in another folder; recordings remain on the disk.
     ///
-    /// # Errors If the open recording cannot be closed.
+    /// # Errors
+    /// If the open recording cannot be closed.
     pub(crate) fn reset_session(&mut self, session: &Path) -> Result<(), BagWriteError> {
         let kept_something =
             matches!(self.phase, Phase::Collecting(state) if self.keyframes[state].len() > 0);
         let bag = self.bag.take();
         let tf = std::mem::take(&mut self.tf);
-        // Cameras and transforms are no part of a session; some of them are published once.
+        // Camera infos and transforms are kept: some are published only once.
         let infos = self.infos.clone();
         let counts = std::mem::take(&mut self.counts);
         let tracking = TrackedMap { map: self.tracking.map + 1, ..TrackedMap::default() };
@@ -306,16 +308,16 @@ impl Collector {
     /// Flushes the recording to the disk.
     ///
     /// # Errors
-    /// If the disk refuses.
+    /// If writing fails.
     pub(crate) fn flush(&mut self) -> Result<(), BagWriteError> {
         self.bag.as_mut().map_or(Ok(()), StateBag::flush)
     }
 
-    /// Takes a message with its time of reception (nanoseconds); returns the completed views. With `pixels`,
-    /// every view is decoded, else only kept ones.
+    /// Handles a message received at `now_nanos`; returns the completed views. With `pixels`, all of them are
+    /// decoded, else only kept ones.
     ///
     /// # Errors
-    /// If the disk refuses; then the state is not collected any further.
+    /// If writing fails; the state is then no longer collected.
     pub(crate) fn accept_sample(
         &mut self,
         sample: Sample,
@@ -324,7 +326,7 @@ impl Collector {
     ) -> Result<Vec<Seen>, BagWriteError> {
         if let Err(refusal) = sample.check() {
             self.counts.count_refusal(refusal);
-            // A message with one broken transform holds others.
+            // One invalid transform does not invalidate the others in a message.
             if !matches!(sample, Sample::Transforms(_) | Sample::StaticTransforms(_)) {
                 return Ok(Vec::new());
             }
@@ -347,12 +349,12 @@ impl Collector {
         self.unless_failed(seen)
     }
 
-    /// Result of a write; the state ends where the disk refused.
+    /// Passes on the result of a write; an error ends the state.
     fn unless_failed<T>(&mut self, written: Result<T, BagWriteError>) -> Result<T, BagWriteError> {
         if let Err(error) = &written {
             self.problem = Some(error.to_string());
             self.phase = Phase::Idle;
-            // A closed bag after an error would look whole: without its metadata.yaml it does not.
+            // Closing the bag would make it look complete; without metadata.yaml it does not.
             self.bag = None;
         }
         written
@@ -360,7 +362,7 @@ impl Collector {
 
     fn take_image(&mut self, role: usize, picture: Picture) {
         let Some((stamp, _)) = picture.header().checked() else { return };
-        // Color leads: depth and masks of a jump come with it.
+        // Color decides; depth and masks jump with it.
         if role == 0 {
             if stamp < self.newest_nanos.saturating_sub(JUMP_NANOS) {
                 let back = stamp_secs(self.newest_nanos - stamp);
@@ -373,7 +375,7 @@ impl Collector {
         }
         for set in self.sync.push(role, stamp, picture) {
             if self.waiting.len() == self.settings.queue {
-                // The oldest set goes: its transform is the least likely to come still.
+                // Drops the oldest set, whose transform is least likely to arrive.
                 self.waiting.pop_front();
                 self.counts.without_pose += 1;
             }
@@ -381,7 +383,7 @@ impl Collector {
         }
     }
 
-    /// The time went back to this: forgets later images and changing transforms.
+    /// Handles a backward time jump: drops later images and moving transforms.
     pub(crate) fn jump_back(&mut self, now_nanos: i64) {
         let latest = now_nanos.saturating_add(self.settings.slop_nanos);
         self.counts.jumps += 1;
@@ -398,11 +400,10 @@ impl Collector {
         self.sample_of_pose(m.header, self.settings.pose_frame.clone(), m.pose);
     }
 
-    /// A pose is a transform; its child may only be known after an image.
+    /// Stores a pose as a transform; its child frame may be known only after an image.
     fn sample_of_pose(&mut self, header: Header, child: Option<String>, transform: Transform) {
         let Some(child) = child.or_else(|| self.optical_frame()) else { return };
-        // /tf may hold the same frame, by another estimator; two
-        // sources would be interpolated into each other.
+        // /tf may contain another estimate of this frame, which must not be mixed in.
         self.tf.overridden = Some(child.clone());
         self.tf.add_one(&TransformStamped { header, child_frame_id: child, transform });
     }
@@ -413,7 +414,7 @@ impl Collector {
         info.map(|(_, frame)| frame).filter(|f| !f.is_empty())
     }
 
-    /// Gives waiting sets their poses, in order; keeps the new views.
+    /// Assigns poses to waiting sets in order, and keeps new views.
     fn place_waiting(&mut self, now_nanos: i64, pixels: bool) -> Result<Vec<Seen>, BagWriteError> {
         let mut seen = Vec::new();
         let mut still = VecDeque::new();
@@ -438,7 +439,7 @@ impl Collector {
                     let view = View { stamp_nanos: set.stamp_nanos, images: set.images, world_from_camera };
                     seen.extend(self.keep_if_new(view, now_nanos, pixels, None)?);
                 }
-                // The transform after the stamp may still come; the queue bounds the waiting.
+                // The transform after the stamp may still arrive; the queue bounds the wait.
                 other => {
                     if let Some(Err(error)) = other {
                         self.problem = Some(error.to_string());
@@ -457,7 +458,7 @@ impl Collector {
     }
 }
 
-/// The recording of a state, finished by an earlier run of the node in this session.
+/// The recording of a state that an earlier run of the node completed in this session.
 fn finished_state(session: &Path, state: usize) -> Option<PathBuf> {
     let folder = session.join(format!("state{state}"));
     folder.join("metadata.yaml").is_file().then_some(folder)

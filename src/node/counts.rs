@@ -1,34 +1,34 @@
-//! Counts of messages by their fate, for diagnostics.
+//! Counts of messages and views for diagnostics.
 
 use super::{keyframes::Verdict, sample::Refusal};
 
-/// Numbers since the start or the last reset.
+/// Counts since the start or the last reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Counts {
-    /// Messages with an unusable header.
+    /// Messages with an invalid header.
     pub bad_header: u64,
-    /// Messages with sizes against each other or the bounds.
+    /// Messages with inconsistent or excessive sizes.
     pub bad_size: u64,
-    /// Messages with impossible numbers.
+    /// Messages with invalid numbers.
     pub bad_value: u64,
-    /// Views with undecodable images.
+    /// Views whose images cannot be decoded.
     pub broken: u64,
-    /// Sets given up as no camera pose came.
+    /// Sets dropped without a camera pose.
     pub without_pose: u64,
-    /// Views kept.
+    /// Kept views.
     pub kept: u64,
-    /// Views like a kept one.
+    /// Views similar to a kept one.
     pub known: u64,
-    /// Views given up as the state was full.
+    /// Views dropped because the state was full.
     pub full: u64,
-    /// Views older than the last one kept.
+    /// Views older than the last kept one.
     pub late: u64,
-    /// Number of jumps back in time.
+    /// Backward time jumps.
     pub jumps: u64,
 }
 
 impl Counts {
-    /// Counts an unused message.
+    /// Counts a rejected message.
     pub(crate) fn count_refusal(&mut self, refusal: Refusal) {
         match refusal {
             Refusal::Header => self.bad_header += 1,
@@ -37,10 +37,10 @@ impl Counts {
         }
     }
 
-    /// Counts a view while a state is collected.
+    /// Counts the verdict on a view while a state is collected.
     pub(crate) fn count_verdict(&mut self, verdict: Verdict, collecting: bool) {
         match verdict {
-            // Between states every view is known; counting those would say nothing.
+            // Between states every view counts as known, which is no information.
             _ if !collecting => {}
             Verdict::Keep => self.kept += 1,
             Verdict::Known => self.known += 1,
@@ -49,7 +49,7 @@ impl Counts {
         }
     }
 
-    /// Counts kept after a reset: refusals and jumps, as they concern the neighbors.
+    /// The counts that survive a reset: rejected messages and jumps, as they come from other nodes.
     #[must_use]
     pub(crate) fn after_reset(self) -> Self {
         Self {

@@ -1,4 +1,4 @@
-//! The action `~/diagnose`: the diagnosis of the command line on recorded runs.
+//! The action `~/diagnose`: the diagnosis of the command line, on recorded runs.
 
 use std::{
     path::{Path, PathBuf},
@@ -24,16 +24,16 @@ use gap::{
 use io::{GapReportError, read_gap_report, read_twin, ros2msg::gap::GapReport, twin_path};
 use run::{self, DiagnoseOutcome, DiagnoseRequest, Event, RunError};
 
-/// Gravity where a goal gives none, m/s^2. derived: the standard value, rounded
+/// Gravity if a goal gives none, m/s^2. derived: the standard value, rounded
 const GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
 
-/// Diagnoses twins.
+/// Runs diagnoses.
 pub(crate) struct Diagnoser {
-    /// The core's shared data.
+    /// Data shared with the collection.
     pub shared: Arc<Shared>,
     /// The node's last twin.
     pub twins: watch::Receiver<Option<Arc<Twin>>>,
-    /// Gets the report of every diagnosis.
+    /// Receives the report of every diagnosis.
     pub reports: watch::Sender<Option<Arc<GapReport>>>,
 }
 
@@ -49,7 +49,7 @@ impl Job for Diagnoser {
         goal: &DiagnoseGoal,
     ) -> Result<Work<DiagnoseResult, DiagnoseFeedback>, GoalError> {
         let request = self.request_of_goal(goal)?;
-        // Before the work: an unreadable twin fails the goal at once.
+        // First, so that an unreadable twin fails the goal at once.
         let (tree, _) = read_twin(&request.twin, request.gravity)?;
         let joints = tree.joints.iter().filter(|j| j.motion != Motion::Fixed && !j.is_mimic).count();
         let mut progress = JointProgress::new(joints);
@@ -75,7 +75,7 @@ impl Diagnoser {
         }
         let made = || self.twins.borrow().as_ref().map(|t| t.summary.urdf_path());
         let twin = match goal.twin.as_str() {
-            // A message has no absent fields: an empty path asks for the last twin.
+            // Messages have no optional fields: an empty path means the last twin.
             "" => made().ok_or(GoalError::NoTwin)?,
             path => twin_path(Path::new(path))?,
         };
@@ -84,11 +84,11 @@ impl Diagnoser {
             twin,
             runs: paths(&goal.runs),
             held_out: paths(&goal.held_out),
-            // An earlier diagnosis stays.
+            // Earlier diagnoses are kept.
             out: free_folder(&self.shared.snapshot().session, "gap"),
             name: None,
             force: false,
-            // A message has no absent fields: a client without gravity sends zeros.
+            // Messages have no optional fields: clients without gravity send zeros.
             gravity: if goal.gravity == [0.0; 3] { GRAVITY } else { goal.gravity },
             hold: if goal.linear_effort { Hold::Linear } else { Hold::Zero },
             seed: goal.seed,
@@ -114,7 +114,7 @@ impl Diagnoser {
                 let message = report.summary.clone();
                 let folder = report.folder.clone();
                 let verdict = report.verdict.clone();
-                // Noted before it is published: a node killed now publishes it again.
+                // Saved before publishing, so that a killed node publishes it again.
                 note_report(request.out.parent().unwrap_or(Path::new("")), &report);
                 self.reports.send_replace(Some(Arc::new(report)));
                 Finished::Done(DiagnoseResult { success: true, message, folder, verdict })
@@ -129,7 +129,7 @@ fn read_report(outcome: &DiagnoseOutcome, twin: &Path) -> Result<GapReport, GapR
     Ok(GapReport { twin: twin.display().to_string(), summary: outcome.summary.clone(), ..report })
 }
 
-/// How far a diagnosis is: one stage a joint.
+/// Progress of a diagnosis, with one stage per joint.
 struct JointProgress {
     joints: usize,
     begun: usize,
@@ -142,7 +142,7 @@ impl JointProgress {
 
     fn feedback_of_event(&mut self, event: &Event, elapsed: Duration) -> Option<DiagnoseFeedback> {
         let Event::StageStarted { stage, .. } = event else { return None };
-        // A stage is reported when it begins, so earlier stages are done.
+        // A stage is reported as it starts, so the earlier ones are done.
         let done = (self.begun as f64 / self.joints.max(1) as f64).min(1.0);
         self.begun += 1;
         let seconds_left = if done > 0.0 { elapsed.as_secs_f64() * (1.0 - done) / done } else { f64::NAN };

@@ -1,4 +1,4 @@
-//! `/diagnostics`: rates, losses, waiting, memory, device.
+//! `/diagnostics`: rates, losses, queues, memory, device.
 
 use std::time::Duration;
 
@@ -17,7 +17,7 @@ const OK: u8 = 0;
 const WARN: u8 = 1;
 const STALE: u8 = 3;
 
-/// Makes diagnostics, with rates since the last ones.
+/// Creates diagnostics, with rates since the previous ones.
 #[derive(Debug)]
 pub(crate) struct Diagnostics {
     node: String,
@@ -33,14 +33,14 @@ impl Diagnostics {
         Self { node: node.to_owned(), inputs, last }
     }
 
-    /// The present state, `elapsed` after the last.
+    /// The current diagnostics, `elapsed` after the previous ones.
     pub(crate) fn status_array(
         &mut self,
         stamp: Time,
         elapsed: Duration,
         snapshot: &Snapshot,
     ) -> DiagnosticArray {
-        // Two reports may come at once after the machine was busy.
+        // Two reports may follow immediately if the machine was busy.
         let seconds = elapsed.as_secs_f64().max(1e-3);
         let mut status = Vec::new();
         for (input, last) in self.inputs.iter().zip(&mut self.last) {
@@ -79,7 +79,7 @@ impl Diagnostics {
             ("session", s.session.display().to_string()),
             ("world_frame", s.world_frame.clone().unwrap_or_default()),
         ];
-        // The last problem first: people look for it here.
+        // The last problem comes first, as people look for it here.
         let (level, message) = match (&s.problem, s.collecting) {
             (Some(problem), _) => (WARN, problem.clone()),
             (None, Some(state)) => (OK, format!("collecting state {state}")),
@@ -147,13 +147,13 @@ fn input_status(
     seconds: f64,
 ) -> DiagnosticStatus {
     let rate_hz = (now.received - last.received) as f64 / seconds;
-    // `lost` may fall: a message counted as lost came late.
+    // `lost` may decrease when a message counted as lost arrives late.
     let bad = (now.lost - last.lost.min(now.lost))
         + (now.malformed - last.malformed)
         + (now.overrun - last.overrun);
     let (level, message) = match () {
         () if bad > 0 => (WARN, format!("{bad} messages lost, malformed or dropped since the last report")),
-        // Not an error: topics may come up later than the node.
+        // Not an error, as topics may start later than the node.
         () if now.received == 0 => (STALE, "nothing came yet".into()),
         () => (OK, format!("{rate_hz:.1} Hz")),
     };
@@ -185,7 +185,7 @@ fn status_of_part(
     }
 }
 
-/// Memory of the process.
+/// Resident memory of the process, bytes.
 #[must_use]
 pub(crate) fn resident_bytes() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/self/status").ok()?;

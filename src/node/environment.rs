@@ -1,4 +1,4 @@
-//! The environment of a ROS 2 program: domain, reach, middleware, security.
+//! Environment variables of a ROS 2 program: domain, network, middleware, security.
 
 use std::net::{IpAddr, Ipv4Addr};
 
@@ -7,23 +7,23 @@ use ros2_client::ServiceMapping;
 /// Settings from environment variables.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Environment {
-    /// DDS domain.
+    /// DDS domain ID.
     pub domain: u16,
-    /// Whether only this machine is talked to.
+    /// Whether communication is limited to this machine.
     pub localhost: bool,
-    /// The neighbors' middleware, where it is known.
+    /// Middleware of the other nodes, if known.
     pub middleware: Option<String>,
-    /// Warnings.
+    /// Warnings to log.
     pub warnings: Vec<String>,
 }
 
-/// Why the node refuses to start.
+/// Why the environment prevents a start.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum EnvironmentError {
-    /// No domain.
+    /// Invalid domain ID.
     #[error("ROS_DOMAIN_ID is `{0}`; give a number from 0 to 232")]
     Domain(String),
-    /// Security is enforced but not there.
+    /// Security is enforced, but this build does not support it.
     #[error(
         "ROS_SECURITY_ENABLE is true and ROS_SECURITY_STRATEGY is Enforce, but this build has no DDS \
          security; \
@@ -35,19 +35,20 @@ pub enum EnvironmentError {
 impl Environment {
     /// Reads the variables through `get`.
     ///
-    /// # Errors An invalid domain; enforced security.
+    /// # Errors
+    /// If the domain ID is invalid or security is enforced.
     pub(crate) fn read(get: impl Fn(&str) -> Option<String>) -> Result<Self, EnvironmentError> {
-        // An empty variable counts as unset, as in rcl.
+        // Empty variables count as unset, as in rcl.
         let get = |name: &str| get(name).filter(|v| !v.is_empty());
         let mut warnings = Vec::new();
         let domain = match get("ROS_DOMAIN_ID") {
             None => 0,
             Some(text) => {
-                // DDS makes UDP ports of the domain: 7400 + 250 per domain has to stay below 65,536.
+                // DDS derives UDP ports from the domain: 7400 + 250 per domain must stay below 65,536.
                 text.trim().parse().ok().filter(|d| *d <= 232).ok_or(EnvironmentError::Domain(text))?
             }
         };
-        // To go on in the clear where security is enforced would be worse than to stop.
+        // Where security is enforced, unencrypted communication would be worse than none.
         if get("ROS_SECURITY_ENABLE").is_some_and(|v| v.eq_ignore_ascii_case("true")) {
             if get("ROS_SECURITY_STRATEGY").is_some_and(|v| v.eq_ignore_ascii_case("enforce")) {
                 return Err(EnvironmentError::Security);
@@ -61,8 +62,8 @@ impl Environment {
             match (get("ROS_AUTOMATIC_DISCOVERY_RANGE").as_deref(), get("ROS_LOCALHOST_ONLY").as_deref()) {
                 (_, Some("1")) | (Some("LOCALHOST"), _) => true,
                 (Some("SUBNET" | "SYSTEM_DEFAULT"), _) | (None, Some("0")) => false,
-                // ROS 2 would talk to the subnet. DDS has no authentication here, so
-                // the network is opened only on request.
+                // ROS 2 would use the subnet. DDS here has no authentication, so the network is used only on
+                // request.
                 (None, _) => true,
                 (Some(other), _) => {
                     warnings.push(format!(
@@ -81,20 +82,20 @@ impl Environment {
         Ok(Self { domain, localhost, middleware, warnings })
     }
 
-    /// The used networks; `None`: all.
+    /// Addresses of the networks to use; `None` for all.
     #[must_use]
     pub(crate) fn networks(&self) -> Option<[IpAddr; 1]> {
         self.localhost.then_some([IpAddr::V4(Ipv4Addr::LOCALHOST)])
     }
 
-    /// Form of service requests on the wire, by the middleware.
+    /// Format of service requests on the wire for the middleware.
     #[must_use]
     pub(crate) fn service_mapping(&self, parameter: &str) -> ServiceMapping {
         let cyclone = self.middleware.as_deref().is_some_and(|m| m.contains("cyclonedds"));
         match parameter {
             "cyclone" => ServiceMapping::Cyclone,
-            // rmw_cyclonedds puts the request's identity before the
-            // body, Fast DDS into the sample's metadata.
+            // rmw_cyclonedds puts the request's identity before the body, Fast DDS into the sample's
+            // metadata.
             "auto" if cyclone => ServiceMapping::Cyclone,
             _ => ServiceMapping::Enhanced,
         }

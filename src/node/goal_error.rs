@@ -1,40 +1,40 @@
-//! Why a goal cannot be worked on.
+//! Errors of goals.
 
 use std::path::PathBuf;
 
 use super::collect_error::CollectError;
 use io::UrdfError;
 
-/// Most bags of one goal.
+/// Most bags per goal.
 pub(crate) const MAX_RUNS: usize = 1000;
 
-/// Why a goal cannot be worked on.
+/// Why a goal cannot be executed.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum GoalError {
     /// The session has no recordings to read.
     #[error(transparent)]
     Session(#[from] CollectError),
-    /// The settings cannot be kept beside the recordings.
+    /// The settings file cannot be written.
     #[error("cannot write `{}`: {source}", path.display())]
     Settings {
         /// The file.
         path: PathBuf,
-        /// The system's message.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// The settings have no text.
+    /// The settings cannot be serialized.
     #[error(transparent)]
     Text(#[from] serde_norway::Error),
-    /// No runs, or too many.
+    /// Number of runs, if it is zero or too large.
     #[error("{0} runs; give 1 to {MAX_RUNS} bags")]
     Runs(usize),
-    /// No vector.
+    /// Gravity is not finite.
     #[error("gravity is not a number")]
     Gravity,
-    /// None was made or named.
+    /// No twin was reconstructed or given.
     #[error("no twin was made yet; name a URDF")]
     NoTwin,
-    /// It cannot be read.
+    /// The twin cannot be read.
     #[error(transparent)]
     Twin(#[from] UrdfError),
 }

@@ -1,11 +1,11 @@
-//! Counts of one subscription: received, lost on the way, undecodable.
+//! Message counts of a subscription: received, lost and undecodable.
 
 use std::{
     collections::BTreeMap,
     sync::{Mutex, MutexGuard, PoisonError},
 };
 
-/// Most publishers with followed sequence numbers.
+/// Most publishers whose sequence numbers are tracked.
 const MAX_PUBLISHERS: usize = 64;
 
 /// Counts of one subscription.
@@ -19,20 +19,20 @@ struct Inner {
     snapshot: InputSnapshot,
     /// Last sequence number by publisher.
     last: BTreeMap<[u8; 16], i64>,
-    /// Undecodable messages since the last good one; their sequence numbers are not known.
+    /// Undecodable messages since the last good one, whose sequence numbers are unknown.
     malformed_since: u64,
 }
 
-/// The counts at a time.
+/// A copy of the counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct InputSnapshot {
-    /// Messages decoded.
+    /// Decoded messages.
     pub received: u64,
-    /// Messages other than CDR of their type.
+    /// Messages that could not be decoded as their type.
     pub malformed: u64,
-    /// Messages lost by the middleware, by the gaps in the publishers' sequence numbers.
+    /// Messages lost in transport, from gaps in the publishers' sequence numbers.
     pub lost: u64,
-    /// Messages dropped here, as the node was busy.
+    /// Messages dropped because the node was busy.
     pub overrun: u64,
 }
 
@@ -41,7 +41,7 @@ impl InputCount {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Counts a message of a publisher.
+    /// Counts a message from a publisher.
     pub(crate) fn count_received(&self, publisher: [u8; 16], sequence: i64) {
         let mut inner = self.locked_inner();
         inner.snapshot.received += 1;
@@ -50,15 +50,15 @@ impl InputCount {
         let last = inner.last.get(&publisher).copied();
         match last {
             Some(last) if sequence > last => {
-                // Undecodable messages leave gaps, too, but were counted as malformed.
+                // Undecodable messages leave gaps too, but are counted as malformed.
                 inner.snapshot.lost += ((sequence - last - 1) as u64).saturating_sub(malformed)
             }
-            // It came late: it had been counted as lost.
+            // A late message that was counted as lost.
             Some(_) => {
                 inner.snapshot.lost = inner.snapshot.lost.saturating_sub(1);
                 return;
             }
-            // A restarted publisher is a new one: without a bound they would fill the memory.
+            // Restarted publishers count as new; the bound limits memory.
             None if inner.last.len() >= MAX_PUBLISHERS => inner.last.clear(),
             None => {}
         }
@@ -72,12 +72,12 @@ impl InputCount {
         inner.malformed_since += 1;
     }
 
-    /// Counts a message dropped by the busy node.
+    /// Counts a message dropped because the node was busy.
     pub(crate) fn count_overrun(&self) {
         self.locked_inner().snapshot.overrun += 1;
     }
 
-    /// The counts now.
+    /// A copy of the counts.
     #[must_use]
     pub(crate) fn snapshot(&self) -> InputSnapshot {
         self.locked_inner().snapshot

@@ -21,36 +21,36 @@ use io::ros2msg::{
     text::Clock,
 };
 
-/// Most waiting transforms: a robot's tree comes in many small messages.
+/// Queue length for transforms, as a robot's tree comes in many small messages.
 const TF_DEPTH: usize = 100;
 
-/// A subscription's name and counts.
+/// Name and counts of a subscription.
 #[derive(Clone, Debug)]
 pub(crate) struct Input {
-    /// Its role.
+    /// Role of the topic.
     pub role: &'static str,
-    /// Its topic.
+    /// Name of the topic.
     pub topic: String,
     /// Its counts.
     pub count: Arc<InputCount>,
 }
 
-/// Where messages go.
+/// Channels to the collection thread.
 #[derive(Clone)]
 pub(crate) struct Outbox {
-    /// Images.
+    /// Image messages.
     pub images: mpsc::Sender<Sample>,
-    /// Everything else.
+    /// All other messages.
     pub small: mpsc::Sender<Sample>,
     /// Commands.
     pub commands: mpsc::Sender<Command>,
 }
 
-/// Names of the subscribed topics, remapped.
+/// Names of the subscribed topics after remapping.
 #[must_use]
 pub(crate) fn topic_names(arguments: &RosArgs, node: &NodeIdentity, p: &Parameters) -> Topics {
     let resolve = |name: &str| arguments.resolved_name(name, node);
-    // An empty parameter means: not given; ROS parameters have no null.
+    // An empty parameter means not given, as ROS parameters have no null.
     let given = |name: &str| (!name.is_empty()).then(|| resolve(name));
     Topics {
         color: resolve(&image_topic(&p.color_topic, &p.color_transport)),
@@ -62,7 +62,7 @@ pub(crate) fn topic_names(arguments: &RosArgs, node: &NodeIdentity, p: &Paramete
     }
 }
 
-/// Image transports publish below the name of the raw topic.
+/// Image transports append their name to that of the raw topic.
 fn image_topic(name: &str, transport: &str) -> String {
     match transport {
         "raw" => name.to_owned(),
@@ -70,7 +70,7 @@ fn image_topic(name: &str, transport: &str) -> String {
     }
 }
 
-/// Makes subscriptions.
+/// Creates subscriptions.
 struct Subscriber<'a> {
     participant: &'a mut Participant,
     outbox: &'a Outbox,
@@ -78,7 +78,7 @@ struct Subscriber<'a> {
 }
 
 impl Subscriber<'_> {
-    /// Hands the messages of a topic on; those without room are counted.
+    /// Subscribes to a topic and forwards its messages; those that find the queue full are counted.
     fn add_topic<M: RosMessage>(
         &mut self,
         role: &'static str,
@@ -87,12 +87,13 @@ impl Subscriber<'_> {
         wrap: impl Fn(M) -> Sample + Send + 'static,
     ) -> Result<(), NodeError> {
         let count = Arc::new(InputCount::default());
-        // Images have a queue of their own: they cannot crowd out their transforms.
+        // Images have their own queue, so that they cannot displace their transforms.
         let images = matches!(role, "color" | "depth" | "mask");
         let sink = if images { self.outbox.images.clone() } else { self.outbox.small.clone() };
         let overrun = Arc::clone(&count);
         self.participant.subscribe_topic(topic, qos, Arc::clone(&count), move |message: M| {
-            // Never waits: a busy core costs images, with a count, and not the middleware's thread.
+            // Never blocks: if the collection is busy, images are dropped and counted instead of blocking the
+            // middleware.
             if let Err(TrySendError::Full(_)) = sink.try_send(wrap(message)) {
                 overrun.count_overrun();
             }
@@ -119,7 +120,7 @@ impl Subscriber<'_> {
 /// Subscribes to all topics of the parameters.
 ///
 /// # Errors
-/// If a name cannot be used or the network refuses.
+/// If a name is invalid or the network reports an error.
 pub(crate) fn subscribe_topics(
     participant: &mut Participant,
     p: &Parameters,
@@ -133,8 +134,9 @@ pub(crate) fn subscribe_topics(
     let mut s = Subscriber { participant, outbox, inputs: Vec::new() };
     let tf = s.participant.resolved_name("/tf");
     let tf_static = s.participant.resolved_name("/tf_static");
-    // Explicit profiles: the library's default is best effort with a depth of 1. Best effort fits every
-    // publisher, reliable does not, and a mismatch is silent. tf2 publishes reliably, and /tf_static latched.
+    // Explicit profiles, as the library's default is best effort with a depth of 1. Best effort matches every
+    // publisher; reliable does not, and a mismatch is silent. tf2 publishes reliably, with /tf_static
+    // latched.
     s.add_topic("tf", &tf, &reliable_profile(TF_DEPTH), Sample::Transforms)?;
     s.add_topic("tf_static", &tf_static, &latched_profile(TF_DEPTH), Sample::StaticTransforms)?;
     s.add_image_topic("color", &topics.color, p.color_transport == "raw", &images, Sample::Color)?;
@@ -143,7 +145,7 @@ pub(crate) fn subscribe_topics(
         s.add_image_topic("mask", mask, p.mask_transport == "raw", &images, Sample::Mask)?;
     }
     s.add_topic("camera_info", &topics.color_info, &infos, |m: CameraInfo| Sample::ColorInfo(Box::new(m)))?;
-    // One topic for both: a second subscription would bring each message twice.
+    // If both use one topic, a second subscription would duplicate messages.
     if let Some(info) = topics.depth_info.as_ref().filter(|t| **t != topics.color_info) {
         s.add_topic("depth_info", info, &infos, |m: CameraInfo| Sample::DepthInfo(Box::new(m)))?;
     }
@@ -157,14 +159,14 @@ pub(crate) fn subscribe_topics(
         None => {}
     }
     let mut inputs = s.inputs;
-    // The library subscribes to /clock as builtin_interfaces/Time, unlike any publisher of ROS 2.
+    // The library subscribes to /clock as builtin_interfaces/Time, which no ROS 2 publisher uses.
     if p.use_sim_time {
         let count = Arc::new(InputCount::default());
         let clock = Arc::clone(clock);
         let commands = outbox.commands.clone();
         let topic = participant.resolved_name("/clock");
         participant.subscribe_topic(&topic, &sensor_data(1), Arc::clone(&count), move |m: Clock| {
-            // A restarted replay, or a reset simulator: waiting images are of another time.
+            // After a restarted replay or a reset simulator, waiting images are from another time.
             if clock.set_time(m.clock) {
                 commands.try_send(Command::TimeJump).ok();
             }

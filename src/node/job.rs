@@ -1,4 +1,4 @@
-//! Work of an action. It runs on a thread of its own, reports its progress and can be stopped.
+//! Work of an action: it runs in its own thread, reports progress and can be stopped.
 
 use std::{
     sync::{
@@ -14,20 +14,20 @@ use tokio::sync::mpsc;
 use super::goal_error::GoalError;
 use run::{Event, Monitor};
 
-/// News waiting for the action.
+/// Queue length for reports.
 const NEWS: usize = 256;
-/// Least time between two feedbacks of one stage.
+/// Least time between feedback messages of one stage.
 const FEEDBACK_EVERY: Duration = Duration::from_millis(100);
 
 /// The work of an action.
 pub(crate) trait Job: Send + Sync + 'static {
-    /// Its goal.
+    /// Goal message.
     type Goal: Message + Clone + Send + Sync + 'static;
-    /// Its result.
+    /// Result message.
     type Result: Message + Clone + Send + Sync + 'static;
-    /// How far it is.
+    /// Feedback message.
     type Feedback: Message + Send + Sync + 'static;
-    /// Name of the action below the node's.
+    /// Name of the action below the node's name.
     const NAME: &'static str;
     /// Type of the action in `artitwin_msgs`.
     const TYPE: &'static str;
@@ -35,37 +35,37 @@ pub(crate) trait Job: Send + Sync + 'static {
     /// Starts the work.
     ///
     /// # Errors
-    /// It cannot be done.
+    /// If the work cannot be started.
     fn begin_work(
         self: &Arc<Self>,
         goal: &Self::Goal,
     ) -> Result<Work<Self::Result, Self::Feedback>, GoalError>;
 
-    /// The result of failed work, with the reason.
+    /// Result of work that failed with a message.
     fn failed_result(message: String) -> Self::Result;
 }
 
-/// How work ended.
+/// How the work ended.
 #[derive(Debug)]
 pub(crate) enum Finished<R> {
-    /// With a result.
+    /// Completed with a result.
     Done(R),
-    /// It was asked to stop.
+    /// Stopped on request.
     Canceled,
-    /// Without a result; why.
+    /// Failed; with the reason.
     Failed(String),
 }
 
-/// Reports of work.
+/// Reports from the work.
 #[derive(Debug)]
 pub(crate) enum News<R, F> {
-    /// How far it is.
+    /// Progress.
     Feedback(F),
-    /// It is over. The last news.
+    /// The end; no report follows.
     Ended(Finished<R>),
 }
 
-/// Work in progress; dropped, it is asked to stop.
+/// Work in progress; dropping it requests a stop.
 #[derive(Debug)]
 pub(crate) struct Work<R, F> {
     news: mpsc::Receiver<News<R, F>>,
@@ -73,8 +73,8 @@ pub(crate) struct Work<R, F> {
 }
 
 impl<R: Send + 'static, F: Send + 'static> Work<R, F> {
-    /// Starts work. `feedback` makes the report of an event and the time since the start, where there is one:
-    /// at once for a new stage, else not too often.
+    /// Starts the work. `feedback` converts an event and the time since the start to a message, if there is
+    /// one; it is sent at once for a new stage, else at a limited rate.
     pub(crate) fn start_thread(
         mut feedback: impl FnMut(&Event, Duration) -> Option<F> + Send + 'static,
         work: impl FnOnce(&Monitor) -> Finished<R> + Send + 'static,
@@ -83,7 +83,7 @@ impl<R: Send + 'static, F: Send + 'static> Work<R, F> {
         let (send, news) = mpsc::channel(NEWS);
         let (events, listener) = std::sync::mpsc::channel();
         let to_client = send.clone();
-        // Two threads: the work must not wait for a slow client, and the pipeline knows no async.
+        // Two threads: a slow client must not block the work, and the pipeline is not async.
         std::thread::spawn(move || {
             let start = Instant::now();
             let mut last = None::<Instant>;
@@ -92,12 +92,12 @@ impl<R: Send + 'static, F: Send + 'static> Work<R, F> {
                     log::warn!("{message}");
                 }
                 let Some(feedback) = feedback(&event, start.elapsed()) else { continue };
-                // Each step would be a message on the network.
+                // Otherwise each step would send a message.
                 if matches!(event, Event::StageStarted { .. })
                     || last.is_none_or(|t| t.elapsed() >= FEEDBACK_EVERY)
                 {
                     last = Some(Instant::now());
-                    // A slow client misses some; the end is sent apart.
+                    // A slow client may miss feedback; the end is sent separately.
                     to_client.try_send(News::Feedback(feedback)).ok();
                 }
             }
@@ -110,9 +110,9 @@ impl<R: Send + 'static, F: Send + 'static> Work<R, F> {
         Self { news, cancel }
     }
 
-    /// Waits for news.
+    /// Waits for the next report.
     pub(crate) async fn next(&mut self) -> News<R, F> {
-        // The channel closes without an end only if the thread of the work panicked.
+        // The channel closes without an end only if the work panicked.
         match self.news.recv().await {
             Some(news) => news,
             None => News::Ended(Finished::Failed("the work ended without a word".into())),
@@ -121,7 +121,7 @@ impl<R: Send + 'static, F: Send + 'static> Work<R, F> {
 }
 
 impl<R, F> Work<R, F> {
-    /// Asks it to stop after its present step.
+    /// Requests a stop after the current step.
     pub(crate) fn cancel(&self) {
         self.cancel.store(true, Ordering::Relaxed);
     }

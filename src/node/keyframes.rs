@@ -1,28 +1,28 @@
-//! The choice of views: different from all kept ones. Bounds the memory of a long recording.
+//! Selection of views that differ from all kept ones; this bounds the memory of a long recording.
 
 use geometry::Pose;
 
-/// Time between views without a pose, nanoseconds.
-/// derived: a hand carries a camera by 7 cm in it, at 0.35 m/s
+/// Least time between kept views without a pose, nanoseconds.
+/// derived: at 0.35 m/s, a hand moves a camera by 7 cm in this time
 const UNPLACED_NANOS: u64 = 200_000_000;
 
-/// When a view is new.
+/// Rule for a view to be new.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct KeyframeRule {
-    /// Distance to every view kept, meters ...
+    /// Least distance from every kept view, meters ...
     pub translation_m: f64,
-    /// ... or turn against it, radians.
+    /// ... or least rotation from it, radians.
     pub rotation_rad: f64,
-    /// Most views a state.
+    /// Most views per state.
     pub most: usize,
 }
 
-/// The views kept of one state.
+/// The kept views of one state.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Keyframes {
     poses: Vec<Pose>,
     last_stamp_nanos: Option<i64>,
-    /// Views kept without a pose, and the stamp of the last.
+    /// Number of kept views without a pose, and the stamp of the last one.
     unplaced: usize,
     last_unplaced_nanos: Option<i64>,
 }
@@ -30,24 +30,24 @@ pub(crate) struct Keyframes {
 /// The verdict on a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Verdict {
-    /// It is kept.
+    /// The view is kept.
     Keep,
-    /// It is like a kept view.
+    /// It is similar to a kept view.
     Known,
-    /// The state has as many views as are allowed.
+    /// The state has the largest allowed number of views.
     Full,
-    /// Its stamp is not after the last kept view's: time went back.
+    /// Its stamp is not after the last kept view's, as time jumped back.
     Late,
 }
 
 impl Keyframes {
-    /// Number kept.
+    /// Number of kept views.
     #[must_use]
     pub(crate) fn len(&self) -> usize {
         self.poses.len() + self.unplaced
     }
 
-    /// Whether a view would be kept.
+    /// Decides whether a view is kept.
     #[must_use]
     pub(crate) fn verdict_on(
         &self,
@@ -55,11 +55,11 @@ impl Keyframes {
         world_from_camera: &Pose,
         rule: &KeyframeRule,
     ) -> Verdict {
-        // Time went back: kept views stay, older ones are left out.
+        // After a backward jump, kept views stay and older ones are dropped.
         if self.last_stamp_nanos.is_some_and(|last| stamp_nanos <= last) {
             return Verdict::Late;
         }
-        // Against all kept views, not the last: a returning camera shows nothing new.
+        // Compared with all kept views, as a camera that returns shows nothing new.
         let is_known = self.poses.iter().any(|p| {
             let away = (p.translation.vector - world_from_camera.translation.vector).norm();
             away < rule.translation_m && p.rotation.angle_to(&world_from_camera.rotation) < rule.rotation_rad
@@ -71,8 +71,7 @@ impl Keyframes {
         }
     }
 
-    /// Keeps a view without a pose, if it was taken long enough from all others to show something new;
-    /// returns whether it did.
+    /// Keeps a view without a pose if enough time has passed since the last kept one; returns whether it did.
     pub(crate) fn keep_unplaced(&mut self, stamp_nanos: i64, rule: &KeyframeRule) -> bool {
         let is_near = |s: Option<i64>| s.is_some_and(|s| stamp_nanos.abs_diff(s) < UNPLACED_NANOS);
         let near = is_near(self.last_stamp_nanos) || is_near(self.last_unplaced_nanos);
@@ -84,7 +83,7 @@ impl Keyframes {
         keep
     }
 
-    /// Forgets the last kept views.
+    /// Removes the last `count` kept views.
     pub(crate) fn forget_last(&mut self, count: usize) {
         self.poses.truncate(self.poses.len().saturating_sub(count));
     }

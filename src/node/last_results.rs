@@ -1,5 +1,4 @@
-//! The node's last results in a session, noted in its folder: a later node of the session publishes them
-//! again.
+//! Saves the node's last results in the session folder, for a later node of the session to publish again.
 
 use std::{
     io,
@@ -15,10 +14,10 @@ use common::limits::FileLimit;
 
 const TWIN_FILE: &str = "last_twin.json";
 const REPORT_FILE: &str = "last_report.json";
-/// A note holds a few names and a sentence.
+/// Size limit of a note, which holds a few names and a sentence.
 const NOTE: FileLimit = FileLimit { what: "a note of the node", bytes: 64 << 10 };
 
-/// Note of a twin; the rest is in its folder.
+/// Saved reference to a twin; the rest is in its folder.
 #[derive(Serialize, Deserialize)]
 struct TwinNote {
     folder: PathBuf,
@@ -26,7 +25,7 @@ struct TwinNote {
     world_frame: String,
 }
 
-/// Note of a diagnosis; the rest is in its folder.
+/// Saved reference to a diagnosis; the rest is in its folder.
 #[derive(Serialize, Deserialize)]
 struct ReportNote {
     folder: PathBuf,
@@ -34,7 +33,7 @@ struct ReportNote {
     summary: String,
 }
 
-/// Notes a made twin. A refusal of the disk is logged; the twin is published all the same.
+/// Saves a reference to a twin. An error is only logged; the twin is published anyway.
 pub(crate) fn note_twin(session: &Path, twin: &Twin) {
     let note = TwinNote {
         folder: path_in_session(session, &twin.summary.folder),
@@ -44,7 +43,7 @@ pub(crate) fn note_twin(session: &Path, twin: &Twin) {
     write_note(&session.join(TWIN_FILE), &note);
 }
 
-/// Notes a made diagnosis.
+/// Saves a reference to a diagnosis.
 pub(crate) fn note_report(session: &Path, report: &GapReport) {
     let folder = path_in_session(session, Path::new(&report.folder));
     write_note(
@@ -53,17 +52,17 @@ pub(crate) fn note_report(session: &Path, report: &GapReport) {
     );
 }
 
-/// The last twin of a session. An unreadable one is logged and left out.
+/// The last twin of a session; `None` if there is none, or it is unreadable (logged).
 #[must_use]
 pub(crate) fn last_twin(session: &Path) -> Option<Twin> {
     let note: TwinNote = read_note(&session.join(TWIN_FILE))?;
     let summary = read_run_summary(&session.join(&note.folder));
-    // A session without its twin is still a session: the node starts all the same.
+    // A session remains usable without its twin, so the node starts anyway.
     let summary = summary.inspect_err(|e| log::warn!("the last twin is not published again: {e}")).ok()?;
     Some(Twin { summary, state: note.state, world_frame: note.world_frame })
 }
 
-/// The last diagnosis of a session. An unreadable one is logged and left out.
+/// The last diagnosis of a session; `None` if there is none, or it is unreadable (logged).
 #[must_use]
 pub(crate) fn last_report(session: &Path) -> Option<GapReport> {
     let note: ReportNote = read_note(&session.join(REPORT_FILE))?;
@@ -74,7 +73,7 @@ pub(crate) fn last_report(session: &Path) -> Option<GapReport> {
     Some(GapReport { twin: note.twin, summary: note.summary, ..report })
 }
 
-/// A folder by its name in the session: a session may be moved.
+/// The folder by its name in the session, as sessions may be moved.
 fn path_in_session(session: &Path, folder: &Path) -> PathBuf {
     folder.strip_prefix(session).unwrap_or(folder).to_owned()
 }
@@ -90,7 +89,7 @@ fn write_note(path: &Path, note: &impl Serialize) {
 }
 
 fn read_note<T: DeserializeOwned>(path: &Path) -> Option<T> {
-    // No note is the usual case; a damaged one is worth a line.
+    // A missing file is normal; a damaged one is logged.
     let text = match files::read_text(path, NOTE) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return None,
         text => text,

@@ -1,5 +1,6 @@
-//! `artitwin node`: a ROS 2 node. It collects the two states of an object, makes its twin with the pipeline
-//! of the command line, and publishes it. A DDS participant in pure Rust; no ROS installation is needed.
+//! `artitwin node`: a ROS 2 node that collects the two states of an object, reconstructs its twin with the
+//! pipeline of the command line, and publishes it. It is a DDS participant in pure Rust and needs no ROS
+//! installation.
 //!
 //! ```text
 //! subscriptions -> [queues] -> collection (collector: pairs, poses, keyframes -> session/state0, state1)

@@ -1,6 +1,6 @@
-//! The map of a state while it is collected, on a thread of its own: kept views go in, and the seen surface,
-//! unseen space, the next view and moved surface come out. Nothing waits for it: a view without room is left
-//! out of the map, not of the recording.
+//! The live map of a state during collection, in its own thread. It receives kept views and computes the
+//! observed surface, unseen space, the next view and moved surface. Nothing waits for it: a view that finds
+//! the queue full is missing in the map, but not in the recording.
 
 use std::{
     sync::{
@@ -18,37 +18,37 @@ use capture::RgbdFrame;
 use geometry::{Intrinsics, Pose};
 use surface::{LiveMap, LiveSettings, MeshChunk, Moved, NextView, Unseen};
 
-/// Views waiting to be fused.
-/// derived: at a quarter of a second each, the last one of a burst is fused within a second
+/// Queue length for views.
+/// derived: at a quarter of a second each, a burst is fused within a second
 const WAITING: usize = 3;
 
-/// The map of a view.
+/// Identifies the map to which a view belongs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct MapKey {
     /// Number of the session.
     pub session: u64,
-    /// Number of states begun so far; a higher one is another state.
+    /// Number of states started so far; it increases with each state.
     pub begun: u64,
-    /// The state.
+    /// Index of the state.
     pub state: usize,
-    /// Number of the world of tracked poses; `None`: they were given, in one world.
+    /// Number of the tracking map; `None` if poses were given, all in one world.
     pub tracked: Option<u64>,
 }
 
 impl MapKey {
-    /// Whether a state begun so can be compared with earlier views.
+    /// Whether a state `next` can be compared with earlier views.
     fn goes_on(&self, next: &Self) -> bool {
         self.session == next.session && self.tracked == next.tracked && next.state == 1
     }
 }
 
-/// A kept view.
+/// A kept view for the map.
 pub(crate) struct KeptView {
-    /// Its map.
+    /// Map it belongs to.
     pub key: MapKey,
     /// Stamp of the color image, nanoseconds.
     pub stamp_nanos: i64,
-    /// When it was kept.
+    /// Time at which it was kept.
     pub kept: Instant,
     /// Frame of its pose.
     pub world_frame: String,
@@ -58,64 +58,64 @@ pub(crate) struct KeptView {
     pub world_from_camera: Pose,
 }
 
-/// Contents of the map so far.
+/// Current contents of the map.
 pub(crate) struct LiveProducts {
-    /// Its map.
+    /// Map it belongs to.
     pub key: MapKey,
-    /// Stamp of the newest view in it, nanoseconds.
+    /// Stamp of the newest view, nanoseconds.
     pub stamp_nanos: i64,
-    /// Time of the oldest new view in it.
+    /// Time at which the oldest of the new views was kept.
     pub kept: Instant,
-    /// Frame of all.
+    /// Frame of all contents.
     pub world_frame: String,
-    /// The surface.
+    /// Observed surface.
     pub chunks: Vec<Arc<MeshChunk>>,
     /// Unseen space.
     pub unseen: Unseen,
-    /// The view of the largest gain.
+    /// The best next view.
     pub next_view: Option<NextView>,
-    /// Moved surface, where there is another state.
+    /// Moved surface, if there is another state.
     pub moved: Option<Moved>,
-    /// The camera, for drawing it.
+    /// Camera intrinsics, for drawing it.
     pub intrinsics: Intrinsics,
-    /// Views in the map.
+    /// Number of fused views.
     pub fused: usize,
-    /// Views without sensible depth.
+    /// Number of views without usable depth.
     pub unusable: u64,
-    /// Spacing of the surface, meters.
+    /// Grid spacing of the surface, meters.
     pub spacing_m: f64,
     /// Memory of the map, bytes.
     pub bytes: usize,
-    /// How long the last view took, seconds.
+    /// Time for the last view, seconds.
     pub secs: f64,
 }
 
-/// Figures of the map for `/diagnostics`.
+/// Status of the live map, for `/diagnostics`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct LiveStatus {
-    /// Views in the map of the present state.
+    /// Number of fused views of the current state.
     pub fused: usize,
-    /// Views left out because it was busy, since the start of the node.
+    /// Number of views dropped because the map was busy, since the start of the node.
     pub left_out: u64,
-    /// Views without sensible depth.
+    /// Number of views without usable depth.
     pub unusable: u64,
-    /// Longest time from a kept view to its published surface during the last second, seconds.
+    /// Longest delay from keeping a view to publishing its surface, within the last second, seconds.
     pub behind_secs: f64,
-    /// Unseen share of the viewed space; `None` before a view.
+    /// Unseen share of the viewed space; `None` before the first view.
     pub unseen: Option<f64>,
     /// Unseen area, square meters.
     pub unseen_m2: f64,
-    /// Appeared and gone area since state 0, square meters.
+    /// Area that appeared and that is gone since state 0, square meters.
     pub moved_m2: Option<[f64; 2]>,
-    /// Spacing of the surface, meters.
+    /// Grid spacing of the surface, meters.
     pub spacing_m: f64,
     /// Memory of the map, bytes.
     pub bytes: usize,
-    /// How long the last view took, seconds.
+    /// Time for the last view, seconds.
     pub secs: f64,
 }
 
-/// Counts.
+/// Counters shared with other threads.
 #[derive(Debug, Default)]
 pub(crate) struct LiveCounts {
     left_out: AtomicU64,
@@ -123,24 +123,24 @@ pub(crate) struct LiveCounts {
 }
 
 impl LiveCounts {
-    /// The longest time from a kept view to its published surface.
+    /// Sets the longest delay from keeping a view to publishing its surface.
     pub(crate) fn set_behind(&self, time: Duration) {
         self.behind_micros.store(u64::try_from(time.as_micros()).unwrap_or(u64::MAX), Ordering::Relaxed);
     }
 }
 
-/// Results of the map.
+/// Output of the live map.
 #[derive(Clone)]
 pub(crate) struct LiveResults {
-    /// Contents of the map; with a higher `begun` than its key's they are of an earlier state.
+    /// Contents of the map; they are of an earlier state if `begun` exceeds that of their key.
     pub products: watch::Receiver<Option<Arc<LiveProducts>>>,
-    /// States begun so far.
+    /// Number of states started so far.
     pub begun: watch::Receiver<u64>,
     /// Counts.
     pub counts: Arc<LiveCounts>,
 }
 
-/// Where kept views go; without it, the thread ends.
+/// Input queue of the live map; the thread ends when it is dropped.
 pub(crate) struct LiveQueue {
     views: SyncSender<KeptView>,
     begun: watch::Sender<u64>,
@@ -148,25 +148,25 @@ pub(crate) struct LiveQueue {
 }
 
 impl LiveQueue {
-    /// Hands a view over, unless the map is busy.
+    /// Sends a view, unless the map is busy.
     pub(crate) fn offer_view(&self, view: KeptView) {
         if self.views.try_send(view).is_err() {
             self.results.counts.left_out.fetch_add(1, Ordering::Relaxed);
         }
     }
 
-    /// Announces another state, or session: the present contents are of an earlier one.
+    /// Announces a new state or session; the current contents are then outdated.
     pub(crate) fn begin_map(&self) -> u64 {
         self.begun.send_modify(|n| *n += 1);
         *self.begun.borrow()
     }
 
-    /// Its results.
+    /// The outputs of the map.
     pub(crate) fn results(&self) -> LiveResults {
         self.results.clone()
     }
 
-    /// How it goes.
+    /// The current status.
     pub(crate) fn status(&self) -> LiveStatus {
         let counts = &self.results.counts;
         let status = LiveStatus {
@@ -192,10 +192,10 @@ impl LiveQueue {
     }
 }
 
-/// Starts the thread; it is idle while a run reads the session, by `is_read`.
+/// Starts the thread; it is idle while `is_read` says that a reconstruction reads the session.
 ///
 /// # Errors
-/// If the system has no thread.
+/// If no thread can be created.
 pub(crate) fn start_thread(
     settings: LiveSettings,
     is_read: impl Fn() -> bool + Send + 'static,
@@ -206,7 +206,7 @@ pub(crate) fn start_thread(
     let counts = Arc::new(LiveCounts::default());
     let results = LiveResults { products, begun: begun_receiver, counts: Arc::clone(&counts) };
     std::thread::Builder::new().name("live_map".into()).spawn(move || {
-        // A pool of this thread alone: parallel work takes one core here.
+        // A pool with only this thread, so that parallel work uses one core.
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build();
         if let Err(error) = &pool {
             log::warn!("the live map takes all cores: {error}");
@@ -228,13 +228,13 @@ pub(crate) struct Mapper {
 }
 
 impl Mapper {
-    /// Before the first view.
+    /// A mapper without views.
     pub(crate) fn new(settings: LiveSettings) -> Self {
         Self { settings, map: LiveMap::new(settings), key: MapKey::default(), unusable: 0 }
     }
 
-    /// Waits for views and fuses the present ones; returns the contents, `None` within while none could be
-    /// used. `None` when nobody sends views any more.
+    /// Waits for views and fuses those present. Returns the contents (`None` inside if no view was usable),
+    /// or `None` once all senders are gone.
     fn next(
         &mut self,
         inbox: &Receiver<KeptView>,
@@ -246,9 +246,9 @@ impl Mapper {
         let kept = first.kept;
         let mut views = 0;
         let mut last = None;
-        // All waiting ones: they are drawn once; no more: they are drawn at all.
+        // All waiting views are drawn together, but no more, so that they do get drawn.
         for view in std::iter::once(first).chain(inbox.try_iter().take(WAITING)) {
-            // A run needs the processor.
+            // A reconstruction needs the CPU.
             if is_read() {
                 counts.left_out.fetch_add(1, Ordering::Relaxed);
                 continue;
@@ -287,7 +287,7 @@ impl Mapper {
         self.unusable += u64::from(!self.map.add_view(&frame));
     }
 
-    /// Contents so far; `None` without views.
+    /// The current contents; `None` without views.
     fn map_products(
         &mut self,
         kept: Instant,

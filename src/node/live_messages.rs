@@ -1,4 +1,4 @@
-//! The live map as messages: chunks of its surface, unseen space, the next view, moved surface.
+//! ROS messages of the live map: surface chunks, unseen space, the next view, moved surface.
 
 use nalgebra::{Point3, Vector3};
 
@@ -10,33 +10,33 @@ use io::ros2msg::{
 };
 use surface::{MeshChunk, TriangleMesh, UnseenPatch};
 
-/// Group of the chunks of the surface.
+/// Marker namespace of the surface chunks.
 const SURFACE: &str = "live_mesh";
-/// Group of unseen space.
+/// Marker namespace of unseen space.
 const UNSEEN: &str = "unseen";
-/// Group of the next view.
+/// Marker namespace of the next view.
 const NEXT_VIEW: &str = "next_view";
-/// Group of moved surface.
+/// Marker namespace of moved surface.
 const MOVED: &str = "moved";
-/// Most sent triangles of moved surface, each way; of more, some are left out.
+/// Most triangles of appeared or gone surface per message; of more, a sample is sent.
 const MOST_MOVED: usize = 1500;
-/// Length of the next view's pyramid, meters. chosen: for the eye
+/// Length of the next view's pyramid, meters. chosen: easy to see
 const PYRAMID_M: f64 = 0.12;
 
-/// Bytes of a chunk on the wire: a triangle has three points and three colors.
+/// Size of a chunk in a message, bytes: three points and three colors per triangle.
 #[must_use]
 pub(crate) fn chunk_bytes(chunk: &MeshChunk) -> usize {
     200 + chunk.mesh.triangles.len() * 3 * (24 + 16)
 }
 
-/// Removes all markers of a topic.
+/// Message that deletes all markers of a topic.
 #[must_use]
 pub(crate) fn clear_markers(header: &Header) -> MarkerArray {
     let marker = Marker { header: header.clone(), action: action::DELETE_ALL, ..Marker::default() };
     MarkerArray { markers: vec![marker] }
 }
 
-/// A chunk of the surface in the place of an earlier one; without triangles it goes.
+/// Marker of a chunk, which replaces an earlier one; deletes it if the chunk has no triangles.
 #[must_use]
 pub(crate) fn chunk_marker(chunk: &MeshChunk, header: &Header) -> Marker {
     if chunk.mesh.is_empty() {
@@ -55,13 +55,13 @@ pub(crate) fn chunk_marker(chunk: &MeshChunk, header: &Header) -> Marker {
     }
 }
 
-/// Takes a chunk away.
+/// Marker that deletes a chunk.
 #[must_use]
 pub(crate) fn gone_chunk(id: i32, header: &Header) -> Marker {
     Marker { header: header.clone(), ns: SURFACE.into(), id, action: action::DELETE, ..Marker::default() }
 }
 
-/// Unseen space, as squares of its area, and the next view as a pyramid.
+/// Markers of unseen space, as squares of its area, and of the next view, as a pyramid.
 #[must_use]
 pub(crate) fn unseen_markers(products: &LiveProducts, header: &Header) -> MarkerArray {
     let squares = Marker {
@@ -89,14 +89,14 @@ pub(crate) fn unseen_markers(products: &LiveProducts, header: &Header) -> Marker
     MarkerArray { markers: vec![or_gone(squares), next] }
 }
 
-/// The next view; `None` where none is worth it.
+/// Pose of the next view; `None` if none is worthwhile.
 #[must_use]
 pub(crate) fn next_view(products: &LiveProducts, header: &Header) -> Option<PoseStamped> {
     let next = products.next_view.as_ref()?;
     Some(PoseStamped { header: header.clone(), pose: Transform::from_pose(&next.world_from_camera) })
 }
 
-/// Appeared and gone surface since state 0; `None` without a comparison.
+/// Markers of surface that appeared and that is gone since state 0; `None` without a comparison.
 #[must_use]
 pub(crate) fn moved_markers(products: &LiveProducts, header: &Header) -> Option<MarkerArray> {
     let moved = products.moved.as_ref()?;
@@ -107,7 +107,7 @@ pub(crate) fn moved_markers(products: &LiveProducts, header: &Header) -> Option<
     Some(MarkerArray { markers: vec![appeared, gone] })
 }
 
-/// At most [`MOST_MOVED`] triangles of a surface.
+/// Marker with at most [`MOST_MOVED`] triangles of a surface.
 fn moved_marker(id: i32, mesh: &TriangleMesh, header: &Header, color: Color) -> Marker {
     let every = mesh.triangles.len().div_ceil(MOST_MOVED).max(1);
     let corners = (0..mesh.triangles.len()).step_by(every).flat_map(|t| mesh.corners(t));
@@ -127,12 +127,12 @@ fn triangle_marker(group: &str, header: &Header, color: Color) -> Marker {
     }
 }
 
-/// A marker without points is refused by viewers: then it goes.
+/// Deletes a marker without points, which viewers reject.
 fn or_gone(marker: Marker) -> Marker {
     if marker.points.is_empty() { Marker { action: action::DELETE, ..marker } } else { marker }
 }
 
-/// No turn: a quaternion of zeros is none.
+/// The identity rotation, as a zero quaternion is invalid.
 fn upright_transform() -> Transform {
     Transform::from_pose(&Pose::identity())
 }
@@ -141,7 +141,7 @@ fn point_message(p: &Point3<f64>) -> Point {
     <[f64; 3]>::from(p.coords).into()
 }
 
-/// Two triangles of a patch's area at right angles to its normal.
+/// Two triangles that form a square with the patch's area, perpendicular to its normal.
 fn patch_square(patch: &UnseenPatch) -> [Point3<f64>; 6] {
     let across = patch.normal.cross(&Vector3::ith(patch.normal.iamin(), 1.0)).normalize();
     let half = 0.5 * patch.area_m2.sqrt();

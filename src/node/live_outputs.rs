@@ -1,5 +1,5 @@
-//! Publishes the live map: changes as they come, all of it again from time to time for late subscribers, in
-//! messages within a small receive buffer.
+//! Publishes the live map: changes at once, and everything repeatedly for late subscribers, in messages that
+//! fit a small receive buffer.
 
 use std::{
     collections::BTreeMap,
@@ -20,21 +20,21 @@ use super::{
 use io::ros2msg::{Header, PoseStamped, Time, markers::MarkerArray};
 use surface::MeshChunk;
 
-/// Time between two messages of the surface.
+/// Time between surface messages.
 const TICK: Duration = Duration::from_millis(20);
-/// Bytes of the surface in a message: with a large chunk as much again.
-/// derived: a stock Linux receives 212992 bytes ahead; 6 MB a second are more than the largest surface
+/// Target size of a surface message, bytes; a large chunk may double it.
+/// derived: the default receive buffer of Linux is 212992 bytes; 6 MB per second exceed the largest surface
 const MESSAGE_BYTES: usize = 120_000;
-/// Time between two messages of all else.
+/// Time between messages of everything else.
 const REST_EVERY: Duration = Duration::from_millis(250);
-/// Messages of new surface between two of repeated surface.
+/// Messages with new surface between two with repeated surface.
 const PAUSE: u32 = 12;
-/// Time between repetitions of all.
+/// Time between repetitions of everything.
 const AGAIN: Duration = Duration::from_secs(10);
-/// Time span of the longest delay.
+/// Time span over which the longest delay is reported.
 const DELAY_KEPT: Duration = Duration::from_secs(1);
 
-/// All publishers of the map.
+/// All publishers of the live map.
 pub(crate) struct LiveOutputs {
     mesh: Publisher<MarkerArray>,
     unseen: Publisher<MarkerArray>,
@@ -42,24 +42,24 @@ pub(crate) struct LiveOutputs {
     moved: Publisher<MarkerArray>,
 }
 
-/// Sent surface.
+/// What was sent of the surface.
 #[derive(Default)]
 struct Sent {
-    /// States begun so far.
+    /// Number of states started when it was sent.
     begun: u64,
-    /// Version of each sent chunk, by number.
+    /// Version of each sent chunk, by chunk number.
     versions: BTreeMap<i32, u64>,
-    /// Time of the oldest view with a change of a chunk since it was sent.
+    /// By chunk, time of the oldest view that changed it since it was sent.
     waiting: BTreeMap<i32, Instant>,
-    /// The last repeated chunk, and the number of idle messages since.
+    /// Number of the last repeated chunk, and of idle ticks since.
     again: (i32, u32),
 }
 
 impl LiveOutputs {
-    /// Makes all publishers.
+    /// Creates all publishers.
     ///
     /// # Errors
-    /// If a name cannot be used or the network refuses.
+    /// If a name is invalid or the network reports an error.
     pub(crate) fn new(participant: &mut Participant) -> Result<Self, NodeError> {
         Ok(Self {
             mesh: participant.create_publisher("~/live_mesh", &reliable_profile(4))?,
@@ -110,7 +110,7 @@ impl LiveOutputs {
         }
     }
 
-    /// Takes all from the screen.
+    /// Deletes all markers in viewers.
     async fn clear_screen(&self, shown: Option<&LiveProducts>) {
         let header = shown.map(header_of_products).unwrap_or_default();
         for (topic, name) in [(&self.mesh, "live_mesh"), (&self.unseen, "unseen"), (&self.moved, "moved")] {
@@ -131,7 +131,7 @@ impl LiveOutputs {
 }
 
 impl Sent {
-    /// Finds changed chunks.
+    /// Records which chunks have changed.
     fn note_changes(&mut self, products: &LiveProducts) {
         for chunk in &products.chunks {
             if self.versions.get(&chunk.id) != Some(&chunk.version) {
@@ -146,7 +146,8 @@ impl Sent {
         }
     }
 
-    /// The next message, the longest waiting first, and its delay; without any, some repeated surface.
+    /// The next message, with the longest waiting chunks first, and its delay; without changes, repeated
+    /// surface.
     fn next(&mut self, products: &LiveProducts, header: &Header) -> Option<(MarkerArray, Duration)> {
         let there = by_number(products);
         let mut order: Vec<(Instant, i32)> = self.waiting.iter().map(|(id, at)| (*at, *id)).collect();
@@ -191,7 +192,7 @@ fn by_number(products: &LiveProducts) -> BTreeMap<i32, &Arc<MeshChunk>> {
     products.chunks.iter().map(|c| (c.id, c)).collect()
 }
 
-/// Stamp of the newest view in it, and its frame.
+/// Header with the stamp of the newest view and the frame.
 fn header_of_products(products: &LiveProducts) -> Header {
     Header { stamp: Time::from_nanos(products.stamp_nanos), frame_id: products.world_frame.clone() }
 }

@@ -1,5 +1,5 @@
-//! Transforms as they come: looked up like those of a recording, forgotten after a while, and kept in their
-//! own words for the recording.
+//! Recent transforms: looked up as in a recording, dropped after some time, and stored as messages for the
+//! recording.
 
 use std::collections::BTreeMap;
 
@@ -7,9 +7,9 @@ use capture::{CaptureError, TfBuffer};
 use geometry::Pose;
 use io::ros2msg::{TfMessage, TransformStamped};
 
-/// How long a transform is remembered, nanoseconds.
+/// Time for which a transform is stored, nanoseconds.
 const MEMORY_NANOS: i64 = 10_000_000_000;
-/// Most remembered samples of one frame.
+/// Most stored samples per frame.
 const MAX_SAMPLES: usize = 20_000;
 /// Most frames.
 const MAX_FRAMES: usize = 1000;
@@ -18,36 +18,36 @@ const MAX_FRAMES: usize = 1000;
 #[derive(Debug, Default)]
 pub(crate) struct LiveTf {
     buffer: TfBuffer,
-    /// By child frame, then stamp.
+    /// Moving transforms, by child frame and stamp.
     moving: BTreeMap<String, BTreeMap<i64, TransformStamped>>,
-    /// By child frame.
+    /// Static transforms, by child frame.
     fixed: BTreeMap<String, TransformStamped>,
     newest_nanos: i64,
-    /// Transforms left out: no unit quaternion, not finite, too many frames.
+    /// Number of rejected transforms: no unit quaternion, not finite, or too many frames.
     pub refused: u64,
-    /// Number of jumps back of the stamps by more than the memory.
+    /// Number of backward jumps of the stamps by more than the stored time.
     pub jumps: u64,
-    /// A frame with its pose from a topic of its own.
+    /// Frame whose pose comes from its own topic.
     pub overridden: Option<String>,
-    /// Transforms published by the node itself, by parent and child: they come back.
+    /// Parent and child of transforms that the node itself publishes, and receives again.
     own: Vec<[String; 2]>,
 }
 
 impl LiveTf {
-    /// Takes the transforms of `/tf`.
+    /// Adds the transforms of `/tf`.
     pub(crate) fn add_message(&mut self, message: &TfMessage) {
         for t in &message.transforms {
             let child = t.child_frame_id.trim_start_matches('/');
             let parent = t.header.frame_id.trim_start_matches('/');
             let is_own = self.own.iter().any(|o| *o == [parent, child]);
-            // The pose topic stands for this frame; /tf may hold another estimate of it.
+            // The pose topic defines this frame; /tf may contain another estimate.
             if self.overridden.as_deref() != Some(child) && !is_own {
                 self.add_one(t);
             }
         }
     }
 
-    /// Takes one sample of a changing transform.
+    /// Adds one sample of a moving transform.
     pub(crate) fn add_one(&mut self, t: &TransformStamped) {
         let child = t.child_frame_id.trim_start_matches('/').to_owned();
         let (Some((stamp, parent)), Some(pose)) = (t.header.checked(), t.transform.checked()) else {
@@ -57,18 +57,18 @@ impl LiveTf {
         if !self.has_room(&child) {
             return;
         }
-        // As in tf2, time running backwards makes everything before it worthless.
+        // As in tf2, a backward time jump invalidates everything before it.
         if stamp < self.newest_nanos - MEMORY_NANOS {
             self.jumps += 1;
             self.forget_after(i64::MIN);
         }
         self.newest_nanos = self.newest_nanos.max(stamp);
-        // One parent a frame, as in tf2: a moving frame is static no longer.
+        // One parent per frame, as in tf2; a moving frame is no longer static.
         self.fixed.remove(&child);
         self.buffer.add(&parent, &child, stamp, pose);
         let samples = self.moving.entry(child).or_default();
         samples.insert(stamp, t.clone());
-        // By the newest stamp, not by the clock: a replay may run at any pace.
+        // Relative to the newest stamp, since replays may run at any speed.
         let horizon = self.newest_nanos - MEMORY_NANOS;
         while samples.len() > MAX_SAMPLES || samples.keys().next().is_some_and(|first| *first < horizon) {
             samples.pop_first();
@@ -76,7 +76,7 @@ impl LiveTf {
         self.buffer.forget_before(horizon, MAX_SAMPLES);
     }
 
-    /// Takes the transforms of `/tf_static`.
+    /// Adds the transforms of `/tf_static`.
     pub(crate) fn add_static(&mut self, message: &TfMessage) {
         for t in &message.transforms {
             let child = t.child_frame_id.trim_start_matches('/').to_owned();
@@ -98,10 +98,10 @@ impl LiveTf {
         room
     }
 
-    /// Forgets samples with a later stamp, as the time went back to this one: later samples must not be
-    /// interpolated towards them.
+    /// Drops samples with a later stamp, after time jumped back to this one, so that nothing is interpolated
+    /// towards them.
     pub(crate) fn forget_after(&mut self, stamp_nanos: i64) {
-        // Made anew: the buffer can forget old samples, not late ones.
+        // Rebuilt, since the buffer cannot drop late samples.
         self.buffer = TfBuffer::default();
         for (child, t) in &self.fixed {
             if let (Some((_, parent)), Some(pose)) = (t.header.checked(), t.transform.checked()) {
@@ -121,20 +121,20 @@ impl LiveTf {
         });
     }
 
-    /// The frame at the top of a frame's chain, if something moves on the way there.
+    /// The root of a frame's chain, if a transform on the way is moving.
     #[must_use]
     pub(crate) fn moving_root(&self, frame: &str) -> Option<String> {
         let chain = self.buffer.chain_of_frame(frame);
         (chain.moves && chain.root != frame).then_some(chain.root)
     }
 
-    /// The frame at the top of a frame's chain.
+    /// The root of a frame's chain.
     #[must_use]
     pub(crate) fn root_of_frame(&self, frame: &str) -> String {
         self.buffer.chain_of_frame(frame).root
     }
 
-    /// Leaves out from now on a transform published by the node itself.
+    /// Ignores from now on a transform that the node itself publishes.
     pub(crate) fn disown(&mut self, parent: &str, child: &str) {
         let own = [parent, child].map(str::to_owned);
         if !self.own.contains(&own) {
@@ -145,7 +145,7 @@ impl LiveTf {
     /// `target_from_source` at a stamp, never extrapolated.
     ///
     /// # Errors
-    /// Those of [`TfBuffer::lookup`].
+    /// As [`TfBuffer::lookup`].
     pub(crate) fn lookup(
         &self,
         target: &str,
@@ -156,7 +156,7 @@ impl LiveTf {
         self.buffer.lookup(target, source, stamp_nanos, max_gap_nanos)
     }
 
-    /// The samples on either side of a stamp, of every frame above the given one: needed in a recording for
+    /// For every frame above the given one, the samples on either side of a stamp: what a recording needs for
     /// the same lookup.
     #[must_use]
     pub(crate) fn samples_around(&self, frame: &str, stamp_nanos: i64) -> Vec<TransformStamped> {
@@ -168,7 +168,7 @@ impl LiveTf {
                 (Some(samples), _) => {
                     let before = samples.range(..=stamp_nanos).next_back();
                     let after = samples.range(stamp_nanos..).next();
-                    // A sample at the very stamp is both; it is written once.
+                    // A sample exactly at the stamp is both; it is written once.
                     let same = before.map(|e| e.0) == after.map(|e| e.0);
                     found.extend(before.into_iter().chain(after.filter(|_| !same)).map(|(_, t)| t.clone()));
                     before.or(after).map(|(_, t)| t.header.frame_id.clone())

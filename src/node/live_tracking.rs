@@ -1,5 +1,5 @@
-//! The camera followed while views come in, on a thread of its own: a view goes in, and comes out with its
-//! pose or the reason against one. Nothing waits for it: views without room are dropped.
+//! Live camera tracking in its own thread: each view is returned with its pose, or the reason for having
+//! none. Nothing waits for it: views that find the queue full are dropped.
 
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 
@@ -16,19 +16,19 @@ use common::stop::Stop;
 use geometry::Pose;
 use io::{LiveEye, ros2msg::CameraInfo};
 
-/// Views waiting to be tracked.
-/// derived: one in work and one behind it: older ones say less of where the camera is now
+/// Queue length for views.
+/// derived: one in work and one waiting; older ones say less about the current pose
 const WAITING: usize = 2;
 
 /// A view to be tracked.
 pub(crate) struct ToTrack {
-    /// Number of its map; a higher one begins another.
+    /// Number of its map; a higher number starts another map.
     pub map: u64,
     /// Stamp of the color image, nanoseconds.
     pub stamp_nanos: i64,
-    /// Color, depth, mask.
+    /// Color, depth and mask.
     pub images: [Option<Picture>; 3],
-    /// Of color and depth.
+    /// Camera infos of color and depth.
     pub infos: [Option<CameraInfo>; 2],
 }
 
@@ -36,30 +36,30 @@ pub(crate) struct ToTrack {
 pub(crate) struct Tracked {
     /// Number of the map.
     pub map: u64,
-    /// Its images, with the pose where it has one.
+    /// Its images, with the pose if it has one.
     pub view: View,
-    /// Its pixels and its place, or the reason against one.
+    /// Its pixels and pose, or the reason for having none.
     pub outcome: Outcome,
-    /// Keyframes of the map, and whether it takes no more.
+    /// Number of keyframes in the map, and whether it is full.
     pub keyframes: (usize, bool),
 }
 
-/// The outcome of a view.
+/// Result of tracking a view.
 pub(crate) enum Outcome {
-    /// It was placed.
+    /// It was located.
     Placed(Box<(Pixels, LiveView)>),
-    /// It has no place.
+    /// It could not be located.
     Lost(Lost),
-    /// It cannot be used.
+    /// Its images cannot be used.
     Broken(String),
 }
 
-/// Where views go; without any, the thread ends.
+/// Input queue of the tracker; the thread ends when it is dropped.
 #[derive(Clone)]
 pub(crate) struct TrackQueue(SyncSender<ToTrack>);
 
 impl TrackQueue {
-    /// Hands a view over; it comes back where it found no room.
+    /// Sends a view; returns it if the queue is full.
     #[must_use]
     pub(crate) fn offer_view(&self, view: ToTrack) -> Option<ToTrack> {
         match self.0.try_send(view) {
@@ -69,23 +69,23 @@ impl TrackQueue {
     }
 }
 
-/// Settings of the tracking.
+/// Settings of live tracking.
 #[derive(Clone)]
 pub(crate) struct TrackSettings {
-    /// Settings of a run.
+    /// Capture settings of a reconstruction.
     pub config: CaptureConfig,
-    /// Names of the topics, for messages.
+    /// Topic names for messages.
     pub topics: Topics,
-    /// Seed of the draws.
+    /// Random seed.
     pub seed: u64,
-    /// Keyframes of a map at most.
+    /// Most keyframes of a map.
     pub most: usize,
 }
 
-/// Starts the thread; where views go, and where they come out.
+/// Starts the thread; returns its input queue and its output.
 ///
 /// # Errors
-/// If the system has no thread.
+/// If no thread can be created.
 pub(crate) fn start_thread(
     settings: TrackSettings,
 ) -> std::io::Result<(TrackQueue, mpsc::Receiver<Tracked>)> {
@@ -106,23 +106,24 @@ fn track_views(settings: &TrackSettings, views: &Receiver<ToTrack>, done: &mpsc:
     }
 }
 
-/// Follows the camera from view to view.
+/// Tracks the camera from view to view.
 pub(crate) struct Follower<'a> {
     settings: &'a TrackSettings,
     eye: LiveEye,
-    /// That of the first view, as of a recording's first ones: a model that changed would move the gates.
+    /// Noise from the first view, as in the pipeline from the first ones; a changing model would change the
+    /// gates.
     noise: Option<NoiseConfig>,
     map: Option<(u64, LiveTracker)>,
 }
 
 impl<'a> Follower<'a> {
-    /// Before the first view.
+    /// A follower without views.
     #[must_use]
     pub(crate) fn new(settings: &'a TrackSettings) -> Self {
         Self { settings, eye: LiveEye::new(settings.config.clone()), noise: None, map: None }
     }
 
-    /// Looks at the next view.
+    /// Tracks the next view.
     pub(crate) fn follow_view(&mut self, view: ToTrack) -> Tracked {
         let ToTrack { map, stamp_nanos, images, infos } = view;
         let mut view = View { stamp_nanos, images, world_from_camera: Pose::identity() };

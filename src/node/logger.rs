@@ -1,4 +1,4 @@
-//! The log on standard error, as ROS tools show it: `[LEVEL] [seconds] [name]: text`.
+//! Log on standard error in the format of ROS tools: `[LEVEL] [seconds] [name]: text`.
 
 use std::{
     io::Write as _,
@@ -7,7 +7,7 @@ use std::{
 
 use log::{Level, LevelFilter, Log, Metadata, Record};
 
-/// Where this crate's records come from.
+/// Target of this crate's log records.
 const OWN: &str = env!("CARGO_CRATE_NAME");
 
 fn is_own(metadata: &Metadata) -> bool {
@@ -21,7 +21,7 @@ struct Logger {
 
 impl Log for Logger {
     fn enabled(&self, metadata: &Metadata) -> bool {
-        // The middleware warns of itself where there is only one network; its errors are kept.
+        // The middleware warns if there is only one network; only its errors are shown.
         metadata.level()
             <= if is_own(metadata) || self.level >= LevelFilter::Trace {
                 self.level
@@ -42,7 +42,7 @@ impl Log for Logger {
             Level::Info => "INFO",
             Level::Debug | Level::Trace => "DEBUG",
         };
-        // Names in it may come from the network, and a terminal obeys control characters.
+        // Names may come from the network, and terminals execute control characters.
         let text: String =
             record.args().to_string().chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
         writeln!(std::io::stderr(), "[{level}] [{seconds:.6}] [{name}]: {text}").ok();
@@ -51,8 +51,8 @@ impl Log for Logger {
     fn flush(&self) {}
 }
 
-/// Starts the log of a node; `level` is `debug`, `info`, `warn`, `error` or `fatal`, and `silent` shows
-/// errors only.
+/// Starts the log of a node; `level` is `debug`, `info`, `warn`, `error` or `fatal`, and `silent` shows only
+/// errors.
 pub(crate) fn start_log(name: &str, level: Option<&str>, silent: bool) {
     let level = match level {
         _ if silent => LevelFilter::Error,

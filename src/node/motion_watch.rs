@@ -1,78 +1,78 @@
-//! States that begin and end by themselves: the object is watched for motion while the camera goes about it.
+//! Automatic start and end of states, by watching the object for motion while the camera moves around it.
 //!
-//! Two views of a still scene never contradict each other: where one measured a surface, the other sees it,
-//! something in front of it, or nothing. A surface looked through by another view has moved since.
+//! Views of a static scene never contradict each other: a surface measured in one is seen, occluded or not
+//! measured in another. A surface that another view looks through has moved.
 
 use std::collections::VecDeque;
 
 use super::view::Pixels;
 use geometry::{Intrinsics, Pose};
 
-/// Columns and rows of a watched view.
+/// Columns and rows of a reduced view.
 const WIDTH: usize = 96;
 const HEIGHT: usize = 72;
-/// Earlier views compared with a new one.
+/// Number of earlier views compared with a new one.
 const REFERENCES: usize = 12;
-/// A surface this far behind where it was expected was looked through: meters, and share of the depth.
+/// Distance behind the expected surface at which a view looks through it: meters, and share of the depth.
 /// chosen: beyond errors of depth and poses
 const THROUGH_M: f64 = 0.02;
 const THROUGH_SHARE: f64 = 0.02;
-/// Least share of contradicting points for motion. chosen: beyond errors of depth
+/// Least share of contradicting points that counts as motion. chosen: beyond errors of depth
 const MOVED_SHARE: f64 = 0.012;
-/// Fewest compared points.
+/// Fewest compared points for a decision.
 const MIN_POINTS: usize = 150;
-/// Least views with motion in a row.
+/// Number of consecutive views with motion that confirm it.
 const CONFIRM: usize = 2;
 
-/// The action to take.
+/// Action to take after a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Turn {
     /// Nothing.
     None,
-    /// Begin this state.
+    /// Start this state.
     Start(usize),
-    /// End this state: enough was seen.
+    /// Finish this state: enough was seen.
     Finish(usize),
-    /// End this state: the object moves. The last views may show it moving already.
+    /// Finish this state: the object moves, and the last views may show it.
     Moved(usize),
 }
 
-/// Settings of the watch.
+/// Settings of automatic states.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct WatchRule {
-    /// The object counts as still after this time without motion, nanoseconds.
+    /// Time without motion after which the object counts as at rest, nanoseconds.
     pub still_nanos: i64,
-    /// Least views of a state before its end.
+    /// Fewest views of a state.
     pub least: usize,
-    /// Views of state 1 at its end.
+    /// Number of views at which state 1 ends.
     pub enough: usize,
 }
 
-/// A depth image made small.
+/// A depth image at low resolution.
 #[derive(Clone, Debug)]
 struct Small {
     camera: Intrinsics,
     world_from_camera: Pose,
-    /// `WIDTH * HEIGHT`; 0 where nothing is known or the object is not.
+    /// Depth in meters, `WIDTH * HEIGHT`; 0 where it is unknown or off the object.
     depth_m: Vec<f32>,
-    /// Whether a sample is the object; all are without masks.
+    /// Whether each sample shows the object; always true without masks.
     object: Vec<bool>,
     stamp_nanos: i64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
-    /// No view yet.
+    /// No view was seen yet.
     Fresh,
-    /// A state is being collected.
+    /// This state is being collected.
     Still(usize),
     /// The object is being moved before this state.
     Moving(usize),
-    /// Both states are there.
+    /// Both states are complete.
     Over,
 }
 
-/// Watches the object.
+/// Watches the object for motion.
 #[derive(Clone, Debug)]
 pub(crate) struct MotionWatch {
     rule: WatchRule,
@@ -97,13 +97,13 @@ impl MotionWatch {
         }
     }
 
-    /// The same watch from the beginning.
+    /// The watch restarted.
     #[must_use]
     pub(crate) fn renewed(self) -> Self {
         Self::new(self.rule)
     }
 
-    /// The same watch for poses of another map from now on: earlier views cannot be compared with them.
+    /// The watch for poses in another map: earlier views are no longer compared.
     #[must_use]
     pub(crate) fn in_another_map(self) -> Self {
         Self { references: VecDeque::new(), ..self }
@@ -115,7 +115,7 @@ impl MotionWatch {
         matches!(self.stage, Stage::Moving(_))
     }
 
-    /// Takes a view; `kept` are the views kept of each state.
+    /// Handles a view; `kept` is the number of kept views per state.
     pub(crate) fn see_view(
         &mut self,
         stamp_nanos: i64,
@@ -132,13 +132,13 @@ impl MotionWatch {
         match self.stage {
             Stage::Fresh => {
                 self.remember_view(view);
-                // The first views are state 0: nobody has touched the object yet.
+                // The first views are of state 0, before anyone has moved the object.
                 self.stage = Stage::Still(0);
                 Turn::Start(0)
             }
             Stage::Still(state) => self.while_still(state, view, moved, kept[state]),
             Stage::Moving(state) => {
-                // Only views after the last motion can be compared with the next view.
+                // Only views after the last motion are comparable with later ones.
                 if moved {
                     self.references.clear();
                 }
@@ -148,7 +148,7 @@ impl MotionWatch {
                     .front()
                     .map_or(stamp_nanos, |r| r.stamp_nanos)
                     .max(self.last_motion_nanos);
-                // People pause while they move an object: a short rest is no state.
+                // People pause while moving an object: a short rest is not a state.
                 if stamp_nanos - still_since < self.rule.still_nanos {
                     return Turn::None;
                 }
@@ -167,16 +167,16 @@ impl MotionWatch {
             self.stage = match (state, enough) {
                 (0, true) => Stage::Moving(1),
                 (_, true) => Stage::Over,
-                // Too little was seen of it: it begins again once the object is still.
+                // Too little was seen; the state starts again once the object is at rest.
                 (state, false) => Stage::Moving(state),
             };
             return Turn::Moved(state);
         }
-        // Motion in one view may be noise: the view is neither compared with later ones nor acted on.
+        // Motion in one view may be noise: the view is neither used for comparison nor acted on.
         if !moved {
             self.remember_view(view);
         }
-        // State 0 ends with the motion; behind state 1 none comes, so a number of views ends it.
+        // State 0 ends with motion; no motion follows state 1, so a number of views ends it.
         if state == 1 && kept >= self.rule.enough {
             self.stage = Stage::Over;
             return Turn::Finish(1);
@@ -184,7 +184,7 @@ impl MotionWatch {
         Turn::None
     }
 
-    /// Keeps the first views and every so many of the later ones: slow motion does not hide.
+    /// Stores the first views and a sample of the later ones, so that slow motion is noticed too.
     fn remember_view(&mut self, view: Small) {
         self.seen += 1;
         if self.references.len() < REFERENCES {
@@ -195,19 +195,20 @@ impl MotionWatch {
         }
     }
 
-    /// Whether a view contradicts the earlier ones.
+    /// Whether a view contradicts the stored ones.
     fn shows_motion(&self, view: &Small) -> bool {
         let mut compared = 0;
         let mut through = 0;
         for reference in &self.references {
-            // Both ways: a gone part is looked through in the new view, an appeared one in the old view.
+            // Both ways: the new view looks through a part that is gone, the old view through one that
+            // appeared.
             for (from, to) in [(reference, view), (view, reference)] {
                 let (n, t) = from.looked_through_by(to);
                 compared += n;
                 through += t;
             }
         }
-        // Few points say nothing, and single ones are noise at edges.
+        // Few points are no evidence, and single ones are noise at edges.
         compared >= MIN_POINTS && through as f64 > MOVED_SHARE * compared as f64
     }
 }
@@ -215,9 +216,9 @@ impl MotionWatch {
 impl Small {
     fn new(stamp_nanos: i64, pixels: &Pixels, world_from_camera: &Pose) -> Self {
         let full = &pixels.intrinsics;
-        // Small, as each view is compared with twelve others while images come at 30 Hz.
+        // Low resolution, as each view is compared with twelve others at 30 Hz.
         let scale = [WIDTH as f64 / full.width as f64, HEIGHT as f64 / full.height as f64];
-        // Sample k stands for the pixel in the middle of its cell.
+        // Sample k is the pixel at the center of its cell.
         let place = |k: usize, scale: f64, size: usize| (((k as f64 + 0.5) / scale) as usize).min(size - 1);
         let cells = (0..WIDTH * HEIGHT).map(|k| {
             place(k / WIDTH, scale[1], full.height) * full.width + place(k % WIDTH, scale[0], full.width)
@@ -228,7 +229,7 @@ impl Small {
             height: HEIGHT,
             fx: full.fx * scale[0],
             fy: full.fy * scale[1],
-            // Integer coordinates are pixel centers, so a scale is one about -0.5.
+            // Integer coordinates are pixel centers, so scaling is about -0.5.
             cx: (full.cx + 0.5) * scale[0] - 0.5,
             cy: (full.cy + 0.5) * scale[1] - 0.5,
         };
@@ -241,8 +242,7 @@ impl Small {
         }
     }
 
-    /// Of this view's object points, how many the other view measured near or behind, and how many it looked
-    /// through.
+    /// Number of this view's object points that the other view can judge, and of those that it looks through.
     fn looked_through_by(&self, other: &Self) -> (usize, usize) {
         let other_from_self = other.world_from_camera.inverse() * self.world_from_camera;
         let mut compared = 0;
@@ -254,14 +254,14 @@ impl Small {
             let c = &self.camera;
             let p = other_from_self * nalgebra::Point3::new((u - c.cx) / c.fx * z, (v - c.cy) / c.fy * z, z);
             let c = &other.camera;
-            // Behind the other camera, or too near for any depth camera.
+            // Behind the other camera, or closer than depth cameras measure.
             if p.z < 0.05 {
                 continue;
             }
             let u = c.fx * p.x / p.z + c.cx;
             let v = c.fy * p.y / p.z + c.cy;
             let Some(nearest) = other.nearest_depth_m(u, v) else { continue };
-            // In front of the expected place something hides it: the point says nothing and is not compared.
+            // A closer surface occludes the point, which is then not compared.
             let tolerance = THROUGH_M + THROUGH_SHARE * p.z;
             if f64::from(nearest) > p.z + tolerance {
                 through += 1;
@@ -273,8 +273,8 @@ impl Small {
         (compared, through)
     }
 
-    /// The least depth of the four samples about a place: no edge is taken for a hole; `None` where one is
-    /// unknown.
+    /// The least depth of the four samples around a position, so that edges are not taken for holes; `None`
+    /// where one is unknown.
     fn nearest_depth_m(&self, u: f64, v: f64) -> Option<f32> {
         if !(u >= 1.0 && v >= 1.0 && u < WIDTH as f64 - 2.0 && v < HEIGHT as f64 - 2.0) {
             return None;

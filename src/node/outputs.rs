@@ -1,5 +1,5 @@
-//! The node's publications: the twin, its state, the collection, diagnostics. Large things are small or best
-//! effort.
+//! The node's publishers: twin, joint states, collection, diagnostics. Large messages are published rarely or
+//! best effort.
 
 use std::{
     sync::Arc,
@@ -34,13 +34,13 @@ mod phase {
     pub(super) const DONE: u8 = 5;
 }
 
-/// Results of the actions.
+/// Sources of the published data.
 pub(crate) struct OutputSources {
     /// The last twin.
     pub twin: watch::Receiver<Option<Arc<Twin>>>,
     /// The last diagnosis.
     pub report: watch::Receiver<Option<Arc<GapReport>>>,
-    /// Poses of the camera where it is tracked.
+    /// Poses of the tracked camera.
     pub poses: mpsc::Receiver<TransformStamped>,
 }
 
@@ -67,10 +67,10 @@ struct OutputSettings {
 }
 
 impl Outputs {
-    /// Makes all publishers.
+    /// Creates all publishers.
     ///
     /// # Errors
-    /// If a name cannot be used or the network refuses.
+    /// If a name is invalid or the network reports an error.
     pub(crate) fn new(
         participant: &mut Participant,
         p: &Parameters,
@@ -110,7 +110,7 @@ impl Outputs {
         loop {
             tokio::select! {
                 changed = twins.changed() => {
-                    // The sender is gone with the rest of the node.
+                    // The sender is gone: the node is shutting down.
                     if changed.is_err() {
                         return;
                     }
@@ -126,7 +126,7 @@ impl Outputs {
                     let found = report.borrow_and_update().clone();
                     if let Some(found) = found {
                         let header = Header { stamp: self.clock.stamp_now(), frame_id: String::new() };
-                        // Stamped now: a report published again after a restart is not of its old time.
+                        // Stamped now, also for a report published again after a restart.
                         let report = GapReport { header, ..GapReport::clone(&found) };
                         log_failure(self.gap_report.async_publish(report).await, "gap_report");
                     }
@@ -137,7 +137,7 @@ impl Outputs {
                         log_failure(self.tf.async_publish(message).await, "/tf");
                     }
                 }
-                // Repeated though nothing moves: tf2 forgets transforms after ten seconds.
+                // Repeated without motion, since tf2 drops transforms after ten seconds.
                 _ = fast.tick() => {
                     let twin = twins.borrow().clone();
                     if let Some(twin) = twin {
@@ -153,7 +153,7 @@ impl Outputs {
                     let done = twins.borrow().is_some();
                     let status = self.status_of(&snapshot, shared.is_read(), done);
                     log_failure(self.status.async_publish(status).await, "status");
-                    // The largest of all messages: only when it changed.
+                    // The largest message, sent only when it has changed.
                     if snapshot.cloud_version != last_cloud {
                         last_cloud = snapshot.cloud_version;
                         let frame_id = snapshot.world_frame.unwrap_or_default();
@@ -166,7 +166,7 @@ impl Outputs {
         }
     }
 
-    /// A new twin: all latched messages.
+    /// Publishes all latched messages of a new twin.
     async fn announce_twin(&self, twin: &Twin) {
         let stamp = self.clock.stamp_now();
         let data = twin.summary.urdf_with_uris(self.settings.package_uris);
@@ -182,7 +182,7 @@ impl Outputs {
             .filter(|_| self.settings.publish_tf)
         {
             log_failure(
-                // One message with all: a late reader gets the last one of each publisher.
+                // All in one message, as a late subscriber gets only the last one per publisher.
                 self.tf_static.async_publish(TfMessage { transforms: vec![root] }).await,
                 "/tf_static",
             );
@@ -207,7 +207,7 @@ impl Outputs {
 
     fn status_of(&self, s: &Snapshot, busy: bool, done: bool) -> CollectionStatus {
         let phase = match () {
-            // In this order: the first true one is the event people wait for.
+            // Order matters: the first condition that holds is the phase.
             () if busy => phase::RECONSTRUCTING,
             () if s.collecting.is_some() => phase::COLLECTING,
             () if s.moving => phase::MOVING,

@@ -1,4 +1,4 @@
-//! Parameter files of ROS 2: node names, wildcards, `ros__parameters`.
+//! ROS 2 parameter files: node names, wildcards, `ros__parameters`.
 
 use std::path::{Path, PathBuf};
 
@@ -14,31 +14,31 @@ use common::limits::{PARAMETERS, YamlError, parse_yaml};
 pub struct ParameterFileError {
     /// The file.
     path: PathBuf,
-    /// The fault.
+    /// What is wrong with it.
     fault: ParameterFileFault,
 }
 
-/// The fault of a parameter file.
+/// What is wrong with a parameter file.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ParameterFileFault {
-    /// It could not be read.
+    /// It cannot be read.
     #[error(transparent)]
     Read(#[from] std::io::Error),
-    /// It is no YAML.
+    /// It is not valid YAML.
     #[error(transparent)]
     Yaml(#[from] YamlError),
-    /// Its top is no map.
+    /// Its root is no mapping.
     #[error("it is no map of node names")]
     NoMap,
-    /// A node name, or a part of one, stands for a value.
+    /// A value stands where a node name or group is expected.
     #[error("`{0}` holds something that is no map; parameters stand below `ros__parameters`")]
     NoParameters(String),
 }
 
-/// The parameters of a file for a node, in the order of the file; nested names are joined by dots.
+/// The parameters of a file for a node, in file order; nested names are joined by dots.
 ///
 /// # Errors
-/// If it cannot be read or is no parameter file.
+/// If the file cannot be read or is no parameter file.
 pub(crate) fn parameters_of_file(
     path: &Path,
     node: &NodeIdentity,
@@ -68,7 +68,7 @@ fn parameters_of_nodes(
     found: &mut Vec<(String, Value)>,
 ) -> Result<(), ParameterFileFault> {
     for (key, value) in map {
-        // A parameter outside of `ros__parameters`: ROS refuses such a file, too.
+        // A parameter outside `ros__parameters`; ROS rejects such files too.
         let (Some(key), Value::Mapping(inner)) = (key.as_str(), value) else {
             return Err(ParameterFileFault::NoParameters(path.to_owned()));
         };
@@ -77,7 +77,7 @@ fn parameters_of_nodes(
                 flatten_names(inner, "", found);
             }
         } else {
-            // Namespaces may be nested groups or stand in the key: `a: {b: ...}` or `/a/b: ...`.
+            // Namespaces may be nested groups or part of the key: `a: {b: ...}` or `/a/b: ...`.
             parameters_of_nodes(inner, &format!("{path}/{}", key.trim_matches('/')), node, found)?;
         }
     }
@@ -95,20 +95,20 @@ fn flatten_names(map: &Mapping, prefix: &str, found: &mut Vec<(String, Value)>) 
     }
 }
 
-/// Whether a path of names and wildcards stands for the node: `*` for one name, `**` for any number.
+/// Whether a path of names and wildcards matches the node: `*` is one name, `**` any number.
 fn is_for(path: &str, node: &NodeIdentity) -> bool {
     let tokens =
         |text: &str| text.split('/').filter(|t| !t.is_empty()).map(str::to_owned).collect::<Vec<_>>();
     let pattern = tokens(path);
     let name = tokens(&node.full_name());
-    // A name without namespace stands for the node in the root namespace, or wherever it was put by `__ns`.
+    // A name without namespace matches the node in the root namespace, or wherever `__ns` has put it.
     fits_pattern(&pattern, &name) || matches!(pattern.as_slice(), [only] if *only == node.name)
 }
 
 fn fits_pattern(pattern: &[String], name: &[String]) -> bool {
     match (pattern, name) {
         ([], []) => true,
-        // `**` takes any number of names, none included.
+        // `**` matches any number of names, including none.
         ([first, rest @ ..], _) if first == "**" => (0..=name.len()).any(|k| fits_pattern(rest, &name[k..])),
         ([first, rest @ ..], [token, others @ ..]) => {
             (first == "*" || first == token) && fits_pattern(rest, others)

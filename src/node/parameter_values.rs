@@ -1,16 +1,16 @@
-//! Parameters as the parameter services show them. They are read once, at the start; changes are refused.
+//! Parameters for the parameter services. They are read at the start; changes are refused.
 
 use ros2_client::{ParameterValue, parameters::SetParametersResult};
 use serde_norway::Value;
 
 use super::parameters::Parameters;
 
-/// Names and values.
+/// Names and values of all parameters.
 #[must_use]
 pub(crate) fn declared_values(parameters: &Parameters) -> Vec<(String, ParameterValue)> {
     let mut declared = Vec::new();
     for (name, value) in parameters.to_mapping() {
-        // `use_sim_time` is declared by the library.
+        // The library itself declares `use_sim_time`.
         if let Some(name) = name.as_str().filter(|name| *name != "use_sim_time") {
             declared.push((name.to_owned(), ros_value(&value)));
         }
@@ -33,7 +33,7 @@ fn ros_value(value: &Value) -> ParameterValue {
     }
 }
 
-/// Accepts the present value, and refuses any other with the remedy.
+/// Accepts the current value and refuses any other, with the remedy.
 pub(crate) fn refuse_changes(
     parameters: &Parameters,
 ) -> impl Fn(&str, &ParameterValue) -> SetParametersResult + Send + Sync + 'static {

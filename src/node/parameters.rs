@@ -1,4 +1,4 @@
-//! Parameters of the node: defaults, files, command line; later wins. They are read once, at the start.
+//! Parameters of the node from defaults, files and the command line (later ones win), read at the start.
 
 use serde::{Deserialize, Serialize};
 use serde_norway::{Mapping, Value};
@@ -9,7 +9,7 @@ use super::{
     ros_names::NodeIdentity,
 };
 
-/// Every parameter with its default. An empty text stands for: not given.
+/// All parameters with their defaults. Empty text means not given.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Parameters {
@@ -25,9 +25,9 @@ pub(crate) struct Parameters {
     pub depth_transport: String,
     /// CameraInfo of the color images.
     pub camera_info_topic: String,
-    /// CameraInfo of the depth images; empty: color's holds for both.
+    /// CameraInfo of the depth images; empty: that of color.
     pub depth_info_topic: String,
-    /// Object masks; empty: none. Where there are masks, an image without one is not used.
+    /// Object masks; empty: none. If given, images without a mask are not used.
     pub mask_topic: String,
     /// `raw` or `compressed`.
     pub mask_transport: String,
@@ -39,63 +39,63 @@ pub(crate) struct Parameters {
     pub pose_frame: String,
     /// Frame of the twin; empty: the root of the camera's transform chain.
     pub world_frame: String,
-    /// Whether the camera is tracked by its images: `auto` (where no transform comes for it), `always` or
-    /// `never`; empty: as the settings say.
+    /// Whether the camera is tracked by its images: `auto` (if there is no transform for it), `always` or
+    /// `never`; empty: as in the settings.
     pub tracking: String,
     /// QoS of the image subscriptions: `sensor_data` (best effort) or `default` (reliable).
     pub image_qos: String,
     /// QoS of the camera_info subscriptions.
     pub info_qos: String,
-    /// Samples kept by a subscription.
+    /// Queue length of subscriptions.
     pub queue_depth: i64,
-    /// Most images of each kind waiting for their partners, and sets waiting for their pose.
+    /// Most images of each kind that wait for a match, and most sets that wait for a pose.
     pub sync_queue: i64,
-    /// Number of rigid parts, the static one included; 0: it comes with the goal.
+    /// Number of rigid parts, the static one included; 0: given by the goal.
     pub parts: i64,
     /// Name of the twin.
     pub twin_name: String,
-    /// Folder with a folder a session.
+    /// Folder for the session folders.
     pub out_folder: String,
-    /// Name of the session's folder; empty: made from the time. With a name, a restart goes on in the same
+    /// Name of the session folder; empty: from the time. A restarted node with a name continues in the same
     /// folder.
     pub session: String,
-    /// Preset of settings.
+    /// Name of a settings preset.
     pub preset: String,
-    /// YAML file of settings.
+    /// YAML file with settings.
     pub config_file: String,
     /// Single settings, `KEY=VALUE`.
     pub settings: Vec<String>,
-    /// A view is kept if the camera is at least this far from every view kept, meters ...
+    /// A view is kept if it is at least this far from every kept view, meters ...
     pub keyframe_translation_m: f64,
-    /// ... or turned at least this much, degrees.
+    /// ... or rotated by at least this angle, degrees.
     pub keyframe_rotation_deg: f64,
-    /// Most views kept a state.
+    /// Most kept views per state.
     pub max_keyframes: i64,
-    /// Whether states begin and end by themselves.
+    /// Whether states start and finish automatically.
     pub automatic_states: bool,
-    /// The object counts as still after this time without motion, seconds.
+    /// Time without motion after which the object counts as at rest, seconds.
     pub still_secs: f64,
-    /// Least views of an automatic state before its end.
+    /// Fewest views of an automatic state.
     pub min_keyframes: i64,
-    /// Views of an automatic state 1 at its end.
+    /// Number of views at which an automatic state 1 finishes.
     pub enough_keyframes: i64,
     /// Rate of `joint_states` and `/tf`, Hz.
     pub joint_state_rate_hz: f64,
-    /// Most points of the point cloud.
+    /// Most points of the preview cloud.
     pub cloud_points: i64,
-    /// Whether the collection is mapped and shown as it comes.
+    /// Whether a live map is computed during collection.
     pub live_map: bool,
-    /// Memory of the map, megabytes.
+    /// Memory of the live map, megabytes.
     pub live_map_megabytes: i64,
     /// Prefix of the link frames.
     pub frame_prefix: String,
-    /// Whether the parts are published on `/tf`.
+    /// Whether the poses of the parts are published on `/tf`.
     pub publish_tf: bool,
     /// How the URDF names its meshes: `file` or `package`.
     pub mesh_uri: String,
     /// `auto` (by RMW_IMPLEMENTATION), `fastdds` or `cyclone`.
     pub service_mapping: String,
-    /// Receive buffer asked of the system, bytes.
+    /// Receive buffer size requested from the system, bytes.
     pub receive_buffer_bytes: i64,
 }
 
@@ -150,20 +150,20 @@ impl Default for Parameters {
 /// Why the parameters cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ParameterError {
-    /// A value cannot be used.
+    /// A value is invalid.
     #[error("parameter `{name}`: {reason}")]
     Value {
-        /// Its name.
+        /// Name of the parameter.
         name: String,
-        /// The reason, and the remedy.
+        /// The reason and its remedy.
         reason: String,
     },
-    /// A file cannot be used.
+    /// A parameter file is invalid.
     #[error(transparent)]
     File(#[from] ParameterFileError),
 }
 
-/// A value of another type than its parameter.
+/// The value's type differs from the parameter's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("it must be {wanted}, not {given}")]
 struct WrongType {
@@ -171,22 +171,22 @@ struct WrongType {
     given: &'static str,
 }
 
-/// Parameters, and unread names.
+/// Loaded parameters and unknown names.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Loaded {
     /// The parameters.
     pub parameters: Parameters,
-    /// Given names without a meaning here, with the nearest one with a meaning.
+    /// Unknown names, each with the most similar known one.
     pub unknown: Vec<String>,
 }
 
 impl Parameters {
-    /// Merges defaults, files and single values in the order given.
+    /// Merges defaults, files and single values in the given order.
     ///
     /// # Errors
-    /// If a file cannot be read, or a value has the wrong type or cannot be used.
+    /// If a file cannot be read, or a value is invalid or has the wrong type.
     pub(crate) fn load(arguments: &RosArgs, node: &NodeIdentity) -> Result<Loaded, ParameterError> {
-        // As YAML, each value is known by the type of its default.
+        // As YAML, so that the default gives the type of each value.
         let mut merged = Self::default().to_mapping();
         let mut unknown = Vec::new();
         for source in &arguments.parameters {
@@ -220,7 +220,7 @@ impl Parameters {
         Ok(Loaded { parameters, unknown })
     }
 
-    /// All names with their values.
+    /// Names and values of all parameters.
     #[must_use]
     pub(crate) fn to_mapping(&self) -> Mapping {
         match serde_norway::to_value(self) {
@@ -284,7 +284,7 @@ impl Parameters {
                 ),
             );
         }
-        // It is joined to out_folder; a slash or `..` would lead out of it.
+        // It is joined to out_folder, and a slash or `..` would leave it.
         let plain = |c: char| c.is_ascii_alphanumeric() || "_-.".contains(c);
         if !self.session.chars().all(plain) || self.session.starts_with('.') {
             return refuse("session", format!("`{}` is no plain folder name", self.session.escape_debug()));
@@ -293,10 +293,10 @@ impl Parameters {
     }
 }
 
-/// A value of the default's type; whole numbers do for real ones.
+/// The value in the type of the default; integers are accepted for reals.
 fn coerced_value(default: &Value, value: Value) -> Result<Value, WrongType> {
     match (default, &value) {
-        // `-p still_secs:=2` is a whole number in YAML.
+        // `-p still_secs:=2` is an integer in YAML.
         (Value::Number(d), Value::Number(v)) if d.is_f64() => Ok(Value::from(v.as_f64().unwrap_or(f64::NAN))),
         (Value::Number(_), Value::Number(v)) if !v.is_f64() => Ok(value),
         (Value::String(_), Value::String(_)) | (Value::Bool(_), Value::Bool(_)) => Ok(value),

@@ -1,4 +1,4 @@
-//! The node on the network: its DDS participant, topics with their quality of service, subscriptions.
+//! The node's DDS participant: topics with their quality of service, publishers and subscriptions.
 
 use std::{sync::Arc, time::Duration};
 
@@ -18,54 +18,54 @@ use super::{
 };
 use io::ros2msg::definitions::RosMessage;
 
-/// Least receive buffer without a loss of images, bytes.
+/// Least receive buffer that loses no images, bytes.
 const GOOD_BUFFER_BYTES: u64 = 4 << 20;
-/// How long a writer waits for slow readers.
+/// Longest time a writer waits for slow readers.
 const WAIT: Duration = Duration::from_millis(100);
 
-/// The node on the network.
+/// The node's DDS participant.
 pub(crate) struct Participant {
     node: Node,
-    /// Names before they are expanded and remapped.
+    /// Remappings and other ROS arguments.
     arguments: RosArgs,
-    /// Its own name.
+    /// Name and namespace of the node.
     pub identity: NodeIdentity,
 }
 
-/// Profiles of ROS 2 by their use.
+/// Reliable, with `depth` samples.
 #[must_use]
 pub(crate) fn reliable_profile(depth: usize) -> QosProfile {
     QosProfile::publisher_default()
-        // A writer waiting for ever would stop with its slowest reader.
+        // A writer without a limit would stop with its slowest reader.
         .reliability_reliable(WhenFull::Wait(WAIT))
         .durability(Durability::Volatile)
-        // Bounded: a stopped reader must not fill the writer's memory.
+        // Bounded, so that a stopped reader does not fill the writer's memory.
         .history(History::KeepLast { depth })
 }
 
-/// Best effort: fits every publisher.
+/// Best effort, which matches every publisher.
 #[must_use]
 pub(crate) fn sensor_data(depth: usize) -> QosProfile {
     reliable_profile(depth).reliability_best_effort()
 }
 
-/// Reliable, and the last samples are there for whoever joins later.
+/// Reliable and latched: late subscribers get the last samples.
 #[must_use]
 pub(crate) fn latched_profile(depth: usize) -> QosProfile {
     reliable_profile(depth).durability(Durability::TransientLocal)
 }
 
-/// The profile by its name.
+/// The QoS profile with a name.
 #[must_use]
 pub(crate) fn profile_by_name(profile: &str, depth: usize) -> QosProfile {
     if profile == "default" { reliable_profile(depth) } else { sensor_data(depth) }
 }
 
 impl Participant {
-    /// Joins the domain.
+    /// Joins the DDS domain.
     ///
     /// # Errors
-    /// If the network refuses or a name cannot be used.
+    /// If the network reports an error or a name is invalid.
     pub(crate) fn join_domain(
         environment: &Environment,
         arguments: &RosArgs,
@@ -74,7 +74,7 @@ impl Participant {
     ) -> Result<Self, NodeError> {
         let mut builder = rustdds::DomainParticipantBuilder::new(environment.domain)
             .socket_receive_buffer_size(usize::try_from(parameters.receive_buffer_bytes).unwrap_or(8 << 20));
-        // Sockets are bound to these addresses as well (vendor/rustdds); RustDDS as published binds to all.
+        // Sockets are bound to these addresses too (vendor/rustdds); the released RustDDS binds to all.
         if let Some(networks) = environment.networks() {
             builder = builder.with_only_networks(networks);
         }
@@ -84,7 +84,7 @@ impl Participant {
         let name = NodeName::new(&identity.namespace, &identity.name)
             .map_err(|e| NodeError::network_error("naming the node", e))?;
         let mut options = NodeOptions::new().enable_rosout(!arguments.no_rosout);
-        // Declared: `ros2 param` shows them. They are read at the start only, hence the refusal of changes.
+        // Declared for `ros2 param`. They are read only at the start, so changes are refused.
         for (name, value) in super::parameter_values::declared_values(parameters) {
             options = options.declare_parameter(&name, value);
         }
@@ -95,10 +95,10 @@ impl Participant {
         Ok(Self { node, arguments: arguments.clone(), identity: identity.clone() })
     }
 
-    /// Starts the node's own work: parameters, discovery.
+    /// Starts the library's own tasks: parameters, discovery.
     ///
     /// # Errors
-    /// If the network refuses.
+    /// If the network reports an error.
     pub(crate) fn start_spinner(&mut self) -> Result<(), NodeError> {
         let spinner = self.node.spinner().map_err(|e| NodeError::network_error("starting the node", e))?;
         tokio::spawn(async move {
@@ -109,28 +109,28 @@ impl Participant {
         Ok(())
     }
 
-    /// The node of the library, for services and actions.
+    /// The library's node, for services and actions.
     pub(crate) fn node(&mut self) -> &mut Node {
         &mut self.node
     }
 
-    /// A name, expanded and remapped.
+    /// A name after expansion and remapping.
     #[must_use]
     pub(crate) fn resolved_name(&self, name: &str) -> String {
         self.arguments.resolved_name(name, &self.identity)
     }
 
-    /// The library's form of a name, expanded and remapped.
+    /// The library's type for a name, after expansion and remapping.
     ///
     /// # Errors
-    /// If it cannot be used.
+    /// If the name is invalid.
     pub(crate) fn library_name(&self, name: &str) -> Result<Name, NodeError> {
         library_name(&self.resolved_name(name))
     }
 
-    /// A topic by its full name.
+    /// Creates a topic by its full name.
     fn create_topic<M: RosMessage>(&self, full: &str, qos: &QosProfile) -> Result<rustdds::Topic, NodeError> {
-        // On the wire the type is `sensor_msgs::msg::dds_::Image_`; the library makes it of the two names.
+        // The type on the wire is `sensor_msgs::msg::dds_::Image_`; the library builds it from both names.
         let (package, kind) = M::TYPE.split_once("/msg/").unwrap_or(("", M::TYPE));
         let name = library_name(full)?;
         self.node
@@ -138,10 +138,10 @@ impl Participant {
             .map_err(|e| NodeError::network_error(&format!("making the topic {name}"), e))
     }
 
-    /// A publisher; it must be kept, as latched messages go with it.
+    /// Creates a publisher; keep it, as its latched messages disappear with it.
     ///
     /// # Errors
-    /// If the name cannot be used or the network refuses.
+    /// If the name is invalid or the network reports an error.
     pub(crate) fn create_publisher<M: RosMessage>(
         &mut self,
         name: &str,
@@ -153,11 +153,11 @@ impl Participant {
             .map_err(|e| NodeError::network_error(&format!("publishing {name}"), e))
     }
 
-    /// Hands every message of a topic, by its full name, on as long as the node lives. Undecodable messages
-    /// are counted.
+    /// Passes on every message of a topic (by full name) while the node runs; undecodable messages are
+    /// counted.
     ///
     /// # Errors
-    /// If the name cannot be used or the network refuses.
+    /// If the name is invalid or the network reports an error.
     pub(crate) fn subscribe_topic<M: RosMessage>(
         &mut self,
         name: &str,
@@ -180,7 +180,7 @@ impl Participant {
                         count.count_received(gid_bytes(&info), info.sequence_number());
                         take(message);
                     }
-                    // A publisher's message must not end the subscription: malformed messages are counted.
+                    // A malformed message is counted and must not end the subscription.
                     Err(error) => {
                         count.count_malformed();
                         log::debug!("{name}: {error}");
@@ -198,15 +198,15 @@ fn library_name(full: &str) -> Result<Name, NodeError> {
         .map_err(|e| NodeError::Name { name: full.to_owned(), reason: NameError::Middleware(e.to_string()) })
 }
 
-/// The publisher's identity.
+/// Identifier of the publisher.
 fn gid_bytes(info: &ros2_client::MessageInfo) -> [u8; 16] {
     *info.publisher_gid().as_bytes()
 }
 
-/// A sentence where the system's receive buffer is too small for images.
+/// A warning if the system's receive buffer is too small for images.
 #[must_use]
 pub(crate) fn small_buffer_warning() -> Option<String> {
-    // The kernel cuts larger requests silently. Measured with 212,992 bytes, the default of Linux: half of
+    // The kernel limits larger requests silently. Measured with 212,992 bytes, the default of Linux: half of
     // the reliable and nine tenths of the best-effort images of 640 x 480 at 30 Hz were lost.
     let text = std::fs::read_to_string("/proc/sys/net/core/rmem_max").ok()?;
     let bytes: u64 = text.trim().parse().ok()?;

@@ -1,18 +1,18 @@
-//! A small colored cloud of the collection, for the eye.
+//! A small colored point cloud of the collection, for display.
 
 use std::collections::BTreeMap;
 
 use super::view::Pixels;
 use geometry::Pose;
 
-/// Every so many pixels of a row and column are looked at.
+/// Stride of the sampled pixels.
 const EVERY: usize = 6;
-/// First edge of a cell, meters; it doubles whenever there are too many. chosen: fine enough for the eye
+/// Initial cell size, meters; it doubles whenever there are too many points. chosen: fine enough for display
 const FIRST_CELL_M: f64 = 0.004;
-/// Beyond this the object is not, meters. chosen: the reach of usual depth cameras
+/// Largest depth considered, meters. chosen: the range of usual depth cameras
 const MAX_DEPTH_M: f32 = 4.0;
 
-/// One point a cell.
+/// A cloud with one point per cell.
 #[derive(Clone, Debug)]
 pub(crate) struct PreviewCloud {
     most: usize,
@@ -21,13 +21,13 @@ pub(crate) struct PreviewCloud {
 }
 
 impl PreviewCloud {
-    /// An empty cloud of at most so many points.
+    /// An empty cloud of at most `most` points.
     #[must_use]
     pub(crate) fn new(most: usize) -> Self {
         Self { most, cell_m: FIRST_CELL_M, cells: BTreeMap::new() }
     }
 
-    /// Adds a view; of a masked one the object only.
+    /// Adds a view; with a mask, only the object.
     pub(crate) fn add_view(&mut self, pixels: &Pixels, world_from_camera: &Pose) {
         if self.most == 0 {
             return;
@@ -44,11 +44,11 @@ impl PreviewCloud {
                 let z = f64::from(z);
                 let ray = [(u as f64 - camera.cx) / camera.fx, (v as f64 - camera.cy) / camera.fy];
                 let point = world_from_camera * nalgebra::Point3::new(ray[0] * z, ray[1] * z, z);
-                // Single precision, as PointCloud2 holds it.
+                // Single precision, as in PointCloud2.
                 let point = [point.x as f32, point.y as f32, point.z as f32];
                 self.cells.entry(self.cell_of_point(&point)).or_insert((point, pixels.color.pixels[i]));
             }
-            // Row by row: the map is never much larger than allowed.
+            // After each row, so that the map hardly exceeds its limit.
             self.double_cells();
         }
     }
@@ -57,7 +57,7 @@ impl PreviewCloud {
         point.map(|v| (f64::from(v) / self.cell_m).floor() as i32)
     }
 
-    /// Doubles the cells until there are few enough.
+    /// Doubles the cell size until there are few enough points.
     fn double_cells(&mut self) {
         while self.cells.len() > self.most && self.cell_m < 1e3 {
             self.cell_m *= 2.0;
@@ -68,7 +68,7 @@ impl PreviewCloud {
         }
     }
 
-    /// Its points in the world frame, with colors.
+    /// Points in the world frame, meters, with colors.
     #[must_use]
     pub(crate) fn colored_points(&self) -> Vec<([f32; 3], [u8; 3])> {
         self.cells.values().copied().collect()

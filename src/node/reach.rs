@@ -1,4 +1,4 @@
-//! From where the node can be reached, as the system says.
+//! Checks from which networks the node can be reached.
 
 use std::{
     collections::BTreeSet,
@@ -7,14 +7,15 @@ use std::{
 
 use super::{environment::Environment, error::NodeError};
 
-/// Reports sockets open to the network; none may be open where only this machine is in reach.
+/// Logs the sockets open to the network, and checks that none is open if only this machine is allowed.
 ///
-/// # Errors For a forbidden open socket.
+/// # Errors
+/// [`NodeError`] if a socket is open that must not be.
 pub(crate) fn check_sockets(environment: &Environment) -> Result<(), NodeError> {
-    // By the kernel's table: RustDDS as published binds to all addresses, whatever is asked of it.
+    // From the kernel's table, as the released RustDDS binds to all addresses regardless of its settings.
     let sockets = own_sockets();
     if environment.localhost {
-        // A socket bound to a multicast group takes messages by the loopback interface only.
+        // A socket bound to a multicast group receives only on the loopback interface.
         return match sockets.iter().find(|s| !s.ip().is_loopback() && !s.ip().is_multicast()) {
             Some(open) => Err(NodeError::Open(SocketAddr::V4(*open))),
             None => Ok(()),
@@ -36,7 +37,7 @@ fn reach_warning(addresses: &[Ipv4Addr], sockets: &[SocketAddrV4]) -> String {
     )
 }
 
-/// The machine's addresses but those of the loopback interface.
+/// Addresses of this machine without the loopback interface.
 #[cfg(unix)]
 fn addresses() -> Vec<Ipv4Addr> {
     let Ok(all) = nix::ifaddrs::getifaddrs() else { return Vec::new() };
@@ -49,7 +50,7 @@ fn addresses() -> Vec<Ipv4Addr> {
     Vec::new()
 }
 
-/// The UDP sockets of this process; none where the system does not say.
+/// UDP sockets of this process; empty if the system does not list them.
 fn own_sockets() -> Vec<SocketAddrV4> {
     let Ok(descriptors) = std::fs::read_dir("/proc/self/fd") else { return Vec::new() };
     let inodes: BTreeSet<String> = descriptors
@@ -73,12 +74,12 @@ fn own_sockets() -> Vec<SocketAddrV4> {
         .collect()
 }
 
-/// Inode and address of a line of `/proc/net/udp`.
+/// Inode and address from a line of `/proc/net/udp`.
 fn socket(line: &str) -> Option<(&str, SocketAddrV4)> {
     // sl, local address, remote address, st, queues, timer, retransmits, uid, timeout, inode.
     let mut fields = line.split_whitespace();
     let (ip, port) = fields.nth(1)?.split_once(':')?;
-    // The kernel writes the four bytes as one number of this machine.
+    // The kernel writes the four bytes as one number in native byte order.
     let ip = u32::from_str_radix(ip, 16).ok()?.to_ne_bytes();
     Some((fields.nth(7)?, SocketAddrV4::new(Ipv4Addr::from(ip), u16::from_str_radix(port, 16).ok()?)))
 }

@@ -1,4 +1,4 @@
-//! The action `~/reconstruct`: the pipeline of the command line on the recordings of a session.
+//! The action `~/reconstruct`: the pipeline of the command line, on the recordings of a session.
 
 use std::{fs, io::Write as _, path::Path, sync::Arc, time::Duration};
 
@@ -17,19 +17,19 @@ use config::{Config, Origins};
 use io::read_run_summary;
 use run::{self, Outcome, ReconstructRequest, RunError, RunProgress};
 
-/// Makes twins.
+/// Runs reconstructions.
 pub(crate) struct Reconstructor {
-    /// Settings without a goal's.
+    /// Settings before those of a goal.
     pub config: Config,
-    /// Where they come from.
+    /// Origins of the settings.
     pub origins: Origins,
-    /// Name of a twin without one in its goal.
+    /// Name of the twin if the goal gives none.
     pub name: String,
-    /// The core's shared data.
+    /// Data shared with the collection.
     pub shared: Arc<Shared>,
-    /// Results worked out while states were collected.
+    /// Results computed during collection.
     pub ahead: Arc<Ahead>,
-    /// Gets the twin of every successful run.
+    /// Receives the twin of every successful run.
     pub twins: watch::Sender<Option<Arc<Twin>>>,
 }
 
@@ -44,7 +44,7 @@ impl Job for Reconstructor {
         self: &Arc<Self>,
         goal: &ReconstructGoal,
     ) -> Result<Work<ReconstructResult, ReconstructFeedback>, GoalError> {
-        // First: no state may begin between the look at the states and the run.
+        // First, so that no state can start between checking the states and the run.
         let read = self.shared.read_session();
         let request = self.request_of_goal(goal)?;
         let this = Arc::clone(self);
@@ -55,7 +55,7 @@ impl Job for Reconstructor {
             },
             move |monitor| {
                 let result = run::reconstruct(&request, monitor);
-                // The bags are read to the end: the next state may begin while the result is taken up.
+                // The bags are read, so the next state may start while the result is processed.
                 drop(read);
                 this.finished_result(&request.out, result)
             },
@@ -73,12 +73,12 @@ impl Reconstructor {
         let recordings = snapshot.both_recordings()?;
         let mut config = self.config.clone();
         if goal.parts > 0 {
-            // A message has no absent fields: 0 leaves it to the parameter.
+            // Messages have no optional fields: 0 means the parameter.
             config.run.parts = Some(goal.parts as usize);
         }
         let name = if goal.name.is_empty() { self.name.clone() } else { goal.name.clone() };
         let out = snapshot.session;
-        // Before the run: also a failed one can be repeated by the command line.
+        // Before the run, so that a failed one can be repeated from the command line, too.
         write_settings(&out, &config)?;
         Ok(ReconstructRequest {
             sources: recordings.into(),
@@ -106,7 +106,7 @@ impl Reconstructor {
             Err(RunError::Cancelled(_)) => return Finished::Canceled,
             Err(error) => return Finished::Failed(run::chain(&error)),
         };
-        // From the files, as a later node reads it: both publish the same.
+        // From the files, so that a later node publishes the same.
         let summary = match read_run_summary(&outcome.folder) {
             Ok(summary) => summary,
             Err(error) => return Finished::Failed(error.to_string()),
@@ -133,31 +133,31 @@ impl Reconstructor {
             motions,
         };
         let snapshot = self.shared.snapshot();
-        // A tracked twin stands in a world of its own, found by the pipeline.
+        // A tracked twin has its own world frame, found by the pipeline.
         let own = snapshot.twin_frame.map(str::to_owned);
         let world_frame = own.or(snapshot.world_frame).unwrap_or_else(|| "world".into());
         let twin = Twin { summary, state: 1, world_frame };
-        // Noted before it is published: a node killed now publishes it again.
+        // Saved before publishing, so that a killed node publishes it again.
         note_twin(session, &twin);
         self.twins.send_replace(Some(Arc::new(twin)));
         Finished::Done(done)
     }
 }
 
-/// A goal's feedback after a time.
+/// Feedback of a goal at a time since its start.
 fn feedback_of_progress(progress: &RunProgress, elapsed: Duration) -> ReconstructFeedback {
     let (fraction, left) = progress.at(elapsed).unzip();
     ReconstructFeedback {
         stage: progress.stage().map(|(stage, _)| stage.to_owned()).unwrap_or_default(),
         fraction: fraction.unwrap_or_default() as f32,
-        // A message has no absent fields.
+        // Messages have no optional fields.
         loss: progress.loss().unwrap_or(f64::NAN),
         seconds_left: left.map_or(f64::NAN, |left| left.as_secs_f64()),
     }
 }
 
-/// Keeps the settings beside the recordings: `artitwin reconstruct --config` repeats the run. Earlier ones
-/// stay, as `settings_replaced<K>.yaml`.
+/// Writes the settings next to the recordings, so that `artitwin reconstruct --config` repeats the run.
+/// Earlier ones are renamed to `settings_replaced<K>.yaml`.
 fn write_settings(session: &Path, config: &Config) -> Result<(), GoalError> {
     let text = serde_norway::to_string(config)?;
     let path = session.join("settings.yaml");

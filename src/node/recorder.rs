@@ -1,4 +1,4 @@
-//! `artitwin record`: all inputs of the node, written to a bag as they come.
+//! `artitwin record`: writes all inputs of the node to a bag.
 
 use std::{
     path::Path,
@@ -21,26 +21,26 @@ use io::{
     },
 };
 
-/// Name of the node where none is given.
+/// Name of the node if none is given.
 const DEFAULT_NAME: &str = "artitwin_record";
-/// Images waiting for the disk.
+/// Queue length for images.
 const IMAGE_QUEUE: usize = 64;
-/// Time between flushes of the recording to the disk: the loss in a crash.
+/// Time between flushes of the recording; a crash loses at most this much.
 const FLUSH_EVERY: Duration = Duration::from_secs(1);
 
 /// Counts of a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Recorded {
-    /// Messages written.
+    /// Number of written messages.
     pub messages: u64,
-    /// Messages lost on the way, malformed, or too fast.
+    /// Number of messages lost in transport, malformed, or dropped.
     pub dropped: u64,
 }
 
-/// Records until it is asked to end (Ctrl-C or SIGTERM). `arguments` are those of the node.
+/// Records until Ctrl-C or SIGTERM. `arguments` are those of the node.
 ///
 /// # Errors
-/// [`NodeError`] if it cannot start or the disk refuses.
+/// [`NodeError`] if it cannot start or writing fails.
 pub fn record(bag: &Path, arguments: &[String]) -> Result<Recorded, NodeError> {
     let start = Start::read_inputs(arguments, DEFAULT_NAME)?;
     in_runtime(record_live(bag, &start))
@@ -49,7 +49,7 @@ pub fn record(bag: &Path, arguments: &[String]) -> Result<Recorded, NodeError> {
 async fn record_live(folder: &Path, start: &Start) -> Result<Recorded, NodeError> {
     let p = &start.parameters;
     let topics = inputs::topic_names(&start.arguments, &start.identity, p);
-    // Before the network: an unusable folder ends the command at once.
+    // Before joining the network, so that an unusable folder ends the command at once.
     let mut bag = BagWriter::create(folder)?;
     let mut participant = start.join_domain()?;
     let clock = std::sync::Arc::new(NodeClock::new(p.use_sim_time));
@@ -68,13 +68,13 @@ async fn record_live(folder: &Path, start: &Start) -> Result<Recorded, NodeError
             }
             Some(sample) = inbox.small.recv() => Some(sample),
             Some(sample) = inbox.images.recv() => Some(sample),
-            // A jump of the time concerns only waits for partners; a recording holds all messages.
+            // A time jump only affects messages that wait for partners; a recording takes all messages.
             Some(_) = inbox.commands.recv() => None,
         };
         if let Some(sample) = sample {
             write_sample(&mut bag, &topics, &sample, clock.now_nanos())?;
         }
-        // By the machine's clock: /clock may stand still.
+        // By the system clock, as /clock may stand still.
         if flushed.elapsed() >= FLUSH_EVERY {
             bag.flush()?;
             flushed = Instant::now();
@@ -90,14 +90,14 @@ async fn record_live(folder: &Path, start: &Start) -> Result<Recorded, NodeError
     Ok(Recorded { messages, dropped })
 }
 
-/// Writes a message under its topic, whether it makes sense or not: the reader may judge.
+/// Writes a message to its topic without checking its content, which is up to the reader.
 fn write_sample(
     bag: &mut BagWriter,
     topics: &Topics,
     sample: &Sample,
     now_nanos: i64,
 ) -> Result<(), BagWriteError> {
-    // The profiles of a replay: best effort fits no reliable reader, so transforms are reliable.
+    // Profiles for replay: best effort does not match reliable readers, so transforms are reliable.
     const SENSOR: OfferedQos = OfferedQos { reliable: false, latched: false, depth: 10 };
     const RELIABLE: OfferedQos = OfferedQos { reliable: true, latched: false, depth: 100 };
     const LATCHED: OfferedQos = OfferedQos { reliable: true, latched: true, depth: 1 };
@@ -117,7 +117,7 @@ fn write_sample(
         };
     match payload {
         Ok(payload) => bag.write(&topic, type_name, qos, now_nanos, &payload),
-        // One message is lost, and the log says so; the recording goes on.
+        // Only this message is lost, which is logged; the recording continues.
         Err(error) => {
             log::warn!("{topic}: a message cannot be written: {error}");
             Ok(())

@@ -1,4 +1,4 @@
-//! The messages of the services and actions, as `msg/` defines them.
+//! Messages of the services and actions, as defined in `msg/`.
 
 use ros2_client::Message;
 use serde::{Deserialize, Serialize};
@@ -6,27 +6,27 @@ use serde::{Deserialize, Serialize};
 /// Request of `artitwin_msgs/srv/SetState`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SetStateRequest {
-    /// 0 or 1.
+    /// Index of the state, 0 or 1.
     pub state: u8,
 }
 
 /// Response of `artitwin_msgs/srv/SetState`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SetStateResponse {
-    /// Whether it was done.
+    /// Whether it succeeded.
     pub success: bool,
-    /// The action done, or the reason against it.
+    /// What was done, or why not.
     pub message: String,
-    /// Kept in this state.
+    /// Number of views kept in this state.
     pub keyframes: u32,
 }
 
 /// Goal of `artitwin_msgs/action/Reconstruct`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ReconstructGoal {
-    /// Rigid parts, the static one included; 0: the parameter.
+    /// Number of rigid parts, the static one included; 0: the parameter.
     pub parts: u32,
-    /// Of the twin; empty: the parameter.
+    /// Name of the twin; empty: the parameter.
     pub name: String,
 }
 
@@ -35,30 +35,30 @@ pub struct ReconstructGoal {
 pub struct ReconstructResult {
     /// Whether there is a twin.
     pub success: bool,
-    /// The action done, or the reason against it.
+    /// What was done, or why not.
     pub message: String,
     /// The run folder.
     pub folder: String,
     /// Names of the joints.
     pub joints: Vec<String>,
-    /// Position in state 1 minus position in state 0, radians or meters.
+    /// Per joint, position in state 1 minus position in state 0, radians or meters.
     pub motions: Vec<f64>,
 }
 
 /// Feedback of `artitwin_msgs/action/Reconstruct`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ReconstructFeedback {
-    /// The present activity.
+    /// Current stage.
     pub stage: String,
-    /// Of the whole, 0 to 1.
+    /// Progress of the whole, 0 to 1.
     pub fraction: f32,
-    /// NaN where the stage has none.
+    /// Current loss; NaN in stages without one.
     pub loss: f64,
-    /// Of the whole; NaN where it is not known yet.
+    /// Estimated time to the end; NaN while unknown.
     pub seconds_left: f64,
 }
 
-/// Request of `std_srvs/srv/Trigger`: empty, but CDR has no empty structs.
+/// Request of `std_srvs/srv/Trigger`; it is empty, but CDR has no empty structs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TriggerRequest {
     /// Unused.
@@ -68,26 +68,26 @@ pub struct TriggerRequest {
 /// Response of `std_srvs/srv/Trigger`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TriggerResponse {
-    /// Whether it was done.
+    /// Whether it succeeded.
     pub success: bool,
-    /// The action done, or the reason against it.
+    /// What was done, or why not.
     pub message: String,
 }
 
 /// Goal of `artitwin_msgs/action/Diagnose`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DiagnoseGoal {
-    /// URDF; empty: the node's last twin.
+    /// URDF file; empty: the node's last twin.
     pub twin: String,
     /// Bags with `sensor_msgs/JointState`.
     pub runs: Vec<String>,
-    /// Bags for the proof alone; empty: every third run.
+    /// Bags used only to confirm the result; empty: every third run.
     pub held_out: Vec<String>,
-    /// In the root's frame, m/s^2; all 0: earth's, down z.
+    /// Gravity in the root's frame, m/s^2; all 0: standard gravity along -z.
     pub gravity: [f64; 3],
-    /// Whether the effort runs straight to the next sample; else it is held.
+    /// Whether effort is interpolated linearly between samples; else it is held.
     pub linear_effort: bool,
-    /// Of the permutation tests.
+    /// Seed of the permutation tests.
     pub seed: u64,
 }
 
@@ -96,22 +96,22 @@ pub struct DiagnoseGoal {
 pub struct DiagnoseResult {
     /// Whether there is a report.
     pub success: bool,
-    /// The finding, or the reason against one.
+    /// The result, or why there is none.
     pub message: String,
     /// Folder of the result.
     pub folder: String,
-    /// Over all joints.
+    /// Verdict over all joints.
     pub verdict: String,
 }
 
 /// Feedback of `artitwin_msgs/action/Diagnose`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DiagnoseFeedback {
-    /// The present activity.
+    /// Current stage.
     pub stage: String,
-    /// Of the joints, 0 to 1.
+    /// Share of the joints that are done, 0 to 1.
     pub fraction: f32,
-    /// NaN until a joint is done.
+    /// Estimated time to the end; NaN until a joint is done.
     pub seconds_left: f64,
 }
 

@@ -6,37 +6,37 @@ use serde_norway::Value;
 
 use super::ros_names::{NodeIdentity, expanded_name, strip_transport};
 
-/// Everything between `--ros-args` and `--`.
+/// Arguments between `--ros-args` and `--`, and the rest.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct RosArgs {
-    /// In the order given; the first match counts.
+    /// Remappings in order; the first match applies.
     pub remaps: Vec<Remap>,
-    /// In the order given; later wins.
+    /// Parameters in order; later ones win.
     pub parameters: Vec<ParameterSource>,
     /// `debug`, `info`, `warn`, `error` or `fatal`.
     pub log_level: Option<String>,
     /// Security enclave.
     pub enclave: Option<String>,
-    /// Whether `/rosout` is to be left alone.
+    /// Whether `/rosout` is disabled.
     pub no_rosout: bool,
-    /// Whether standard error is to be left alone.
+    /// Whether standard error is disabled.
     pub no_stdout: bool,
-    /// Arguments without a meaning here.
+    /// Unknown arguments between `--ros-args` and `--`.
     pub unknown: Vec<String>,
     /// Arguments before `--ros-args` and after `--`.
     pub rest: Vec<String>,
 }
 
-/// Where parameters come from.
+/// Source of parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum ParameterSource {
     /// A file of `--params-file`.
     File(PathBuf),
-    /// One of `-p`; of the named node, or of any.
+    /// A value of `-p`, for a named node or for all.
     Value {
-        /// The node it is meant for.
+        /// Node to which it applies; `None` for all.
         node: Option<String>,
-        /// Its name.
+        /// Name of the parameter.
         name: String,
         /// Its value.
         value: Value,
@@ -46,15 +46,15 @@ pub(crate) enum ParameterSource {
 /// `from:=to`, for one node or for all.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Remap {
-    /// The node it is meant for.
+    /// Node to which it applies; `None` for all.
     pub node: Option<String>,
-    /// A name as the node uses it, or `__node`, `__ns`.
+    /// Name used by the node, or `__node` or `__ns`.
     pub from: String,
     /// Its new name.
     pub to: String,
 }
 
-/// An unreadable argument.
+/// An argument that cannot be parsed.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 #[error("`{argument}`: {reason}")]
 pub struct RosArgsError {
@@ -63,11 +63,11 @@ pub struct RosArgsError {
 }
 
 impl RosArgs {
-    /// Reads the arguments of a program, its own name left out. Unknown ones between `--ros-args` and `--`
-    /// are kept in `unknown`, as a newer launch may pass more of them.
+    /// Parses the arguments of a program, without its name. Unknown ones between `--ros-args` and `--` are
+    /// kept in `unknown`, as a newer launch may pass more.
     ///
     /// # Errors
-    /// If an option lacks its value or the value cannot be read.
+    /// If an option has no value or the value cannot be parsed.
     pub(crate) fn parse(arguments: &[String]) -> Result<Self, RosArgsError> {
         let mut parsed = Self::default();
         let mut ros = false;
@@ -75,7 +75,7 @@ impl RosArgs {
         while let Some(argument) = list.next() {
             match (ros, argument.as_str()) {
                 (_, "--ros-args") => ros = true,
-                // Behind `--` the program's own arguments go on.
+                // After `--` come the program's own arguments.
                 (true, "--") => ros = false,
                 (true, option) => parsed.read_option(option, &mut list)?,
                 (false, _) => parsed.rest.push(argument.clone()),
@@ -104,7 +104,7 @@ impl RosArgs {
             "--params-file" => self.parameters.push(ParameterSource::File(value("FILE")?.into())),
             "--log-level" => self.log_level = Some(log_level(&value("LEVEL")?)?),
             "-e" | "--enclave" => self.enclave = Some(value("ENCLAVE")?),
-            // Unused, but their values must not pass as options.
+            // Not used, but their values must not be parsed as options.
             "--log-config-file" | "--log-file-name" => {
                 self.unknown.push(format!("{option} {}", value("FILE")?))
             }
@@ -120,12 +120,12 @@ impl RosArgs {
         Ok(())
     }
 
-    /// The node's name and namespace after `__node` and `__ns`.
+    /// Name and namespace of the node after `__node` and `__ns`.
     ///
     /// # Errors
-    /// If they are no names.
+    /// If they are not valid names.
     pub(crate) fn node_identity(&self, default_name: &str) -> Result<NodeIdentity, RosArgsError> {
-        // By the default name: `node:__node:=other` names the node before it is renamed.
+        // Matched by the default name: `node:__node:=other` refers to the node before it is renamed.
         let mut remaps = self.remaps.iter().filter(|r| self.is_for(r, default_name));
         let name = remaps.clone().find(|r| ["__node", "__name"].contains(&r.from.as_str()));
         let name = name.map_or(default_name, |r| r.to.as_str());
@@ -140,7 +140,7 @@ impl RosArgs {
         remap.node.as_ref().is_none_or(|n| n.trim_start_matches('/') == default_name)
     }
 
-    /// The full name of a topic, service or action: expanded, then remapped.
+    /// The full name of a topic, service or action after expansion and remapping.
     #[must_use]
     pub(crate) fn resolved_name(&self, name: &str, node: &NodeIdentity) -> String {
         let full = expanded_name(strip_transport(name), node);
@@ -160,7 +160,7 @@ impl RosArgs {
 fn parsed_remap(text: &str) -> Result<Remap, RosArgsError> {
     let fail = |reason: &str| RosArgsError { argument: text.to_owned(), reason: reason.to_owned() };
     let (left, to) = text.split_once(":=").ok_or_else(|| fail("is no remapping; give FROM:=TO"))?;
-    // `rostopic://` and `rosservice://` hold a colon without a node before it.
+    // `rostopic://` and `rosservice://` contain a colon that separates no node.
     let (node, from) = match left.split_once(':') {
         Some((node, from)) if !from.starts_with("//") => (Some(node.to_owned()), from),
         _ => (None, left),
@@ -184,7 +184,7 @@ fn parsed_parameter(text: &str) -> Result<ParameterSource, RosArgsError> {
     Ok(ParameterSource::Value { node, name: name.to_owned(), value })
 }
 
-/// `LEVEL`, or `LOGGER:=LEVEL`, with only the level used: there is one logger.
+/// Level from `LEVEL` or `LOGGER:=LEVEL`; the logger is ignored, as there is only one.
 fn log_level(text: &str) -> Result<String, RosArgsError> {
     let level = text.rsplit(":=").next().unwrap_or(text).to_ascii_lowercase();
     if ["debug", "info", "warn", "error", "fatal"].contains(&level.as_str()) {

@@ -3,39 +3,39 @@
 /// Longest accepted name, bytes.
 const MAX_NAME: usize = 255;
 
-/// Why a name is none.
+/// Why a name is invalid.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NameError {
-    /// A part of it, between slashes.
+    /// An invalid part between slashes.
     #[error("`{0}` is not made of letters, digits and single underscores")]
     Token(String),
-    /// A full name begins at the root.
+    /// A full name must start with a slash.
     #[error("`{0}` does not begin with a slash")]
     NoSlash(String),
-    /// Longer than DDS carries.
+    /// The name is longer than DDS allows; its length.
     #[error("it has {0} bytes, more than {MAX_NAME}")]
     Long(usize),
-    /// The middleware's message.
+    /// Message of the middleware.
     #[error("{0}")]
     Middleware(String),
 }
 
-/// A node's name and where it lives.
+/// Name and namespace of a node.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct NodeIdentity {
-    /// `/` or `/a/b`.
+    /// Namespace, `/` or `/a/b`.
     pub namespace: String,
-    /// Without slashes.
+    /// Name without slashes.
     pub name: String,
 }
 
 impl NodeIdentity {
-    /// Checks name and namespace; a namespace without leading slash gets one.
+    /// Checks name and namespace; adds a leading slash to the namespace if it has none.
     ///
     /// # Errors
     /// [`NameError`].
     pub(crate) fn new(namespace: &str, name: &str) -> Result<Self, NameError> {
-        // Launch files write it with and without slashes.
+        // Launch files write it with or without slashes.
         let namespace = format!("/{}", namespace.trim_matches('/'));
         check_token(name)?;
         namespace
@@ -46,7 +46,7 @@ impl NodeIdentity {
         Ok(Self { namespace, name: name.to_owned() })
     }
 
-    /// Namespace and name.
+    /// Namespace and name, joined.
     #[must_use]
     pub(crate) fn full_name(&self) -> String {
         format!("{}/{}", self.namespace.trim_end_matches('/'), self.name)
@@ -63,7 +63,7 @@ fn check_token(token: &str) -> Result<(), NameError> {
     }
 }
 
-/// Refuses a full name not allowed by DDS.
+/// Checks that DDS allows a full name.
 ///
 /// # Errors
 /// [`NameError`].
@@ -75,7 +75,7 @@ pub(crate) fn check_full_name(name: &str) -> Result<(), NameError> {
     tokens.split('/').try_for_each(check_token)
 }
 
-/// The full form of a name: `/a` stands as it is, `~/a` lies below the node, `a` in its namespace.
+/// The full name: `/a` is unchanged, `~/a` is below the node, `a` in its namespace.
 #[must_use]
 pub(crate) fn expanded_name(name: &str, node: &NodeIdentity) -> String {
     match name.strip_prefix('~') {
@@ -87,7 +87,7 @@ pub(crate) fn expanded_name(name: &str, node: &NodeIdentity) -> String {
     }
 }
 
-/// Leaves out `rostopic://` and `rosservice://`.
+/// Removes `rostopic://` and `rosservice://`.
 #[must_use]
 pub(crate) fn strip_transport(name: &str) -> &str {
     ["rostopic://", "rosservice://"].iter().find_map(|p| name.strip_prefix(p)).unwrap_or(name)

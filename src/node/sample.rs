@@ -1,4 +1,4 @@
-//! A decoded message of a subscription, checked for sense.
+//! Decoded and validated messages of the subscriptions.
 
 use io::{
     image_codec::{self as codec, ImageError, MAX_SIDE, Raster},
@@ -8,14 +8,14 @@ use io::{
     },
 };
 
-/// Largest image message, bytes.
+/// Largest accepted image message, bytes.
 pub(crate) const MAX_IMAGE_BYTES: usize = 64 << 20;
-/// Most transforms of one message.
+/// Most transforms per message.
 const MAX_TRANSFORMS: usize = 10_000;
 /// Most distortion coefficients.
 const MAX_COEFFICIENTS: usize = 64;
 
-/// A color, depth or mask image as it came.
+/// A color, depth or mask image as received.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Picture {
     /// `sensor_msgs/msg/Image`.
@@ -24,7 +24,7 @@ pub(crate) enum Picture {
     Compressed(CompressedImage),
 }
 
-/// A message by its role.
+/// A message with its role.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Sample {
     /// Color image.
@@ -41,20 +41,20 @@ pub(crate) enum Sample {
     Transforms(TfMessage),
     /// `/tf_static`.
     StaticTransforms(TfMessage),
-    /// Camera pose.
+    /// Camera pose (PoseStamped).
     Pose(PoseStamped),
-    /// Camera pose.
+    /// Camera pose (Odometry).
     Odometry(Box<FullOdometry>),
 }
 
-/// Reason against a message, as a word for counts.
+/// Why a message is rejected, for the counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Refusal {
-    /// Stamp or frame name.
+    /// Missing stamp or frame name.
     Header,
-    /// Size, row length, amount of data.
+    /// Inconsistent size, row length or amount of data.
     Size,
-    /// Infinite numbers, invalid quaternions.
+    /// Numbers that are not finite, or invalid quaternions.
     Value,
 }
 
@@ -77,10 +77,10 @@ impl Picture {
         }
     }
 
-    /// The payload for a bag.
+    /// The payload to write to a bag.
     ///
     /// # Errors
-    /// Where CDR cannot hold it.
+    /// If it cannot be encoded as CDR.
     pub(crate) fn payload(&self) -> Result<Vec<u8>, DecodeError> {
         match self {
             Self::Raw(m) => encode(m),
@@ -88,7 +88,7 @@ impl Picture {
         }
     }
 
-    /// Bytes of pixels.
+    /// Size of the pixel data, bytes.
     #[must_use]
     pub(crate) fn bytes(&self) -> usize {
         match self {
@@ -97,7 +97,7 @@ impl Picture {
         }
     }
 
-    /// Its pixels as color.
+    /// Decodes a color image.
     ///
     /// # Errors
     /// [`ImageError`].
@@ -108,7 +108,7 @@ impl Picture {
         }
     }
 
-    /// Its pixels as depth, meters; 0: unknown.
+    /// Decodes a depth image to meters; 0: unknown.
     ///
     /// # Errors
     /// [`ImageError`].
@@ -119,7 +119,7 @@ impl Picture {
         }
     }
 
-    /// Its pixels as a mask.
+    /// Decodes a mask.
     ///
     /// # Errors
     /// [`ImageError`].
@@ -135,7 +135,7 @@ impl Picture {
         let (name, sized) = match self {
             Self::Raw(m) => {
                 let side = |n: u32| (1..=MAX_SIDE).contains(&(n as usize));
-                // CDR only knows the length of `data`; it must be checked against the image.
+                // CDR only gives the length of `data`; it must match the image size.
                 let whole = (m.step as usize).checked_mul(m.height as usize) == Some(m.data.len());
                 (&m.encoding, side(m.width) && side(m.height) && whole)
             }
@@ -147,27 +147,28 @@ impl Picture {
     }
 }
 
-/// A header with a stamp, a frame and a stamp after the epoch.
+/// Checks that the header has a positive stamp and a frame name.
 fn check_header(header: &Header) -> Result<(), Refusal> {
     match header.checked() {
-        // Drivers without stamps send 0; all such images would seem to belong together.
+        // Drivers without stamps send 0; all such images would seem simultaneous.
         Some((stamp, frame)) if stamp > 0 && !frame.is_empty() => Ok(()),
         _ => Err(Refusal::Header),
     }
 }
 
 impl Sample {
-    /// Refuses messages without use for a recording.
+    /// Rejects messages that are unusable in a recording.
     ///
-    /// # Errors The first failed check.
+    /// # Errors
+    /// The first failed check.
     pub(crate) fn check(&self) -> Result<(), Refusal> {
         match self {
             Self::Color(p) | Self::Depth(p) | Self::Mask(p) => p.check_size(),
             Self::ColorInfo(info) | Self::DepthInfo(info) => check_info(info),
             Self::Transforms(m) | Self::StaticTransforms(m) => match m.transforms.len() {
-                // The list may come from anybody on the network.
+                // Anyone on the network may send such a list.
                 n if n > MAX_TRANSFORMS => Err(Refusal::Size),
-                // One broken transform does not make the others wrong; the buffer leaves it out.
+                // One invalid transform does not affect the others; the buffer drops it.
                 _ if m
                     .transforms
                     .iter()
@@ -188,12 +189,12 @@ impl Sample {
 }
 
 fn check_info(info: &CameraInfo) -> Result<(), Refusal> {
-    // A stamp is not needed: the last camera_info holds for all images.
+    // No stamp is needed, as the last camera_info applies to all images.
     info.header.checked().ok_or(Refusal::Header)?;
     if info.d.len() > MAX_COEFFICIENTS || info.distortion_model.len() > MAX_NAME {
         return Err(Refusal::Size);
     }
-    // A NaN in the lens would spoil every pixel.
+    // A NaN in the lens parameters would affect every pixel.
     let finite = info.d.iter().chain(&info.k).chain(&info.r).chain(&info.p).all(|v| v.is_finite());
     finite.then_some(()).ok_or(Refusal::Value)
 }

@@ -1,4 +1,4 @@
-//! Services of the node: states, reset, save.
+//! Services of the node: starting and finishing states, reset, save.
 
 use std::{path::PathBuf, sync::Arc};
 
@@ -13,32 +13,32 @@ use super::{
 };
 use crate::requests::{SetStateRequest, SetStateResponse, TriggerRequest, TriggerResponse};
 
-/// Waiting requests.
+/// Queue length for requests.
 const DEPTH: usize = 10;
 
 /// Context of the services.
 #[derive(Clone)]
 pub(crate) struct ServiceContext {
-    /// To the core.
+    /// Channel to the collection thread.
     pub commands: mpsc::Sender<Command>,
-    /// The core's shared data.
+    /// Data shared with the collection.
     pub shared: Arc<Shared>,
-    /// Makes the folder of the next session.
+    /// Returns a folder for the next session.
     pub next_session: Arc<dyn Fn() -> PathBuf + Send + Sync>,
 }
 
 impl ServiceContext {
-    /// Sends a command and waits for its answer.
+    /// Sends a command to the collection and waits for its answer.
     async fn ask_core<T>(
         &self,
         command: impl FnOnce(oneshot::Sender<Result<T, CollectError>>) -> Command,
     ) -> Result<T, CollectError> {
         let (answer, answered) = oneshot::channel();
-        // The core has its thread and its order; nobody else touches the session.
+        // Only the collection thread changes the session, in order of the commands.
         if self.commands.send(command(answer)).await.is_err() {
             return Err(CollectError::Ending);
         }
-        // The core ended without an answer.
+        // The collection ended without an answer.
         answered.await.unwrap_or(Err(CollectError::Ending))
     }
 
@@ -67,7 +67,7 @@ impl ServiceContext {
     }
 
     async fn reset_session(&self) -> TriggerResponse {
-        // A new folder: no later message can get into the old session.
+        // A new folder, so that no later message enters the old session.
         let session = (self.next_session)();
         let done = self.ask_core(|a| Command::Reset(session.clone(), a)).await;
         trigger_response(done.map(|()| format!("the next session is {}", session.display())))
@@ -93,7 +93,7 @@ fn trigger_response(done: Result<String, CollectError>) -> TriggerResponse {
 /// Offers all services.
 ///
 /// # Errors
-/// If a name cannot be used or the network refuses.
+/// If a name is invalid or the network reports an error.
 pub(crate) fn offer_services(
     participant: &mut Participant,
     mapping: ServiceMapping,
@@ -124,7 +124,7 @@ pub(crate) fn offer_services(
     })
 }
 
-/// Answers the requests of one service, one after the other.
+/// Answers the requests of one service in order.
 fn serve_requests<Q, A, F>(
     participant: &mut Participant,
     mapping: ServiceMapping,
@@ -148,7 +148,7 @@ where
         loop {
             match server.async_receive_request().await {
                 Ok((id, request)) => {
-                    // One request after the other: two begins of a state cannot overtake each other.
+                    // One after the other, so that two starts of a state cannot overtake each other.
                     let response = answer(request).await;
                     if let Err(error) = server.async_send_response(id, response).await {
                         log::warn!("{name}: the answer was not sent: {error}");

@@ -1,4 +1,4 @@
-//! The life of the node: start, work, end.
+//! Start, run and shutdown of the node.
 
 use std::{
     path::{Path, PathBuf},
@@ -37,14 +37,14 @@ use super::{
 };
 use config::Config;
 
-/// Name of the node where none is given.
+/// Name of the node if none is given.
 const DEFAULT_NAME: &str = "artitwin";
-/// Camera poses waiting to be published.
+/// Queue length for camera poses to publish.
 const POSE_QUEUE: usize = 16;
-/// How long the end may take before it is given up.
+/// Longest time for the shutdown.
 const END_WAIT: Duration = Duration::from_secs(10);
 
-/// Runs the node until it is asked to end (Ctrl-C or SIGTERM). `arguments` are those after `artitwin node`.
+/// Runs the node until Ctrl-C or SIGTERM. `arguments` are those after `artitwin node`.
 ///
 /// # Errors
 /// [`NodeError`] if it cannot start.
@@ -53,21 +53,21 @@ pub fn run(arguments: &[String]) -> Result<(), NodeError> {
     in_runtime(run_live(&start))
 }
 
-/// Reads arguments and their parameter files as [`run()`] does, and starts nothing. Returns the names of
-/// parameters without a meaning here.
+/// Parses arguments and parameter files like [`run()`], without starting anything. Returns the names of
+/// unknown parameters.
 ///
 /// # Errors
-/// [`NodeError`] if the node would not start with them.
+/// [`NodeError`] if the node would not start with these arguments.
 pub fn check_arguments(arguments: &[String]) -> Result<Vec<String>, NodeError> {
     let arguments = without_stray(arguments)?;
     let identity = arguments.node_identity(DEFAULT_NAME)?;
     let Loaded { parameters, unknown } = Parameters::load(&arguments, &identity)?;
-    // The settings of a run, too: a wrong one would show after minutes of collecting.
+    // Also checks the settings of a run, as an error would otherwise show after minutes of collecting.
     settings::run_settings(&parameters, &inputs::topic_names(&arguments, &identity, &parameters))?;
     Ok(unknown)
 }
 
-/// The arguments; all must have a meaning.
+/// Parses the arguments; unknown ones are errors.
 fn without_stray(arguments: &[String]) -> Result<RosArgs, NodeError> {
     let arguments = RosArgs::parse(arguments)?;
     match arguments.rest.first() {
@@ -76,11 +76,11 @@ fn without_stray(arguments: &[String]) -> Result<RosArgs, NodeError> {
     }
 }
 
-/// Inputs of a node's start.
+/// Input for starting a node.
 pub(super) struct Start {
-    /// Remappings and the like.
+    /// ROS arguments, such as remappings.
     pub arguments: RosArgs,
-    /// The node's name.
+    /// Name and namespace of the node.
     pub identity: NodeIdentity,
     /// Domain and reach.
     pub environment: Environment,
@@ -89,11 +89,11 @@ pub(super) struct Start {
 }
 
 impl Start {
-    /// Reads arguments, environment and parameters, starts the log and logs warnings.
+    /// Reads arguments, environment and parameters; starts the log and logs warnings.
     pub(crate) fn read_inputs(arguments: &[String], name: &str) -> Result<Self, NodeError> {
         let arguments = without_stray(arguments)?;
         let identity = arguments.node_identity(name)?;
-        // Before the environment: its warnings are the first things to log.
+        // Before reading the environment, so that its warnings are logged.
         logger::start_log(&identity.name, arguments.log_level.as_deref(), arguments.no_stdout);
         arguments.unknown.iter().for_each(|a| log::warn!("`{a}` is not known here and is left out"));
         let environment = Environment::read(|name| std::env::var(name).ok())?;
@@ -110,26 +110,26 @@ impl Start {
         Ok(Self { arguments, identity, environment, parameters: loaded.parameters })
     }
 
-    /// Joins the domain, and says from where the node can be reached.
+    /// Joins the domain and logs from where the node can be reached.
     pub(crate) fn join_domain(&self) -> Result<Participant, NodeError> {
         let participant =
             Participant::join_domain(&self.environment, &self.arguments, &self.identity, &self.parameters)?;
-        // After joining: only then the sockets are open.
+        // Only after joining are the sockets open.
         reach::check_sockets(&self.environment)?;
         Ok(participant)
     }
 }
 
-/// Runs a future on the node's threads.
+/// Runs a future in a runtime of the node.
 pub(super) fn in_runtime<T>(work: impl Future<Output = Result<T, NodeError>>) -> Result<T, NodeError> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
-        // Work is done on threads of its own; these move messages.
+        // These threads only pass messages; the work has its own.
         .worker_threads(2)
         .enable_all()
         .build()
         .map_err(|source| NodeError::System { what: "starting the threads", source })?;
     let done = runtime.block_on(work);
-    // The tasks of subscriptions and services wait for messages for ever.
+    // Tasks of subscriptions and services never end by themselves.
     runtime.shutdown_timeout(Duration::from_secs(1));
     done
 }
@@ -139,22 +139,22 @@ async fn run_live(start: &Start) -> Result<(), NodeError> {
     let identity = &start.identity;
     let p = &start.parameters;
     let topics = inputs::topic_names(&start.arguments, identity, p);
-    // Impossible settings are refused before anybody sees the node.
+    // Invalid settings are refused before the node becomes visible.
     let resolved = settings::run_settings(p, &topics)?;
-    // Also for ~/reset: it goes on in the next free folder.
+    // `~/reset` also uses it to continue in the next free folder.
     let next_session: Arc<dyn Fn() -> PathBuf + Send + Sync> = {
         let out = PathBuf::from(&p.out_folder);
         let name = p.session.clone();
         Arc::new(move || free_folder(&out, &name))
     };
-    // A named session is taken up again; one by time is always new.
+    // A session with a name is continued; one named by time is always new.
     let first = if p.session.is_empty() { next_session() } else { Path::new(&p.out_folder).join(&p.session) };
-    // The folder before the network: a second node on it ends before it disturbs the first.
+    // The folder before the network: a second node with this folder must end before it disturbs the first.
     let lock = SessionLock::take(&first)?;
     let mut participant = start.join_domain()?;
     let clock = Arc::new(NodeClock::new(p.use_sim_time));
     let shared = Arc::new(Shared::default());
-    // The core: the one owner of the collector, on a thread of its own, as decoding and writing block.
+    // The collection, the only owner of the collector, has its own thread, as decoding and writing block.
     let collector = Collector::new(settings::collector_settings(p, topics.clone(), &resolved.config), &first);
     let watch = settings::watch_rule(p).map(MotionWatch::new);
     let (queue, tracked) =
@@ -177,7 +177,7 @@ async fn run_live(start: &Start) -> Result<(), NodeError> {
     let handle = tokio::runtime::Handle::current();
     let core = tokio::task::spawn_blocking(move || handle.block_on(core.run(inbox)));
 
-    // Calls of clients. Only the last twin and report count, hence channels of one value.
+    // Only the last twin and report matter, so the channels hold one value.
     let (twins, twin) = watch::channel(None);
     let reconstructor = Arc::new(Reconstructor {
         ahead: work_ahead::start_thread(&shared, &resolved.config)?,
@@ -199,7 +199,7 @@ async fn run_live(start: &Start) -> Result<(), NodeError> {
     services::offer_services(&mut participant, mapping, &context)?;
     action::offer_action(&mut participant, mapping, Arc::clone(&reconstructor))?;
     action::offer_action(&mut participant, mapping, Arc::clone(&diagnoser))?;
-    // Input last, when all its receivers are there.
+    // Subscriptions come last, when all receivers exist.
     let inputs = inputs::subscribe_topics(&mut participant, p, &topics, &outbox, &clock)?;
     let diagnostics = Diagnostics::new(&identity.full_name(), inputs);
     participant.start_spinner()?;
@@ -212,14 +212,14 @@ async fn run_live(start: &Start) -> Result<(), NodeError> {
     log::info!("ending");
     end_log();
     let (done, ended) = oneshot::channel();
-    // The core closes the open bag; a hanging disk does not keep the node.
+    // The collection closes the open bag; a blocked disk must not keep the node running.
     commands.send(Command::Stop(done)).await.ok();
     tokio::time::timeout(END_WAIT, ended).await.ok();
     tokio::time::timeout(END_WAIT, core).await.ok();
     Ok(())
 }
 
-/// Latched topics go with their publisher: the results of an earlier node are published again.
+/// Publishes the results of an earlier node again, as latched messages disappear with their publisher.
 fn publish_again(session: &Path, reconstructor: &Reconstructor, diagnoser: &Diagnoser) {
     if let Some(twin) = last_twin(session) {
         reconstructor.twins.send_replace(Some(Arc::new(twin)));
@@ -229,7 +229,7 @@ fn publish_again(session: &Path, reconstructor: &Reconstructor, diagnoser: &Diag
     }
 }
 
-/// Starts the live map, where it is asked for.
+/// Starts the live map, if enabled.
 fn start_live(p: &Parameters, config: &Config, shared: &Arc<Shared>) -> Result<Option<LiveQueue>, NodeError> {
     let Some(settings) = settings::live_settings(p, config) else { return Ok(None) };
     let shared = Arc::clone(shared);
@@ -237,7 +237,7 @@ fn start_live(p: &Parameters, config: &Config, shared: &Arc<Shared>) -> Result<O
     started.map(Some).map_err(|source| NodeError::System { what: "starting the live map", source })
 }
 
-/// Queues with room for so many images.
+/// Queues with this capacity for images.
 pub(super) fn core_queues(images: usize) -> (Outbox, Inbox) {
     let (images, image_inbox) = mpsc::channel(images);
     let (small, small_inbox) = mpsc::channel(SMALL_QUEUE);
@@ -248,7 +248,7 @@ pub(super) fn core_queues(images: usize) -> (Outbox, Inbox) {
     )
 }
 
-/// Ends the log: the middleware complains of its own threads while it is taken down.
+/// Ends the log, as the middleware logs errors about its own threads during shutdown.
 pub(super) fn end_log() {
     log::set_max_level(log::LevelFilter::Off);
 }

@@ -5,7 +5,7 @@ use std::{
     time::{SystemTime, UNIX_EPOCH},
 };
 
-/// A new folder: by the name, or by the time.
+/// A new folder, named by `name` or by the time.
 pub(super) fn free_folder(out: &Path, name: &str) -> PathBuf {
     let base = if name.is_empty() {
         let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
@@ -13,7 +13,7 @@ pub(super) fn free_folder(out: &Path, name: &str) -> PathBuf {
     } else {
         name.to_owned()
     };
-    // A session is never written over: the next free number is taken.
+    // Sessions are never overwritten: the next free number is used.
     let mut folder = out.join(&base);
     let mut number = 0;
     while folder.exists() {

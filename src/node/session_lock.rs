@@ -1,4 +1,4 @@
-//! One node works on a session's folder at a time.
+//! A lock that lets one node at a time use a session folder.
 
 use std::{
     fs, io,
@@ -9,35 +9,35 @@ use ::io::LockedFile;
 
 const LOCK_FILE: &str = ".node.lock";
 
-/// The right to write to a session's folder. It is given back when it is dropped, also by a crash.
+/// Lock on a session folder; released when dropped, or when the process ends.
 #[derive(Debug)]
 pub(crate) struct SessionLock {
     folder: PathBuf,
     _file: LockedFile,
 }
 
-/// Why a session cannot be worked on.
+/// Why a session folder cannot be locked.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionLockError {
-    /// Another node holds it.
+    /// Another process holds the lock.
     #[error("another node works on the session {}; end it, or give another session or \
         out_folder", .0.display())]
     InUse(PathBuf),
-    /// The system refuses.
+    /// The operating system reports an error.
     #[error("the session {} cannot be used; give an out_folder that can be written to", folder.display())]
     Disk {
         /// Folder of the session.
         folder: PathBuf,
-        /// The system's message.
+        /// Error of the operating system.
         source: io::Error,
     },
 }
 
 impl SessionLock {
-    /// Takes a session's folder; it is made where missing.
+    /// Locks a session folder; creates it if it does not exist.
     ///
     /// # Errors
-    /// If another process holds it or the disk refuses.
+    /// If another process holds the lock or the disk reports an error.
     pub(crate) fn take(folder: &Path) -> Result<Self, SessionLockError> {
         let fails = |source| SessionLockError::Disk { folder: folder.to_owned(), source };
         fs::create_dir_all(folder).map_err(fails)?;
@@ -48,7 +48,7 @@ impl SessionLock {
 }
 
 impl Drop for SessionLock {
-    /// A session without a kept view leaves no folder.
+    /// A session without kept views leaves no folder.
     fn drop(&mut self) {
         let names = fs::read_dir(&self.folder)
             .map(|entries| entries.flatten().map(|e| e.file_name()).collect::<Vec<_>>());

@@ -1,4 +1,4 @@
-//! From parameters to the settings of a run and of the collector.
+//! Settings of a run and of the collector, from the node's parameters.
 
 use serde_norway::Value;
 
@@ -9,15 +9,15 @@ use super::{
 use config::{Config, ConfigError, Layers, Resolved};
 use surface::LiveSettings;
 
-/// Views held back while states end by themselves: motion is noticed a few views after it began.
+/// Views held back in automatic states, as motion is detected a few views late.
 const HELD_VIEWS: usize = 4;
-/// Frame of published tracked poses: the name in REP 105 for poses by earlier views, and RViz's default.
+/// Frame of published tracked poses: named as in REP 105, and RViz's default.
 const MAP_FRAME: &str = "map";
 
-/// Merges preset, file and single settings, then the parameters' topics and frames.
+/// Merges preset, file and single settings with the topics and frames of the parameters.
 ///
 /// # Errors
-/// If a layer is wrong or a value cannot be used.
+/// If a setting is unknown or invalid.
 pub(crate) fn run_settings(p: &Parameters, topics: &Topics) -> Result<Resolved<Config>, ConfigError> {
     let mut layers = Layers::new(&Config::default())?;
     if !p.preset.is_empty() {
@@ -28,7 +28,7 @@ pub(crate) fn run_settings(p: &Parameters, topics: &Topics) -> Result<Resolved<C
     }
     p.settings.iter().try_for_each(|assignment| layers.add_setting(assignment))?;
     let text = |s: &String| (!s.is_empty()).then(|| Value::from(s.as_str()));
-    // Topics as they were remapped: the bags hold these names.
+    // Topics after remapping, as in the bags.
     let assigned = [
         ("color_topic", "capture.topics.color", text(&topics.color)),
         ("depth_topic", "capture.topics.depth", text(&topics.depth)),
@@ -48,7 +48,7 @@ pub(crate) fn run_settings(p: &Parameters, topics: &Topics) -> Result<Resolved<C
     Ok(resolved)
 }
 
-/// Settings of the collector; pairing and gaps are the run's.
+/// Settings of the collector; synchronization and gaps are those of the run.
 #[must_use]
 pub(crate) fn collector_settings(p: &Parameters, topics: Topics, config: &Config) -> CollectorSettings {
     let count = |n: i64| usize::try_from(n).unwrap_or(1);
@@ -68,12 +68,12 @@ pub(crate) fn collector_settings(p: &Parameters, topics: Topics, config: &Config
             rotation_rad: p.keyframe_rotation_deg.to_radians(),
             most: count(p.max_keyframes),
         },
-        // Where people end a state themselves, none of its views shows motion.
+        // If people finish a state themselves, its views show no motion.
         hold: if p.automatic_states { HELD_VIEWS } else { 0 },
     }
 }
 
-/// Settings of the tracking, as in the pipeline.
+/// Settings of live tracking, as in the pipeline.
 #[must_use]
 pub(crate) fn track_settings(p: &Parameters, topics: Topics, config: &Config) -> TrackSettings {
     TrackSettings {
@@ -84,14 +84,14 @@ pub(crate) fn track_settings(p: &Parameters, topics: Topics, config: &Config) ->
     }
 }
 
-/// Settings of the live map, where there is one.
+/// Settings of the live map, if enabled.
 #[must_use]
 pub(crate) fn live_settings(p: &Parameters, config: &Config) -> Option<LiveSettings> {
     let megabytes = usize::try_from(p.live_map_megabytes).unwrap_or(0);
     p.live_map.then_some(LiveSettings { noise: config.capture.noise, most_bytes: megabytes << 20 })
 }
 
-/// Settings of the watch, where states begin and end by themselves.
+/// Settings of automatic states, if enabled.
 #[must_use]
 pub(crate) fn watch_rule(p: &Parameters) -> Option<WatchRule> {
     let count = |n: i64| usize::try_from(n).unwrap_or(1);

@@ -1,4 +1,4 @@
-//! The recording of one state: the needs of its kept views, and nothing else.
+//! The recording of one state: exactly the messages that its kept views need.
 
 use std::path::{Path, PathBuf};
 
@@ -11,12 +11,12 @@ use io::{
     },
 };
 
-/// How images were offered, as far as a recording says.
+/// QoS of images in the recording.
 const SENSOR: OfferedQos = OfferedQos { reliable: false, latched: false, depth: 10 };
 const RELIABLE: OfferedQos = OfferedQos { reliable: true, latched: false, depth: 100 };
 const LATCHED: OfferedQos = OfferedQos { reliable: true, latched: true, depth: 1 };
 
-/// Names of the topics, remapped.
+/// Names of the topics after remapping.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Topics {
     /// Color images.
@@ -29,24 +29,24 @@ pub(crate) struct Topics {
     pub depth_info: Option<String>,
     /// Object masks.
     pub mask: Option<String>,
-    /// Camera poses in place of `/tf`; whether they are odometry.
+    /// Camera poses in place of `/tf`, and whether they are odometry.
     pub pose: Option<(String, bool)>,
 }
 
-/// The recording of one state while it is written.
+/// The recording of one state during writing.
 pub(crate) struct StateBag {
     bag: BagWriter,
     topics: Topics,
     fixed: Vec<TransformStamped>,
-    /// New place of an earlier recording.
+    /// New path of an earlier recording.
     replaced: Option<PathBuf>,
 }
 
 impl StateBag {
-    /// Opens `session/state<N>`. An earlier one is kept as `state<N>_replaced<K>`.
+    /// Creates `session/state<N>`; an earlier one is renamed to `state<N>_replaced<K>`.
     ///
     /// # Errors
-    /// If the disk refuses.
+    /// If writing fails.
     pub(crate) fn create(session: &Path, state: usize, topics: Topics) -> Result<Self, BagWriteError> {
         let folder = session.join(format!("state{state}"));
         let spare = || (1..).map(|k| session.join(format!("state{state}_replaced{k}"))).find(|p| !p.exists());
@@ -57,24 +57,24 @@ impl StateBag {
         Ok(Self { bag: BagWriter::create(&folder)?, topics, fixed: Vec::new(), replaced })
     }
 
-    /// Removes the recording and puts back the earlier one.
+    /// Removes the recording and restores the earlier one.
     ///
     /// # Errors
-    /// If the disk refuses.
+    /// If writing fails.
     pub(crate) fn abandon(self) -> Result<(), BagWriteError> {
         let folder = self.bag.folder().to_owned();
-        // Closed first: some systems do not remove open files.
+        // Closed first, as some systems do not remove open files.
         drop(self.bag);
         std::fs::remove_dir_all(&folder)
             .map_err(|source| BagWriteError::Io { path: folder.clone(), source })?;
         self.replaced.map_or(Ok(()), |spare| rename_folder(&spare, &folder))
     }
 
-    /// Writes a view: its transforms first, for replays. `infos` of color and depth, `fixed` transforms,
-    /// those `around` its stamp; the one of the frame `posed` came from the pose topic.
+    /// Writes a view, transforms first for replays: `infos` of color and depth, `fixed` transforms, and those
+    /// `around` its stamp; the transform of the frame `posed` goes to the pose topic.
     ///
     /// # Errors
-    /// If the disk refuses.
+    /// If writing fails.
     pub(crate) fn write_view(
         &mut self,
         view: &View,
@@ -84,14 +84,14 @@ impl StateBag {
         posed: Option<&str>,
         now_nanos: i64,
     ) -> Result<(), BagWriteError> {
-        // Latched in a replay: once is enough, unless one of them changed.
+        // Latched in a replay: written once, unless they change.
         if fixed != self.fixed {
             self.write_message("/tf_static", LATCHED, now_nanos, &TfMessage { transforms: fixed.clone() })?;
             self.fixed = fixed;
         }
         self.write_transforms(around, posed, now_nanos)?;
         let topics = self.topics.clone();
-        // With each view: a reader may cut the bag anywhere.
+        // With every view, since a reader may split the bag anywhere.
         for (info, topic) in infos.into_iter().zip([Some(&topics.color_info), topics.depth_info.as_ref()]) {
             if let (Some(info), Some(topic)) = (info, topic) {
                 self.write_message(topic, SENSOR, now_nanos, info)?;
@@ -108,7 +108,7 @@ impl StateBag {
         Ok(())
     }
 
-    /// The transforms about a stamp; those of the pose topic under its name.
+    /// Writes the transforms around a stamp; that of the pose topic under this topic.
     fn write_transforms(
         &mut self,
         around: Vec<TransformStamped>,
@@ -155,15 +155,15 @@ impl StateBag {
     /// Flushes the recording to the disk.
     ///
     /// # Errors
-    /// If the disk refuses.
+    /// If writing fails.
     pub(crate) fn flush(&mut self) -> Result<(), BagWriteError> {
         self.bag.flush()
     }
 
-    /// Closes the recording; its folder.
+    /// Closes the recording; returns its folder.
     ///
     /// # Errors
-    /// If the disk refuses.
+    /// If writing fails.
     pub(crate) fn finish(self) -> Result<PathBuf, BagWriteError> {
         let folder = self.bag.folder().to_owned();
         self.bag.finish().map(|_| folder)

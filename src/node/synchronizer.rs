@@ -1,33 +1,33 @@
-//! Matching images, found as they come. The rule is the one of recordings ([`capture::pair`]).
+//! Online matching of images by stamp, by the same rule as for recordings ([`capture::pair`]).
 
 use std::collections::VecDeque;
 
 use capture::pair;
 
-/// Kinds of images: color, depth, mask.
+/// Number of image kinds: color, depth, mask.
 pub(crate) const ROLES: usize = 3;
 
-/// Images waiting for their partners.
+/// Images that wait for a match.
 #[derive(Debug)]
 pub(crate) struct Synchronizer<T> {
     slop_nanos: i64,
-    /// Most waiting images of a kind.
+    /// Most waiting images per kind.
     depth: usize,
     queues: [VecDeque<(i64, T)>; ROLES],
-    /// Needed kinds of a whole set; color always is.
+    /// Which kinds a complete set needs; color always.
     needed: [bool; ROLES],
-    /// Newest stamp of each kind.
+    /// Newest stamp per kind, nanoseconds.
     newest: [Option<i64>; ROLES],
-    /// Sets found.
+    /// Number of matched sets.
     pub matched: u64,
-    /// Images given up, by kind.
+    /// Number of images dropped without a match, by kind.
     pub unmatched: [u64; ROLES],
 }
 
-/// A whole set; the stamp is the color image's.
+/// A complete set with the stamp of its color image.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Matched<T> {
-    /// Nanoseconds.
+    /// Stamp, nanoseconds.
     pub stamp_nanos: i64,
     /// Color, depth, mask.
     pub images: [Option<T>; ROLES],
@@ -48,7 +48,7 @@ impl<T> Synchronizer<T> {
         }
     }
 
-    /// Forgets waiting images with a later stamp, as the time went back to this one; they count as unmatched.
+    /// Drops waiting images with a later stamp, after time jumped back to this one; they count as unmatched.
     pub(crate) fn forget_after(&mut self, stamp_nanos: i64) {
         for (role, queue) in self.queues.iter_mut().enumerate() {
             let before = queue.len();
@@ -64,9 +64,9 @@ impl<T> Synchronizer<T> {
         self.queues.iter().map(VecDeque::len).sum()
     }
 
-    /// Takes an image of a kind; returns the completed sets, in the order of their stamps.
+    /// Adds an image of a kind; returns the completed sets in order of stamp.
     pub(crate) fn push(&mut self, role: usize, stamp_nanos: i64, image: T) -> Vec<Matched<T>> {
-        // A kind without partners must not fill the memory.
+        // A kind without matches must not fill the memory.
         if self.queues[role].len() == self.depth {
             self.queues[role].pop_front();
             self.unmatched[role] += 1;
@@ -80,25 +80,25 @@ impl<T> Synchronizer<T> {
         found
     }
 
-    /// Takes out the final sets, and the color images beyond completion.
+    /// Removes the sets that are final, and the color images that can no longer be completed.
     fn take_settled(&mut self) -> Vec<Matched<T>> {
         let stamps = |queue: &VecDeque<(i64, T)>| queue.iter().map(|e| e.0).collect::<Vec<_>>();
         let color = stamps(&self.queues[0]);
-        // The rule of recordings, asked anew for each image: queues are
-        // short, and the same sets come out of the bag.
+        // The rule for recordings, applied again for each image: queues are short, and the bag gives the same
+        // sets.
         let partners: Vec<Option<Vec<Option<usize>>>> = (0..ROLES)
             .map(|r| {
                 (r > 0 && self.needed[r]).then(|| pair(&color, &stamps(&self.queues[r]), self.slop_nanos))
             })
             .collect();
-        // Settled sets go on; color images beyond completion are given up.
+        // Final sets are returned; color images that cannot be completed are dropped.
         let mut whole = Vec::new();
         let mut hopeless = Vec::new();
         for (i, stamp) in color.iter().enumerate() {
             let states: Vec<Fate> = (1..ROLES)
                 .filter_map(|r| partners[r].as_ref().map(|p| self.fate_of_image(r, *stamp, p[i])))
                 .collect();
-            // One kind without hope is enough.
+            // One kind that cannot match is enough.
             if states.contains(&Fate::Never) {
                 hopeless.push(i);
             } else if states.iter().all(|s| *s == Fate::Settled) {
@@ -138,22 +138,22 @@ impl<T> Synchronizer<T> {
         found
     }
 
-    /// Possible outcome of a color image with respect to one kind.
+    /// What can still happen to a color image with respect to one kind.
     fn fate_of_image(&self, role: usize, stamp: i64, partner: Option<usize>) -> Fate {
-        // Images of one kind are taken to come in the order of their stamps.
+        // Assumes that images of one kind arrive in order of stamp.
         let passed = self.newest[role].is_some_and(|n| n > stamp + self.slop_nanos);
         match partner {
             Some(p) if self.queues[role].get(p).is_some_and(|e| e.0 == stamp) => Fate::Settled,
-            // A nearer image could still come until the kind is past the stamp.
+            // A closer image could arrive until the kind has passed the stamp.
             Some(_) if passed => Fate::Settled,
             None if passed => Fate::Never,
             _ => Fate::Open,
         }
     }
 
-    /// Gives up depth images and masks beyond need of any color image.
+    /// Drops depth images and masks that no color image can need.
     fn prune_images(&mut self) {
-        // Before the first color image anything could still be wanted.
+        // Before the first color image, any could be needed.
         let Some(newest) = self.newest[0] else { return };
         let oldest = self.queues[0].iter().map(|e| e.0).min().unwrap_or(newest).min(newest);
         for r in 1..ROLES {

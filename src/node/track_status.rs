@@ -1,39 +1,39 @@
-//! Quality of the camera's tracking, and advice for its carrier.
+//! Quality of the live camera tracking, with advice for the person who carries the camera.
 
 use std::{collections::VecDeque, time::Instant};
 
 use super::live_tracking::{Outcome, Tracked};
 use capture::{LiveView, Lost};
 
-/// Time span of the counts, seconds. chosen: time enough to count, and short enough to be now
+/// Time span of the rates, seconds. chosen: long enough to count, short enough to be current
 const RATE_SECS: f64 = 2.0;
-/// Largest share of dropped views before advice to move slower: the way between two tracked views counts as
-/// one step. chosen: half
+/// Share of dropped views above which to advise slower motion; several views dropped between two tracked ones
+/// count once. chosen: half
 const DROPPED_SHARE: f64 = 0.5;
 
-/// How well the camera is followed now.
+/// Current quality of the tracking.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct TrackStatus {
-    /// Placed views a second.
+    /// Located views per second.
     pub views_hz: f64,
-    /// Agreeing share of the last view's surface with the map; 0 while the camera is lost.
+    /// Share of the last view's surface that agrees with the map; 0 while the camera is lost.
     pub inliers: f64,
-    /// Standard deviation of the last place, meters; infinite while the camera is lost.
+    /// Standard deviation of the last position, meters; infinite while the camera is lost.
     pub error_m: f64,
-    /// Views without a place.
+    /// Number of views that could not be located.
     pub lost: u64,
-    /// Views dropped by the busy tracker.
+    /// Number of views dropped because the tracker was busy.
     pub dropped: u64,
-    /// Views in the map.
+    /// Number of views in the map.
     pub keyframes: usize,
-    /// Advice; empty: go on.
+    /// Advice; empty if none is needed.
     pub hint: String,
 }
 
 /// Counts tracked views.
 #[derive(Debug, Default)]
 pub(crate) struct TrackWatch {
-    /// When views were placed, and whether others were dropped before each.
+    /// Times of located views.
     placed: VecDeque<Instant>,
     offered: VecDeque<Instant>,
     last: Option<(i64, LiveView)>,
@@ -44,14 +44,14 @@ pub(crate) struct TrackWatch {
 }
 
 impl TrackWatch {
-    /// A view was handed to the tracker, or found it busy.
+    /// Counts a view that was sent to the tracker, or dropped because it was busy.
     pub(crate) fn count_offered(&mut self, taken: bool, now: Instant) {
         self.offered.push_back(now);
         self.dropped += u64::from(!taken);
         forget_old(&mut self.offered, now);
     }
 
-    /// A view was looked at.
+    /// Counts a tracked view.
     pub(crate) fn count_tracked(&mut self, tracked: &Tracked, now: Instant) {
         self.keyframes = tracked.keyframes;
         match &tracked.outcome {
@@ -68,19 +68,19 @@ impl TrackWatch {
         }
     }
 
-    /// Whether the last view had no place.
+    /// Whether the last view could not be located.
     #[must_use]
     pub(crate) fn is_lost(&self) -> bool {
         self.why.is_some()
     }
 
-    /// Another map begins.
+    /// Starts another map.
     pub(crate) fn begin_map(&mut self) {
         (self.last, self.why, self.keyframes) = (None, None, (0, false));
         (self.placed, self.offered) = Default::default();
     }
 
-    /// How well the camera is followed now; `None` where no view was tracked yet.
+    /// Current quality of the tracking; `None` before the first view.
     pub(crate) fn status(&mut self, now: Instant) -> Option<TrackStatus> {
         forget_old(&mut self.placed, now);
         forget_old(&mut self.offered, now);
@@ -121,7 +121,7 @@ impl TrackWatch {
     }
 }
 
-/// Forgets counts beyond the time span.
+/// Drops times outside the time span.
 fn forget_old(times: &mut VecDeque<Instant>, now: Instant) {
     while times.front().is_some_and(|t| now.duration_since(*t).as_secs_f64() > RATE_SECS) {
         times.pop_front();

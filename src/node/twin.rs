@@ -2,13 +2,13 @@
 
 use io::RunSummary;
 
-/// A finished twin, as it is published.
+/// A reconstructed twin, as published.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Twin {
-    /// The summary of its run folder.
+    /// Summary of its run folder.
     pub summary: RunSummary,
-    /// The shown observed state.
+    /// Index of the observed state to show.
     pub state: usize,
-    /// Its frame.
+    /// World frame of the twin.
     pub world_frame: String,
 }

@@ -1,4 +1,4 @@
-//! A finished twin as messages: joint states, transforms, markers.
+//! ROS messages of a twin: joint states, transforms, markers.
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
@@ -12,20 +12,20 @@ use io::{
 };
 use model::JointKind;
 
-/// Group of the markers.
+/// Marker namespace of the joints.
 const NAMESPACE: &str = "joint_axes";
-/// Group of the marker of the object.
+/// Marker namespace of the object.
 const OBJECT: &str = "object";
-/// Markers a joint: axis, range, cone of uncertainty, text.
+/// Markers per joint: axis, range, uncertainty cone, text.
 const MARKERS_PER_JOINT: i32 = 4;
-/// Length of an axis, meters. chosen: for the eye
+/// Length of a drawn axis, meters. chosen: easy to see
 const AXIS_LENGTH_M: f64 = 0.2;
-/// Points of an arc or circle.
+/// Number of points of an arc or circle.
 const ARC_POINTS: usize = 33;
-/// Standard deviations shown. chosen: 99.7 % of a normal distribution
+/// Number of standard deviations drawn. chosen: 99.7 % of a normal distribution
 const SIGMAS: f64 = 3.0;
 
-/// The joints at the positions of an observed state.
+/// Joint positions in an observed state.
 #[must_use]
 pub(crate) fn joint_state(twin: &RunSummary, state: usize, stamp: Time) -> JointState {
     JointState {
@@ -37,7 +37,8 @@ pub(crate) fn joint_state(twin: &RunSummary, state: usize, stamp: Time) -> Joint
     }
 }
 
-/// Frames of the moving links, each in its parent's, and with `fixed` the root's in the world frame.
+/// Transforms of the moving links in their parents' frames; with `fixed`, also of the root in the world
+/// frame.
 #[must_use]
 pub(crate) fn link_transforms(twin: &RunSummary, state: usize, stamp: Time, prefix: &str) -> TfMessage {
     let mut transforms = Vec::with_capacity(twin.joints.len());
@@ -51,7 +52,8 @@ pub(crate) fn link_transforms(twin: &RunSummary, state: usize, stamp: Time, pref
     TfMessage { transforms }
 }
 
-/// The root link's frame is the world frame of the recording. `None` where both have one name.
+/// Transform of the root link's frame, which equals the recording's world frame. `None` if both have one
+/// name.
 #[must_use]
 pub(crate) fn root_transform(
     twin: &RunSummary,
@@ -67,12 +69,12 @@ pub(crate) fn root_transform(
     })
 }
 
-/// Axes, ranges and uncertainty of all joints in the world frame, as they stand in an observed state, and the
-/// box about the isolated object. Old markers go.
+/// Markers of axes, ranges and uncertainty of all joints in the world frame in an observed state, and of the
+/// box around the object. Earlier markers are deleted.
 #[must_use]
 pub(crate) fn joint_markers(twin: &RunSummary, state: usize, world_frame: &str, stamp: Time) -> MarkerArray {
     let header = Header { stamp, frame_id: world_frame.to_owned() };
-    // RViz keeps markers until they are deleted: those of an earlier twin with more joints would stay.
+    // RViz keeps markers until they are deleted, also those of an earlier twin with more joints.
     let clear = Marker {
         header: header.clone(),
         ns: NAMESPACE.into(),
@@ -106,7 +108,7 @@ pub(crate) fn joint_markers(twin: &RunSummary, state: usize, world_frame: &str, 
     MarkerArray { markers }
 }
 
-/// The edges of a box.
+/// Marker with the edges of a box.
 fn box_edges(corners: [[f64; 3]; 2]) -> Marker {
     let corner = |k: usize| [0, 1, 2].map(|axis| corners[k >> axis & 1][axis]).into();
     let edges = (0..8usize).flat_map(|k| (0..3).map(move |axis| (k, k | 1 << axis))).filter(|(a, b)| a != b);
@@ -119,7 +121,7 @@ fn box_edges(corners: [[f64; 3]; 2]) -> Marker {
     }
 }
 
-/// A joint to be drawn.
+/// A joint to draw.
 struct Drawn<'a> {
     joint: &'a SummaryJoint,
     position: f64,
@@ -170,7 +172,7 @@ impl Drawn<'_> {
             .collect()
     }
 
-    /// From the lowest to the highest position: an arc about the axis, or a piece of it.
+    /// Points from the lowest to the highest position: an arc about the axis, or a segment of it.
     fn range_points(&self) -> Vec<Vector3<f64>> {
         let [low, high] = self.joint.limits;
         let axis = self.joint.axis.into_inner();
@@ -190,13 +192,13 @@ impl Drawn<'_> {
         }
     }
 
-    /// A circle about the tip of the axis: where the tip may be, direction and place together.
+    /// A circle around the tip of the axis with the combined uncertainty of direction and position.
     fn uncertainty_circle(&self) -> Vec<Vector3<f64>> {
         let axis = self.joint.axis.into_inner();
         let reach = 0.5 * AXIS_LENGTH_M;
-        // NaN is an undetermined deviation; the label says so, a circle cannot.
+        // NaN is an undetermined deviation; the label shows it, a circle cannot.
         let known = |v: f64| if v.is_finite() { v } else { 0.0 };
-        // The direction's error acts at the tip by the arrow's length; both are independent.
+        // At the tip, the direction error acts over the arrow's length; both errors are independent.
         let radius = SIGMAS * (known(self.joint.axis_std_rad) * reach).hypot(known(self.joint.origin_std_m));
         let turns = (0..ARC_POINTS).map(|k| std::f64::consts::TAU * k as f64 / (ARC_POINTS - 1) as f64);
         turns
@@ -235,9 +237,9 @@ impl Drawn<'_> {
     }
 }
 
-/// A unit vector at right angles to an axis.
+/// A unit vector perpendicular to an axis.
 fn unit_across(axis: &Vector3<f64>) -> Vector3<f64> {
-    // Far from the axis: a product of nearly parallel vectors is mostly rounding.
+    // Far from the axis, as the product of nearly parallel vectors is mostly rounding error.
     let helper = if axis.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
     axis.cross(&helper).normalize()
 }

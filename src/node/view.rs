@@ -1,4 +1,4 @@
-//! A set of images with its camera and pose, decoded as a recording's are.
+//! A set of images with camera and pose, decoded as in a recording.
 
 use super::sample::Picture;
 use capture::CaptureError;
@@ -10,64 +10,65 @@ use io::{
     ros2msg::CameraInfo,
 };
 
-/// Matching images, with all data for a recording.
+/// Matched images with everything that a recording needs.
 #[derive(Clone, Debug)]
 pub(crate) struct View {
     /// Stamp of the color image, nanoseconds.
     pub stamp_nanos: i64,
     /// Color, depth, mask.
     pub images: [Option<Picture>; 3],
-    /// Pose of the optical frame.
+    /// Pose of the optical frame in the world.
     pub world_from_camera: Pose,
 }
 
-/// A view's pixels, not undistorted.
+/// Pixels of a view, before removal of lens distortion.
 #[derive(Clone, Debug)]
 pub(crate) struct Pixels {
-    /// The pinhole of the color camera.
+    /// Pinhole intrinsics of the color camera.
     pub intrinsics: Intrinsics,
     /// Color.
     pub color: Raster<[u8; 3]>,
     /// Depth, meters; 0: unknown.
     pub depth: Raster<f32>,
-    /// The object.
+    /// Object mask.
     pub mask: Option<Raster<bool>>,
 }
 
 /// Why the images of a view cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ViewError {
-    /// The camera or the size of an image.
+    /// The camera_info or the size of an image is invalid.
     #[error(transparent)]
     Capture(#[from] CaptureError),
-    /// Color or depth did not come.
+    /// Color or depth is missing.
     #[error("an image is missing")]
     Missing,
     /// An image cannot be decoded.
     #[error("{topic}: {source}")]
     Image {
-        /// Its topic.
+        /// Topic of the image.
         topic: String,
-        /// Why.
+        /// Why it cannot be decoded.
         source: ImageError,
     },
 }
 
 impl View {
-    /// Decodes all images, with the checks of a recording. `info` is the color camera's; the topics' names
-    /// are for messages.
+    /// Decodes all images with the checks of a recording. `info` is that of the color camera; topic names are
+    /// for messages.
     ///
-    /// # Errors The image and its fault.
+    /// # Errors
+    /// [`ViewError`] with the image and what is wrong.
     pub(crate) fn decoded_pixels(
         &self,
         info: &CameraInfo,
         info_topic: &str,
         topics: [&str; 3],
     ) -> Result<Pixels, ViewError> {
-        // The lens is left to the pipeline's undistortion; here reading it is enough.
+        // Only parsed to check it: the pipeline removes distortion.
         let (intrinsics, _) = pinhole(info, info_topic, topics[0])?;
         let [Some(color), Some(depth), mask] = &self.images else { return Err(ViewError::Missing) };
-        // All of a view or nothing: a view without depth cannot be used later.
+        // All images or none, as a view without depth is useless later.
         let color = self.checked_raster(topics[0], &intrinsics, color.color_raster())?;
         let depth = self.checked_raster(topics[1], &intrinsics, depth.depth_raster())?;
         let mask = mask

@@ -1,4 +1,4 @@
-//! Results of the states' bags for a run, worked out as they grow: on a thread of its own, of one core.
+//! Computes results from the states' bags while these grow, in its own thread on one core.
 
 use std::{
     io,
@@ -18,13 +18,13 @@ use common::ahead::Ahead;
 use config::Config;
 use run::{Monitor, capture::work_ahead};
 
-/// How often it is looked whether there is something to do.
+/// Time between checks for work.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 
-/// Starts the thread; returns its results. It ends with the last other holder of `shared`.
+/// Starts the thread; returns its results. It ends when all other holders of `shared` are gone.
 ///
 /// # Errors
-/// If the system has no thread.
+/// If no thread can be created.
 pub(crate) fn start_thread(shared: &Arc<Shared>, config: &Config) -> Result<Arc<Ahead>, NodeError> {
     let failed = |source| NodeError::System { what: "starting the work ahead", source };
     let ahead = Arc::new(Ahead::new());
@@ -46,7 +46,7 @@ fn work_while_shared(shared: &Weak<Shared>, config: &CaptureConfig, seed: u64, a
     let mut collecting = None;
     while let Some(shared) = shared.upgrade() {
         let snapshot = shared.snapshot();
-        // A run needs the processor, and has begun to read.
+        // A reconstruction has started to read and needs the CPU.
         let busy = shared.is_read();
         drop(shared);
         if snapshot.collecting != collecting {
@@ -60,7 +60,7 @@ fn work_while_shared(shared: &Weak<Shared>, config: &CaptureConfig, seed: u64, a
                 *known = Some(GrowingState::new(&path, state));
             }
             let Some(known) = known else { continue };
-            // A state just begun has not enough; a run reports the lacks of a closed one.
+            // A new state has too few views; a run reports what a finished one lacks.
             if let Ok(Some(grown)) = work_ahead(known, config, seed, ahead, &Monitor::silent()) {
                 log::debug!("state {state}: {} of {} views looked at ahead", grown.taken, grown.views);
             }
@@ -69,7 +69,7 @@ fn work_while_shared(shared: &Weak<Shared>, config: &CaptureConfig, seed: u64, a
     }
 }
 
-/// Where a state is recorded, or was.
+/// The recording of the state being collected, or of a finished one.
 fn recording_of_state(snapshot: &Snapshot, state: usize) -> Option<PathBuf> {
     let finished = snapshot.recordings[state].clone();
     let is_growing = snapshot.collecting == Some(state);

@@ -1,4 +1,4 @@
-//! A printed board of tags on the floor before an object.
+//! A printed tag board on the floor in front of an object.
 
 use nalgebra::{Matrix3, Point2, Point3, Rotation3, UnitQuaternion, Vector3};
 
@@ -8,24 +8,24 @@ use geometry::Pose;
 
 /// Thickness of the plate below the sheet, meters. chosen: a usual panel
 const THICK_M: f64 = 0.003;
-/// Gap between the sheet and the object's reach, meters. chosen: nothing touches the sheet
+/// Gap between the sheet and the space the object can reach, meters. chosen: nothing touches the sheet
 const GAP_M: f64 = 0.02;
-/// Shares of the light reflected by paper and ink. chosen: white office paper, and its black print
+/// Reflectance of paper and of ink. chosen: white office paper, and its black print
 const PAPER: f64 = 0.8;
 const INK: f64 = 0.04;
 
-/// A board and where it lies.
+/// A tag board and its pose.
 #[derive(Clone, Debug)]
 pub struct Board {
-    /// Its print.
+    /// Print on the board.
     pub layout: BoardLayout,
-    /// From the board's frame to the true world.
+    /// Pose of the board's frame in the true world.
     pub world_from_board: Pose,
     pub(super) solid: Solid,
 }
 
 impl Board {
-    /// The board of a configuration, before the front of an object, level, its upper edge towards it.
+    /// The board of a configuration: level, in front of an object, with its upper edge towards the object.
     #[must_use]
     pub fn of_config(object: &Object, config: &SynthConfig) -> Option<Self> {
         config.board.map(|paper| Self::before_object(object, paper))
@@ -38,7 +38,7 @@ impl Board {
         let foot = object.world_from_rest.translation.vector;
         let front = object.world_from_rest.rotation * Vector3::x();
         let front = Vector3::new(front.x, front.y, 0.0).normalize();
-        // Beyond the plane across the front of the box about the object's reach.
+        // Beyond the front plane of the box around the object's reach.
         let half = (upper - lower) * 0.5;
         let away_m = half.x * front.x.abs() + half.y * front.y.abs() + GAP_M + high.y;
         let center = nalgebra::center(&lower, &upper);
@@ -52,7 +52,7 @@ impl Board {
         Self { layout, world_from_board, solid }
     }
 
-    /// Color of the sheet at a point of the world, linear.
+    /// Linear color of the sheet at a world point.
     #[must_use]
     pub(super) fn color_at(&self, point: &Point3<f64>) -> Vector3<f64> {
         let at = self.world_from_board.inverse_transform_point(point);
@@ -66,7 +66,7 @@ impl Board {
             .map(|[x, y]| self.world_from_board * Point3::new(x, y, 0.0))
     }
 
-    /// A sphere about another one and the board.
+    /// A sphere around another sphere and the board.
     pub(super) fn sphere_with(&self, mut sphere: BoundingSphere) -> BoundingSphere {
         for corner in self.sheet_corners() {
             let away = corner - sphere.center;

@@ -1,4 +1,4 @@
-//! A bounding volume hierarchy over boxes: the boxes in the way of a ray.
+//! A bounding volume hierarchy over boxes, to find those that a ray meets.
 
 use nalgebra::{Point3, Vector3};
 
@@ -19,14 +19,14 @@ impl Bounds {
         Self { lower: self.lower.inf(&other.lower), upper: self.upper.sup(&other.upper) }
     }
 
-    /// Whether a ray meets the box before `farthest`; `inverse` is one over its direction.
+    /// Whether a ray meets the box before the multiple `farthest`; `inverse` is one over its direction.
     fn meets_ray(&self, origin: &Point3<f64>, inverse: &Vector3<f64>, farthest: f64) -> bool {
         let mut near = 0.0f64;
         let mut far = farthest;
         for k in 0..3 {
             let a = (self.lower[k] - origin[k]) * inverse[k];
             let b = (self.upper[k] - origin[k]) * inverse[k];
-            // A ray in the plane of a side gives NaN; min and max pass over it.
+            // A ray in the plane of a side gives NaN, which min and max ignore.
             near = near.max(a.min(b));
             far = far.min(a.max(b));
         }
@@ -36,10 +36,10 @@ impl Bounds {
 
 struct Node {
     bounds: Bounds,
-    /// Of the boxes in `order`; empty in an inner node: its first child comes next.
+    /// Range of the node's boxes in `order`; empty for an inner node, whose first child is the next node.
     start: usize,
     end: usize,
-    /// The other child of an inner node.
+    /// Index of an inner node's second child.
     second: usize,
 }
 
@@ -50,7 +50,7 @@ pub(super) struct Bvh {
 }
 
 impl Bvh {
-    /// Splits at the median along the longest side until a leaf holds two boxes.
+    /// Splits at the median along the longest side until each leaf holds at most two boxes.
     pub(crate) fn new(boxes: &[Bounds]) -> Self {
         let mut bvh = Self { nodes: Vec::new(), order: (0..boxes.len()).collect() };
         if !boxes.is_empty() {
@@ -69,7 +69,7 @@ impl Bvh {
         }
         let axis = (bounds.upper - bounds.lower).imax();
         let center = |b: &usize| boxes[*b].lower[axis] + boxes[*b].upper[axis];
-        // Ties by index: the same boxes give the same tree.
+        // Ties are broken by index, so that the same boxes give the same tree.
         members.sort_by(|a, b| center(a).total_cmp(&center(b)).then(a.cmp(b)));
         let middle = (start + end) / 2;
         // An empty range marks an inner node.
@@ -79,7 +79,7 @@ impl Bvh {
         self.build(boxes, middle, end);
     }
 
-    /// Calls `visit` with every box in the ray's way before the farthest known hit, returned by `visit`.
+    /// Calls `visit` for every box that the ray meets before the farthest distance, which `visit` updates.
     pub(crate) fn visit_boxes(
         &self,
         origin: &Point3<f64>,
@@ -102,7 +102,7 @@ impl Bvh {
                     farthest = visit(b);
                 }
             } else {
-                // Median splits keep the depth below the logarithm of the number of boxes.
+                // Median splits keep the depth to the logarithm of the number of boxes.
                 (stack[height], stack[height + 1]) = (node.second, at + 1);
                 height += 2;
             }

@@ -11,7 +11,7 @@ use numeric::random::{index_below, is_chosen, uniform_in};
 
 /// Narrowest opening, meters. chosen: a narrow drawer of usual furniture
 const MIN_CELL_M: f64 = 0.09;
-/// Most a lid turns, radians. chosen: a slit, and 100 degrees
+/// Limits of a lid's angle, radians. chosen: a slit, and 100 degrees
 const LID_LIMITS_RAD: [f64; 2] = [0.05, 1.75];
 
 /// A cabinet of `parts` rigid parts.
@@ -46,7 +46,7 @@ pub(super) fn cabinet(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<
     if lid {
         moved.push(add_lid(&carcass, look, &wood, &mut solids, rng));
     }
-    // Openings without a part are drawn.
+    // Openings are chosen at random.
     while moved.len() < movers {
         let cell = cells.swap_remove(index_below(rng, cells.len()));
         let number = moved.len() + 1;
@@ -68,7 +68,7 @@ fn carcass_boards(c: &Carcass, wood: &Material) -> Vec<Solid> {
     ]
 }
 
-/// Splits the largest opening until there are enough, with a board at every split.
+/// Splits the largest opening until there are enough, with a board at each split.
 fn divide_opening(
     c: &Carcass,
     count: usize,
@@ -84,7 +84,7 @@ fn divide_opening(
         let largest = (0..cells.len()).max_by(|a, b| areas[*a].total_cmp(&areas[*b])).unwrap_or_default();
         let cell = cells.swap_remove(largest);
         let ratio = cell.width() / cell.height();
-        // A long opening is cut across its length: openings stay near square.
+        // Long openings are split across their length and stay nearly square.
         let upright = if (0.7..1.4).contains(&ratio) { is_chosen(rng, 0.5) } else { ratio > 1.0 };
         let [low, high] = if upright { cell.y } else { cell.z };
         let margin = MIN_CELL_M.min(0.4 * (high - low));

@@ -11,13 +11,13 @@ use super::{
 use geometry::Pose;
 use numeric::random::{index_below, is_chosen, uniform_in};
 
-/// Air about a moving part, meters. chosen: as in usual furniture
+/// Gap around a moving part, meters. chosen: as in usual furniture
 const GAP_M: f64 = 0.002;
-/// How far a door or flap turns, radians; a shut one leaves a slit. chosen: a slit, and 115 degrees
+/// Limits of the angle of a door or flap, radians. chosen: a slit, and 115 degrees
 const HINGE_LIMITS_RAD: [f64; 2] = [0.02, 2.0];
 /// Narrowest opening for a sliding panel, meters. chosen: narrower panels hardly move
 const MIN_SLIDE_M: f64 = 0.2;
-/// Walls of a drawer, meters. chosen: as in usual furniture
+/// Thickness of a drawer's walls, meters. chosen: as in usual furniture
 const WALL_M: f64 = 0.008;
 
 /// A plate at the front of an opening, meters.
@@ -34,7 +34,7 @@ impl Slab {
     }
 }
 
-/// Edge with the hinge.
+/// Edge of the plate along the hinge.
 #[derive(Clone, Copy, PartialEq)]
 enum Edge {
     Left,
@@ -43,7 +43,7 @@ enum Edge {
     Bottom,
 }
 
-/// The moving part of an opening; its fixed solids are added to `carcass_solids`.
+/// Creates the moving part of an opening; adds its fixed solids to `carcass_solids`.
 pub(super) fn moving_part(
     c: &Carcass,
     cell: Cell,
@@ -55,7 +55,7 @@ pub(super) fn moving_part(
 ) -> Part {
     let material = look.drawn_material(rng);
     let inset = is_chosen(rng, 0.4);
-    // An inset plate is flush with the frame; an overlay covers half of every board around.
+    // An inset plate is flush with the frame; an overlay covers half of each adjacent board.
     let (x, reach) = if inset {
         ([c.front - 0.8 * c.board, c.front], -GAP_M)
     } else {
@@ -65,7 +65,7 @@ pub(super) fn moving_part(
         Slab { x, y: [cell.y[0] - reach, cell.y[1] + reach], z: [cell.z[0] - reach, cell.z[1] + reach] };
     let wide = cell.width() / cell.height();
     let kind = uniform_in(rng, 0.0, 1.0);
-    // A drawer needs a low opening, a flap a clearly wide one; the rest have doors.
+    // Drawers need low openings and flaps wide ones; all others get doors.
     if cell.width() > MIN_SLIDE_M && kind < 0.15 {
         sliding_part(c, cell, number, &material, trim, carcass_solids, rng)
     } else if wide > 0.7 && kind < 0.6 {
@@ -91,7 +91,7 @@ pub(super) fn moving_part(
     }
 }
 
-/// A door or flap, turning about an edge of its outer face.
+/// A door or flap that rotates about an edge of its outer face.
 fn hinged_part(
     slab: Slab,
     edge: Edge,
@@ -108,7 +108,7 @@ fn hinged_part(
     };
     let upright = matches!(edge, Edge::Left | Edge::Right);
     let [near, far] = if upright { slab.y } else { slab.z };
-    // The handle stands near the free edge, away from the hinge.
+    // The handle is near the free edge, opposite the hinge.
     let inward = (0.12 * (far - near)).max(0.02);
     let free = if matches!(edge, Edge::Left | Edge::Bottom) { far - inward } else { near + inward };
     let middle = 0.5 * if upright { slab.z[0] + slab.z[1] } else { slab.y[0] + slab.y[1] };
@@ -159,7 +159,7 @@ fn drawer_part(
             rng,
         ),
     ];
-    // A quarter stays in the carcass: a drawer does not fall out.
+    // A quarter of the length always stays inside, so that drawers do not fall out.
     let limits = [0.0, 0.75 * length];
     Part::moving_on(
         format!("drawer_{number}"),
@@ -172,8 +172,8 @@ fn drawer_part(
     )
 }
 
-/// A panel flush with the frame, sliding across its opening; half of the openings have a fixed panel behind
-/// it.
+/// A panel, flush with the frame, that slides across its opening; in half of the cases there is a fixed panel
+/// behind it.
 fn sliding_part(
     c: &Carcass,
     cell: Cell,
@@ -194,7 +194,7 @@ fn sliding_part(
         carcass_solids.push(Solid::box_between(lower, [back, cell.y[1], cell.z[1]], trim));
     }
     let at = [y[0] + 0.15 * width, 0.5 * (z[0] + z[1])];
-    // A sunken grip would be seen by nobody: a flat one stands out by 4 mm.
+    // A recessed grip would be invisible; this one protrudes by 4 mm.
     let grip = Solid::box_between(
         [c.front, at[0] - 0.008, at[1] - 0.03],
         [c.front + 0.004, at[0] + 0.008, at[1] + 0.03],
@@ -213,7 +213,7 @@ fn sliding_part(
     )
 }
 
-/// A bar or a knob on a plate with its outer face at `x`; `at` is its (y, z).
+/// A bar or knob on a plate with outer face at `x`; `at` is its (y, z), meters.
 fn handle_solid(
     x: f64,
     at: [f64; 2],

@@ -1,11 +1,11 @@
-//! The fixed part of a cabinet and the openings of its front.
+//! The fixed part of a cabinet and its front openings.
 
-/// An opening of the front, between the boards around it; meters.
+/// A front opening between boards; coordinates in meters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Cell {
-    /// From left to right as the object sees it.
+    /// Left and right side, as seen from the object.
     pub y: [f64; 2],
-    /// From bottom to top.
+    /// Lower and upper side.
     pub z: [f64; 2],
 }
 
@@ -19,16 +19,16 @@ impl Cell {
     }
 }
 
-/// Measures of a carcass, meters. It stands on z = 0, its middle at x = y = 0; its front looks along +x.
+/// Dimensions of a carcass, meters. It stands on z = 0, centered at x = y = 0, with its front facing +x.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Carcass {
-    /// Half its depth: the front lies at `x = front`.
+    /// Half the depth: the front is at `x = front`.
     pub front: f64,
-    /// Half its width.
+    /// Half the width.
     pub side: f64,
-    /// Lower side of the bottom board.
+    /// z of the lower face of the bottom board.
     pub bottom: f64,
-    /// Upper side of the top board.
+    /// z of the upper face of the top board.
     pub top: f64,
     /// Thickness of the boards.
     pub board: f64,

@@ -1,4 +1,4 @@
-//! Chains: lamp arms and folding doors.
+//! Kinematic chains: lamp arms and folding doors.
 
 use nalgebra::Vector3;
 use rand_core::Rng;
@@ -7,7 +7,7 @@ use super::{Part, PartJointKind, Solid, look::Look};
 use geometry::Pose;
 use numeric::random::{is_chosen, uniform_in};
 
-/// A lamp: a foot, a post and `parts - 1` turning links. The links stand upright, side by side, at rest.
+/// A lamp: a foot, a post and `parts - 1` rotating links. At rest the links stand upright, side by side.
 pub(super) fn lamp_parts(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<Part> {
     let links = parts - 1;
     look.scale_m = 0.35;
@@ -19,7 +19,7 @@ pub(super) fn lamp_parts(parts: usize, look: &mut Look, rng: &mut impl Rng) -> V
         Solid::box_between([-0.6 * thick, -thick, 0.02], [0.6 * thick, 0.0, post], &foot),
     ];
     let mut all = vec![Part::static_part("foot", base)];
-    // A first link about the post lies level; all others turn about level axes.
+    // The axis of a turntable, the first link, is vertical; all others are horizontal.
     let turntable = links > 1 && is_chosen(rng, 0.4);
     let mut x = 0.0;
     let mut z = post - 0.5 * thick;
@@ -53,9 +53,9 @@ pub(super) fn lamp_parts(parts: usize, look: &mut Look, rng: &mut impl Rng) -> V
             (x, z) = (length, post + 0.5 * thick);
             continue;
         }
-        // Neighbors in the chain lie on either side of y = 0; the post and a turntable lie below it.
+        // Neighboring links are on opposite sides of y = 0; the post and a turntable are below.
         let y = if (link % 2 == 1) == turntable { [-thick, -0.001] } else { [0.001, thick] };
-        // Links reach half a thickness beyond their pins.
+        // Links extend half a thickness beyond their pins.
         let reach = 0.5 * thick;
         let mut solids = vec![Solid::box_between(
             [x - reach, y[0], z - reach],
@@ -63,7 +63,7 @@ pub(super) fn lamp_parts(parts: usize, look: &mut Look, rng: &mut impl Rng) -> V
             &material,
         )];
         let tip = z + length;
-        // The head of the lamp, on the last link.
+        // The last link carries the lamp's head.
         if link == links {
             let wide = uniform_in(rng, 0.03, 0.05);
             let tall = uniform_in(rng, 0.03, 0.05);
@@ -89,8 +89,8 @@ pub(super) fn lamp_parts(parts: usize, look: &mut Look, rng: &mut impl Rng) -> V
     all
 }
 
-/// A folding door: a post on a plate and `parts - 1` panels, hinged at front and back in turn; straight at
-/// rest.
+/// A folding door: a post on a plate and `parts - 1` panels, hinged alternately at front and back; straight
+/// at rest.
 pub(super) fn folding_door(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<Part> {
     let panels = parts - 1;
     let width = uniform_in(rng, 0.14, 0.26);
@@ -114,7 +114,7 @@ pub(super) fn folding_door(parts: usize, look: &mut Look, rng: &mut impl Rng) ->
         let mut solids =
             vec![Solid::box_between([-0.5 * thick, y0, bottom], [0.5 * thick, y1, top], &material)];
         let forward = panel % 2 == 1;
-        // A handle on the last panel.
+        // The last panel has a handle.
         if panel == panels {
             let out =
                 if forward { [0.5 * thick, 0.5 * thick + 0.02] } else { [-0.5 * thick - 0.02, -0.5 * thick] };
@@ -125,7 +125,7 @@ pub(super) fn folding_door(parts: usize, look: &mut Look, rng: &mut impl Rng) ->
                 &trim,
             ));
         }
-        // Panels fold forward and back in turn, each about an edge on the side of its fold.
+        // Panels fold alternately forward and back, each about an edge on that side.
         let (axis, x) = if forward { (-1.0, 0.5 * thick) } else { (1.0, -0.5 * thick) };
         let limits = if panel == 1 { [0.02, 1.6] } else { [0.05, 2.6] };
         let origin = Vector3::new(x, y0 - 0.5 * gap, 0.0);

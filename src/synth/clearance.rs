@@ -1,18 +1,18 @@
-//! Whether parts run into each other or into the floor.
+//! Collision tests of parts with each other and the floor.
 
 use nalgebra::Vector3;
 
 use super::{Object, Solid};
 use geometry::Pose;
 
-/// Largest overlap of touching solids, meters. chosen: less than any gap
+/// Largest overlap that does not count as a collision, meters. chosen: less than any gap
 const TOUCH_M: f64 = 0.0005;
-/// Steps between the states for the test of the parts.
+/// Number of intermediate steps between the states.
 const STEPS: usize = 6;
 
-/// Whether no part meets another or the floor in either state or between them, every joint moving evenly.
-/// Cylinders count as the boxes around them. Solids of a part and of its parent may meet where links are
-/// pinned to each other, or caps hold their necks.
+/// Whether no part collides with another or the floor in the states or between them, with all joints moving
+/// evenly. Cylinders are tested as boxes. A part may overlap its parent: pins go through links, and caps hold
+/// necks.
 pub(super) fn is_free(object: &Object) -> bool {
     (0..=STEPS).all(|step| {
         let poses = object.rest_from_parts(step as f64 / STEPS as f64);
@@ -40,12 +40,12 @@ fn lowest_height(pose: &Pose, solid: &Solid) -> f64 {
     pose.translation.vector.z - up.abs().dot(&half)
 }
 
-/// Separating axes of two boxes (Gottschalk, Lin and Manocha 1996), each shrunk by half of the allowed
+/// Separating axis test of two boxes (Gottschalk, Lin and Manocha 1996), each shrunk by half the allowed
 /// overlap.
 fn do_overlap(pose_a: &Pose, a: &Solid, pose_b: &Pose, b: &Solid) -> bool {
     let [half_a, half_b] = [a, b].map(|s| s.shape.half_sides().map(|h| (h - 0.5 * TOUCH_M).max(0.0)));
     let between = pose_b.translation.vector - pose_a.translation.vector;
-    // Spheres settle most pairs.
+    // The bounding spheres decide most pairs.
     if between.norm() > half_a.norm() + half_b.norm() {
         return false;
     }
@@ -54,7 +54,7 @@ fn do_overlap(pose_a: &Pose, a: &Solid, pose_b: &Pose, b: &Solid) -> bool {
     let crosses = axes_a.iter().flat_map(|u| axes_b.iter().map(move |v| u.cross(v)));
     for along in axes_a.iter().chain(&axes_b).copied().chain(crosses) {
         let reach = reach_along(&axes_a, &half_a, &along) + reach_along(&axes_b, &half_b, &along);
-        // Parallel edges have no product; the axes of the faces stand for them.
+        // Parallel edges have no cross product; the face axes cover that case.
         if along.norm_squared() > 1e-12 && between.dot(&along).abs() > reach {
             return false;
         }
@@ -62,7 +62,7 @@ fn do_overlap(pose_a: &Pose, a: &Solid, pose_b: &Pose, b: &Solid) -> bool {
     true
 }
 
-/// How far a box reaches along a direction.
+/// Half the extent of a box along a direction, meters.
 fn reach_along(axes: &[Vector3<f64>; 3], half: &Vector3<f64>, along: &Vector3<f64>) -> f64 {
     (0..3).map(|k| half[k] * axes[k].dot(along).abs()).sum::<f64>()
 }

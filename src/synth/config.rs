@@ -5,23 +5,23 @@ use std::str::FromStr;
 use super::{HandheldSensor, HandleStyle};
 use capture::Paper;
 
-/// Family of shapes.
+/// Family of object shapes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Family {
-    /// Doors, flaps, drawers and sliding panels in a carcass; a low one may have a lid.
+    /// Doors, flaps, drawers and sliding panels in a carcass; low ones may have a lid.
     Cabinet,
-    /// A lamp arm: links in a chain.
+    /// Lamp arm: a chain of links.
     Lamp,
-    /// A folding door: panels in a chain.
+    /// Folding door: a chain of panels.
     FoldingDoor,
-    /// A box with screw caps.
+    /// Box with screw caps.
     CappedBox,
-    /// Two shells and a hinge, as a laptop has.
+    /// Two shells with a hinge, like a laptop.
     Clamshell,
 }
 
 impl Family {
-    /// All of them.
+    /// All families.
     pub const ALL: [Self; 5] =
         [Self::Cabinet, Self::Lamp, Self::FoldingDoor, Self::CappedBox, Self::Clamshell];
 
@@ -37,7 +37,7 @@ impl Family {
         }
     }
 
-    /// Fewest and most rigid parts, the static one included.
+    /// Least and largest number of rigid parts, the static one included.
     #[must_use]
     pub fn part_limits(self) -> [usize; 2] {
         match self {
@@ -49,23 +49,23 @@ impl Family {
         }
     }
 
-    /// The family by its name.
+    /// The family with a name.
     #[must_use]
     pub fn by_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|f| f.name() == name)
     }
 }
 
-/// Size of a random rigid motion.
+/// Size of random rigid motions.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PoseSpread {
-    /// Meters.
+    /// Translation, meters.
     pub translation_m: f64,
-    /// Radians.
+    /// Rotation, radians.
     pub rotation_rad: f64,
 }
 
-/// A text without a [`PoseSpread`].
+/// A text that is no [`PoseSpread`].
 #[derive(Debug, thiserror::Error)]
 #[error("give millimeters and degrees as MM,DEG, e.g. 5,0.5; neither negative")]
 pub struct ParseSpreadError;
@@ -89,45 +89,45 @@ impl FromStr for PoseSpread {
     }
 }
 
-/// The object and its recording.
+/// Settings for an object and its recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SynthConfig {
-    /// Seed of every random choice.
+    /// Seed of all random choices.
     pub seed: u64,
-    /// Rigid parts, the static one included; `None` draws 2 to 6.
+    /// Number of rigid parts, the static one included; `None` draws 2 to 6.
     pub parts: Option<usize>,
-    /// Family; `None` draws one with room for so many parts.
+    /// Family; `None` draws one that can have this number of parts.
     pub family: Option<Family>,
-    /// Handles of the doors, flaps and drawers of cabinets; `None` leaves the plain ones of the family.
+    /// Handles of doors, flaps and drawers of cabinets; `None` keeps the family's plain ones.
     pub handles: Option<HandleStyle>,
-    /// Textured or plain object; `None` draws: three of four are textured.
+    /// Whether the object is textured; `None` draws it, with textures in three of four.
     pub textured: Option<bool>,
     /// Factor on the noise of depth and color; 0 is a perfect sensor.
     pub noise: f64,
-    /// Root mean square error of the reported camera poses, drawn for every frame by itself.
+    /// Root mean square error of the reported camera poses, drawn independently for each frame.
     pub pose_noise: PoseSpread,
-    /// Error of state 1's world against state 0's, in a random direction and about a random axis.
+    /// Error of state 1's world frame against state 0's, in a random direction and about a random axis.
     pub drift: PoseSpread,
-    /// Factor, 1 at most, on the motion of every joint from state 0 to state 1; the object stays the same.
+    /// Factor of at most 1 on the joint motions between the states; the object is the same.
     pub motion_scale: f64,
-    /// Angle by which every axis is tilted from square, in a random direction, degrees; parts may then touch
-    /// a little.
+    /// Tilt of every joint axis from its nominal direction, in a random direction, degrees; parts may then
+    /// touch slightly.
     pub skew_deg: f64,
-    /// Share of the surface under dark lacquer, in patches, where color is seen and no depth is read.
+    /// Share of the surface under patches of dark lacquer, which have color but no depth.
     pub lacquer: f64,
-    /// States filmed beyond the first two, at other positions of the joints.
+    /// Number of recorded states beyond the first two, with other joint positions.
     pub further: usize,
-    /// Views of each state, where no rate says how many.
+    /// Views per state, if `rate_hz` gives none.
     pub views: usize,
-    /// Views a second of a camera carried by hand; their number then follows from the camera's way.
+    /// Views per second of a handheld camera; their number follows from the length of its path.
     pub rate_hz: Option<f64>,
     /// Image width, pixels.
     pub width: usize,
     /// Image height, pixels.
     pub height: usize,
-    /// The effects of a camera carried by hand; `None` records cleanly and with masks.
+    /// Effects of a handheld camera; `None` records without errors and with masks.
     pub sensor: Option<HandheldSensor>,
-    /// A printed board of tags on the floor before the object, and its paper.
+    /// Paper of a printed tag board on the floor in front of the object; `None` for no board.
     pub board: Option<Paper>,
     /// Whether the camera's accelerometer is recorded.
     pub imu: bool,
@@ -159,62 +159,63 @@ impl Default for SynthConfig {
     }
 }
 
-/// A setting out of its range, and its remedy.
+/// A setting out of its range; the message gives the remedy.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum SynthConfigError {
-    /// More or fewer parts than the family has.
+    /// The family cannot have this number of parts.
     #[error("{what} has {fewest} to {most} parts, the static one included, not {parts}")]
     Parts {
-        /// The family.
+        /// Name of the family.
         what: &'static str,
-        /// Fewest.
+        /// Least number of parts.
         fewest: usize,
-        /// Most.
+        /// Largest number of parts.
         most: usize,
-        /// The given value.
+        /// Requested number of parts.
         parts: usize,
     },
-    /// Views of a state.
+    /// Number of views per state.
     #[error("{0} views: give 2 to 1000")]
     Views(usize),
-    /// Views a second.
+    /// Views per second.
     #[error("rate {0}: give 1 to 60 views a second")]
     Rate(f64),
-    /// States in all.
+    /// Number of states.
     #[error("{0} states: give 2 to 100")]
     States(usize),
     /// Size of the images.
     #[error("images of {width}x{height}: give 64 to 4096 pixels a side")]
     Images {
-        /// Pixels.
+        /// Width, pixels.
         width: usize,
-        /// Pixels.
+        /// Height, pixels.
         height: usize,
     },
-    /// Factor on the noise.
+    /// Noise factor.
     #[error("noise {0}: give a factor from 0 to 20")]
     Noise(f64),
-    /// Factor on the motions.
+    /// Factor on the joint motions.
     #[error("motion scale {0}: give a factor from 0.01 to 1")]
     MotionScale(f64),
-    /// Level of the sensor's effects.
+    /// Level of the sensor effects.
     #[error("sensor level {0}: give 0 to {max}", max = HandheldSensor::MAX_LEVEL)]
     SensorLevel(f64),
-    /// Share of the surface without depth.
+    /// Share of lacquered surface.
     #[error("lacquer {0}: give a share from 0 to 0.9")]
     Lacquer(f64),
-    /// Tilt of the axes, degrees.
+    /// Tilt of the joint axes, degrees.
     #[error("skew {0}: give 0 to 10 degrees")]
     Skew(f64),
 }
 
 impl SynthConfig {
-    /// Most parts of any family.
+    /// Largest number of parts in any family.
     pub const MAX_PARTS: usize = 7;
 
-    /// Refuses settings without a possible object.
+    /// Checks that the settings allow an object.
     ///
-    /// # Errors A number out of its range; a family without so many parts.
+    /// # Errors
+    /// A number out of its range, or a family that cannot have this number of parts.
     pub fn check(&self) -> Result<(), SynthConfigError> {
         if let Some(parts) = self.parts {
             let [fewest, most] = self.family.map_or([2, Self::MAX_PARTS], Family::part_limits);

@@ -1,4 +1,4 @@
-//! A stereo depth camera: noise and steps of disparity, shadows, holes.
+//! A stereo depth camera with noise and quantization of disparity, occlusion shadows and holes.
 
 use nalgebra::Point3;
 use rand_core::Rng;
@@ -8,33 +8,33 @@ use super::{DepthErrors, Scene, View, edge::depth_step, smooth::smoothed_noise};
 use geometry::{Intrinsics, Pose};
 use numeric::random;
 
-/// A stereo depth camera; the defaults are near those of a D435 at its default setting.
+/// Error model of a stereo depth camera; the defaults are close to a D435 with default settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthCamera {
-    /// Distance between its two imagers, meters; the second stands at +x.
+    /// Distance between the two imagers, meters; the second is at +x.
     pub baseline_m: f64,
-    /// One standard deviation of the disparity, pixels.
+    /// Standard deviation of the disparity, pixels.
     pub disparity_sigma_px: f64,
-    /// Radius of the noise's correlation: standard deviation of its smoothing, pixels.
+    /// Standard deviation of the Gaussian that smooths the noise, pixels.
     pub correlation_px: f64,
-    /// Step of the disparity, pixels; 0 for none.
+    /// Quantization step of disparity, pixels; 0 for none.
     pub disparity_step_px: f64,
-    /// Cosine between ray and normal with half of the readings lost.
+    /// Cosine between ray and normal at which half of the readings are lost.
     pub grazing_cosine: f64,
-    /// Share of lost readings anywhere.
+    /// Share of readings lost at random.
     pub dropout: f64,
-    /// Whether points in view of one imager only, and pixels on depth edges, have no reading.
+    /// Whether readings are missing where only one imager sees the surface, and at depth edges.
     pub shadows: bool,
-    /// One standard deviation of the color's noise, of 255.
+    /// Standard deviation of the color noise, of 255.
     pub color_sigma: f64,
 }
 
-/// A jump between neighbors above this share of the depth is an edge.
-/// chosen: no surface but a grazing one falls so much over a pixel
+/// Least depth difference of neighboring pixels at an edge, share of the depth.
+/// chosen: only a grazing surface has this difference over a pixel
 const EDGE_SHARE: f64 = 0.025;
 /// Width of the transition at grazing angles, in cosines. chosen: readings fail within a few degrees
 const GRAZING_WIDTH: f64 = 0.03;
-/// Free start of a shadow ray at the surface, meters. chosen: above rounding, below any gap
+/// Distance from the surface at which shadow rays start, meters. chosen: above rounding, below any gap
 const SHADOW_MARGIN_M: f64 = 1e-4;
 
 impl Default for DepthCamera {
@@ -53,11 +53,12 @@ impl Default for DepthCamera {
 }
 
 impl DepthCamera {
-    /// The default with its noise, hole rates and color noise multiplied by a factor; 0 is a perfect sensor.
+    /// The default camera with noise, rates of missing readings and color noise scaled; 0 is a perfect
+    /// sensor.
     #[must_use]
     pub fn with_scaled_noise(factor: f64) -> Self {
         let base = Self::default();
-        // Steps, shadows and grazing losses have no size to scale: without noise they go as well.
+        // Quantization, shadows and grazing losses do not scale: they are switched off without noise.
         if factor == 0.0 {
             return Self {
                 disparity_sigma_px: 0.0,
@@ -77,7 +78,7 @@ impl DepthCamera {
         }
     }
 
-    /// Depth readings of a view in millimeters, 0 = none, row-major, with errors beyond this camera's own.
+    /// Depth readings of a view in millimeters, row-major, 0 = none; `errors` are added to this camera's own.
     #[must_use]
     pub fn depth_mm(
         &self,
@@ -89,7 +90,7 @@ impl DepthCamera {
         rng: &mut impl Rng,
     ) -> Vec<u16> {
         let pixels = k.width * k.height;
-        // Drawn in order before threads share the pixels: their number changes nothing.
+        // Drawn before the parallel loop, so the number of threads has no influence.
         let white: Vec<f64> = (0..pixels).map(|_| random::standard_normal(rng)).collect();
         let holes: Vec<[f64; 2]> =
             (0..pixels).map(|_| [random::unit_uniform(rng), random::unit_uniform(rng)]).collect();
@@ -123,20 +124,20 @@ impl DepthCamera {
         readings.collect()
     }
 
-    /// Depth by a disparity with errors, millimeters; 0 where it is no reading.
+    /// Depth in millimeters from a disparity with errors; 0 if there is no valid reading.
     fn reading_mm(&self, depth_m: f64, noise_px: f64, error_px: f64, k: &Intrinsics) -> u16 {
         let focal_m = k.fx * self.baseline_m;
-        // Stereo errs in disparity, evenly; in depth the same error grows with the square of the range.
+        // The disparity error is uniform over the range; the depth error grows with the square of the range.
         let mut disparity_px = focal_m / depth_m + noise_px + error_px;
         if self.disparity_step_px > 0.0 {
             disparity_px = (disparity_px / self.disparity_step_px).round() * self.disparity_step_px;
         }
         let mm = 1000.0 * focal_m / disparity_px;
-        // A disparity at or below zero, and a depth beyond 16 bits, is no reading.
+        // Disparities at or below zero, and depths beyond 16 bits, give no reading.
         if mm > 0.0 && mm < f64::from(u16::MAX) { mm.round() as u16 } else { 0 }
     }
 
-    /// Colors of a view in sRGB with the camera's noise, row-major.
+    /// sRGB colors of a view with the camera's noise, row-major.
     #[must_use]
     pub fn color_image(&self, view: &View, rng: &mut impl Rng) -> Vec<[u8; 3]> {
         let mut pixels = Vec::with_capacity(view.color.len());
@@ -150,7 +151,7 @@ impl DepthCamera {
     }
 }
 
-/// Whether a pixel's surface is hidden from the second imager: it has no disparity.
+/// Whether a pixel's surface is hidden from the second imager, so that it has no disparity.
 fn is_in_shadow(
     view: &View,
     scene: &Scene,

@@ -1,15 +1,15 @@
 //! Errors of depth readings beyond the noise of the depth camera itself.
 
-/// Errors of every pixel of a frame; an empty list stands for none.
+/// Depth errors of each pixel of a frame; an empty list means none.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DepthErrors {
     /// Factor on the depth.
     pub factor: Vec<f64>,
-    /// Added to the disparity, pixels.
+    /// Error added to the disparity, pixels.
     pub disparity_px: Vec<f64>,
     /// Pixels without a reading.
     pub lost: Vec<bool>,
-    /// Reading of a pixel between two surfaces in place of either, meters.
+    /// Depth of a reading between two surfaces, instead of either, meters.
     pub between_m: Vec<Option<f64>>,
 }
 

@@ -1,20 +1,20 @@
-//! Steps of depth between neighboring pixels.
+//! Depth steps between neighboring pixels.
 
 use geometry::Intrinsics;
 
-/// The largest step of depth from a pixel to one beside it.
+/// The largest depth step from a pixel to a neighbor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct DepthStep {
-    /// The pixel on the other side.
+    /// Index of that neighbor.
     pub neighbor: usize,
-    /// Meters.
+    /// Size of the step, meters.
     pub size_m: f64,
-    /// The step by the slope of the surface, meters.
+    /// Part of the step explained by the slope of the surface, meters.
     slope_m: f64,
 }
 
 impl DepthStep {
-    /// Whether two surfaces meet here, farther apart than `least_m` beyond the step of a slope.
+    /// Whether two surfaces meet here: the step exceeds that of the slope by `least_m`.
     pub(crate) fn is_beyond(&self, least_m: f64) -> bool {
         self.size_m > least_m + 2.0 * self.slope_m
     }
@@ -37,7 +37,7 @@ pub(super) fn depth_step(depth_m: &[f64], k: &Intrinsics, i: usize) -> DepthStep
     if y + 1 < k.height {
         around[3] = i + k.width;
     }
-    // A slope gives equal steps to both sides; an edge does not.
+    // A slope gives equal steps on both sides, an edge does not.
     let off = |n: usize| (depth_m[n] - depth_m[i]).abs();
     let slope_m = off(around[0]).min(off(around[1])).max(off(around[2]).min(off(around[3])));
     let neighbor = around.into_iter().fold(i, |best, n| if off(n) > off(best) { n } else { best });

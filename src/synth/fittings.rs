@@ -1,4 +1,4 @@
-//! Handles are fitted to the plates of doors and drawers, in the sizes on sale.
+//! Fits handles of common sizes to the plates of doors and drawers.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use rand_core::Rng;
@@ -7,17 +7,17 @@ use super::{Handle, HandleKind, HandleStyle, Material, Part, Shape, Solid};
 use geometry::Pose;
 use numeric::random::{index_below, is_chosen, uniform_in};
 
-/// Largest share of a plate's side along a handle. chosen: usual proportions
+/// Largest size of a handle along itself, share of the plate's side. chosen: usual proportions
 const MOST_ALONG: f64 = 0.6;
-/// Largest share across it. chosen: usual proportions
+/// Largest size across it. chosen: usual proportions
 const MOST_ACROSS: f64 = 0.35;
-/// Reach of a post or stem into the plate, meters. chosen: solids overlap without a gap
+/// Depth of posts and stems in the plate, meters. chosen: solids overlap without a gap
 const SUNK_M: f64 = 0.001;
-/// Walls of a recess deeper than its plate, meters. chosen: thin, as such cups are
+/// Wall thickness of a recess deeper than its plate, meters. chosen: thin, as such cups are
 const CUP_M: f64 = 0.004;
 
-/// Gives the doors, flaps and drawers of a cabinet other handles. Of these parts the plate is the first solid
-/// and the handle the last.
+/// Replaces the handles of the doors, flaps and drawers of a cabinet. In these parts the plate is the first
+/// solid and the handle the last.
 pub(super) fn fit_handles(parts: &mut [Part], style: HandleStyle, rng: &mut impl Rng) {
     for part in
         parts.iter_mut().filter(|p| ["door_", "flap_", "drawer_"].iter().any(|n| p.name.starts_with(n)))
@@ -39,13 +39,13 @@ pub(super) fn fit_handles(parts: &mut [Part], style: HandleStyle, rng: &mut impl
     }
 }
 
-/// The plate of a handle, seen from the handle: x along it, y across, z out.
+/// The plate of a handle in the handle's axes: x along it, y across, z outward.
 struct Plate {
-    /// The middle of its outer face.
+    /// Frame at the center of its outer face.
     part_from_face: Pose,
     /// Half sides.
     half: Vector3<f64>,
-    /// The side of y without the hinge; 0 for a drawer.
+    /// Sign of y towards the edge opposite the hinge; 0 for a drawer.
     free: f64,
     material: Material,
 }
@@ -57,7 +57,7 @@ impl Plate {
         let Shape::Cuboid(half) = solid.shape else { return None };
         let center = solid.part_from_solid.translation.vector;
         let slides = part.name.starts_with("drawer_");
-        // Bars stand upright on doors and lie on flaps and drawers.
+        // Bars are upright on doors and horizontal on flaps and drawers.
         let along = if !slides && joint.axis.z.abs() > 0.5 { Vector3::z() } else { Vector3::y() };
         let across = Vector3::x().cross(&along);
         let turn = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[along, across, Vector3::x()]));
@@ -71,13 +71,13 @@ impl Plate {
         })
     }
 
-    /// Factor, 1 at most, on a handle too large for the plate.
+    /// Factor of at most 1 that shrinks a handle to fit the plate.
     fn handle_scale(&self, length_m: f64, width_m: f64) -> f64 {
         let fits = |most: f64, half: f64, size: f64| most * 2.0 * half / size;
         fits(MOST_ALONG, self.half.x, length_m).min(fits(MOST_ACROSS, self.half.y, width_m)).min(1.0)
     }
 
-    /// The frame of a handle of a width, `out` from the face: near the free edge, or in the middle.
+    /// The frame of a handle, `out_m` from the face: near the free edge, or centered.
     fn handle_frame(&self, width_m: f64, out_m: f64) -> Pose {
         // Clear of the boards behind the edge.
         let rim = (0.5 * self.half.y).min(0.03);
@@ -103,7 +103,7 @@ impl Plate {
                 material: material.clone(),
             }
         });
-        // Posts end within the bar.
+        // Posts end inside the bar.
         let post = Vector3::new(0.8 * half, 0.8 * half, 0.5 * (out_m + SUNK_M));
         for side in [-1.0, 1.0] {
             let at = Pose::translation(side * (0.5 * length_m - thickness_m), 0.0, -post.z);
@@ -119,7 +119,7 @@ impl Plate {
     fn add_knob(&self, solids: &mut Vec<Solid>, material: &Material, rng: &mut impl Rng) -> Handle {
         let diameter_m = uniform_in(rng, 0.025, 0.035);
         let diameter_m = diameter_m * self.handle_scale(diameter_m, diameter_m);
-        // Half of it is stem: fingers reach behind the head.
+        // Half the height is the stem, so that fingers reach behind the head.
         let stem = 0.5 * diameter_m;
         let head = 0.4 * diameter_m;
         let part_from_handle = self.handle_frame(diameter_m, stem + 0.5 * head);
@@ -130,13 +130,13 @@ impl Plate {
         Handle { kind: HandleKind::Knob { diameter_m, height_m: stem + head }, part_from_handle }
     }
 
-    /// Makes the plate one of boxes about the recess, with a floor of another material.
+    /// Replaces the plate by boxes around the recess, with a floor of another material.
     fn add_recess(&self, solids: &mut Vec<Solid>, trim: &Material, rng: &mut impl Rng) -> Handle {
         let s = self.handle_scale(0.1, 0.025);
         let [length_m, width_m, depth_m] = [s * 0.1, s * 0.025, s * uniform_in(rng, 0.012, 0.018)];
         let part_from_handle = self.handle_frame(width_m, 0.0);
         let from_face = (self.part_from_face.inverse() * part_from_handle).translation.vector;
-        // All in the frame of the recess.
+        // Coordinates are in the frame of the recess.
         let between =
             |lower, upper, material| Solid::box_between(lower, upper, material).moved(&part_from_handle);
         let lower = -self.half - from_face;

@@ -1,4 +1,4 @@
-//! From a seed to an object.
+//! Generation of an object from a seed.
 
 use std::f64::consts::TAU;
 
@@ -12,18 +12,18 @@ use super::{
 use geometry::Pose;
 use numeric::random::{self, stage_rng};
 
-/// Most tried shapes.
+/// Most shapes tried.
 const SHAPES: u64 = 100;
-/// Tried positions of the joints with each shape.
+/// Joint positions tried per shape.
 const POSITIONS: usize = 60;
-/// Size of a patch over the radius of the object.
-/// chosen: patches of 5 to 15 cm on a cabinet, a pane of an oven's door or a display.
+/// Size of a texture patch relative to the radius of the object.
+/// chosen: patches of 5 to 15 cm on a cabinet, as a pane of an oven's door or a display
 const PATCH: f64 = 0.3;
-/// Largest distance of the object's foot from the world's origin along x and y, meters.
-/// chosen: worlds with an origin off the object
+/// Largest offset of the object's base from the world origin along x and y, meters.
+/// chosen: the world origin must not be the object's
 const FOOT_M: f64 = 0.3;
 
-/// No object of a family was found.
+/// No valid object of a family was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "no {family} of {parts} parts that keep clear of each other and can be seen in both states was found for \
@@ -35,21 +35,22 @@ pub struct NoShape {
     seed: u64,
 }
 
-/// Makes the object of a configuration accepted by [`SynthConfig::check`].
+/// Generates the object of a configuration accepted by [`SynthConfig::check`].
 ///
-/// # Errors Where no shape was found with visible parts clear of each other.
+/// # Errors
+/// [`NoShape`] if no shape has collision-free parts that are visible in both states.
 pub fn generate(config: &SynthConfig) -> Result<Object, NoShape> {
     let rng = &mut stage_rng(config.seed, "synth/object", 0);
     let [fewest, most] = config.family.map_or([2, 6], Family::part_limits);
     let parts = config.parts.unwrap_or_else(|| fewest + random::index_below(rng, most - fewest + 1));
     let family = config.family.unwrap_or_else(|| any_family(parts, rng));
     let textured = config.textured.unwrap_or_else(|| random::is_chosen(rng, 0.75));
-    // Turned and moved: no program may rely on the world's axes.
+    // Rotated and translated, so that no program can rely on the world axes.
     let yaw = random::uniform_in(rng, 0.0, TAU);
     let foot =
         Vector3::new(random::uniform_in(rng, -FOOT_M, FOOT_M), random::uniform_in(rng, -FOOT_M, FOOT_M), 0.0);
     for shape in 0..SHAPES {
-        // A stream of its own: how many positions one shape took does not change the next.
+        // A separate stream, so that one shape's number of tries does not change the next.
         let rng = &mut stage_rng(config.seed, "synth/shape", shape);
         let mut look = Look { textured, scale_m: 1.0 };
         let mut parts = match family {
@@ -68,9 +69,9 @@ pub fn generate(config: &SynthConfig) -> Result<Object, NoShape> {
             for joint in object.parts.iter_mut().filter_map(|p| p.joint.as_mut()) {
                 joint.positions = positions(joint, rng);
             }
-            // Clearance first: visibility casts rays, at far greater cost.
+            // Clearance is tested first, as visibility casts rays and is far slower.
             if clearance::is_free(&object) && observable::is_observable(&object, config, rng) {
-                // Only after the checks: lacquer, scale and skew leave the object itself as it is.
+                // After the tests, since lacquer, scale and skew do not change the shape.
                 let object = lacquered(object, config);
                 return Ok(skewed(scaled(object, config.motion_scale), config));
             }
@@ -79,7 +80,7 @@ pub fn generate(config: &SynthConfig) -> Result<Object, NoShape> {
     Err(NoShape { family: family.name(), parts, seed: config.seed })
 }
 
-/// The object with a share of its joints' ways; parts clear on the whole way are clear on part of it.
+/// The object with a share of its joint motions; if the whole way is free, so is part of it.
 fn scaled(mut object: Object, share: f64) -> Object {
     for [from, to] in object.parts.iter_mut().filter_map(|p| p.joint.as_mut()).map(|j| &mut j.positions) {
         *to = *from + share * (*to - *from);
@@ -87,7 +88,7 @@ fn scaled(mut object: Object, share: f64) -> Object {
     object
 }
 
-/// The object with axes tilted from square.
+/// The object with tilted joint axes.
 fn skewed(mut object: Object, config: &SynthConfig) -> Object {
     let rng = &mut stage_rng(config.seed, "synth/skew", 0);
     for axis in object.parts.iter_mut().filter_map(|p| p.joint.as_mut()).map(|j| &mut j.axis) {
@@ -97,7 +98,7 @@ fn skewed(mut object: Object, config: &SynthConfig) -> Object {
     object
 }
 
-/// The object with a share of every part lacquered, each in patches of its own.
+/// The object with a share of each part lacquered, in separate patches.
 fn lacquered(mut object: Object, config: &SynthConfig) -> Object {
     if config.lacquer > 0.0 {
         let patch_m = PATCH * object.bounding_sphere().radius_m;
@@ -110,7 +111,7 @@ fn lacquered(mut object: Object, config: &SynthConfig) -> Object {
     object
 }
 
-/// A family with room for so many parts; cabinets have half of the share where there is a choice.
+/// A random family that can have this number of parts; cabinets get half of the choices.
 fn any_family(parts: usize, rng: &mut impl Rng) -> Family {
     let mut others: Vec<Family> = Family::ALL.into_iter().filter(|f| *f != Family::Cabinet).collect();
     others.retain(|f| (f.part_limits()[0]..=f.part_limits()[1]).contains(&parts));
@@ -121,7 +122,7 @@ fn any_family(parts: usize, rng: &mut impl Rng) -> Family {
     }
 }
 
-/// Two positions within the limits, far enough apart for a motion.
+/// Two positions within the limits, far enough apart to be a motion.
 fn positions(joint: &PartJoint, rng: &mut impl Rng) -> [f64; 2] {
     let [low, high] = joint.limits;
     let span = high - low;
@@ -132,7 +133,7 @@ fn positions(joint: &PartJoint, rng: &mut impl Rng) -> [f64; 2] {
     };
     let motion = random::uniform_in(rng, least, most);
     let near = random::uniform_in(rng, low, high - motion);
-    // Either state may be the more open one.
+    // Either state may be the one that is open wider.
     if random::is_chosen(rng, 0.5) { [near, near + motion] } else { [near + motion, near] }
 }
 

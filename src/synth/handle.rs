@@ -1,24 +1,24 @@
-//! Handles of doors and drawers, and where they are.
+//! Types and poses of handles on doors and drawers.
 
 use geometry::Pose;
 
-/// Handles of doors and drawers in place of the plain ones of their family.
+/// Handles of doors and drawers, instead of the family's plain ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HandleStyle {
     /// Bars on two posts.
     Bar,
     /// Knobs.
     Knob,
-    /// Grips let into the plate.
+    /// Grips recessed into the plate.
     Recess,
-    /// One of these each.
+    /// A random one of these for each part.
     Mixed,
-    /// None at all.
+    /// No handles.
     Bare,
 }
 
 impl HandleStyle {
-    /// The style by its name on the command line.
+    /// The style with a command line name.
     #[must_use]
     pub fn by_name(name: &str) -> Option<Self> {
         Some(match name {
@@ -35,29 +35,29 @@ impl HandleStyle {
 /// Type and sizes of a handle, meters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum HandleKind {
-    /// A bar along x, centered on its frame.
+    /// A bar along x, centered on its frame's origin.
     Bar {
-        /// Along x.
+        /// Size along x.
         length_m: f64,
-        /// Along y and z.
+        /// Size along y and z.
         thickness_m: f64,
-        /// Air between bar and plate.
+        /// Gap between bar and plate.
         clearance_m: f64,
     },
-    /// A disk about z on a stem, its head centered on its frame.
+    /// A disk about z on a stem, with its head centered on its frame's origin.
     Knob {
-        /// Of the head.
+        /// Diameter of the head.
         diameter_m: f64,
-        /// From the plate to the outer end.
+        /// Distance from the plate to the outer end.
         height_m: f64,
     },
-    /// A box let into the plate; the middle of its opening is the frame's origin.
+    /// A box recessed into the plate; the origin of its frame is the center of its opening.
     Recess {
-        /// Along x.
+        /// Size along x.
         length_m: f64,
-        /// Along y.
+        /// Size along y.
         width_m: f64,
-        /// Along -z.
+        /// Depth along -z.
         depth_m: f64,
     },
 }
@@ -74,11 +74,11 @@ impl HandleKind {
     }
 }
 
-/// A handle and where it is.
+/// A handle and its pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Handle {
-    /// Its type and sizes.
+    /// Type and dimensions.
     pub kind: HandleKind,
-    /// Its frame in its part's: x along it, z out of the plate.
+    /// Pose of the handle's frame in its part: x along it, z out of the plate.
     pub part_from_handle: Pose,
 }

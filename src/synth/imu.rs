@@ -1,7 +1,7 @@
-//! The accelerometer in the housing of a camera.
+//! The accelerometer inside a camera.
 //!
-//! Noise and bias are those of the data sheet of the BMI055 (Bosch Sensortec), built into the RealSense
-//! D435i, D455 and L515. Scale errors and skewed axes are left out.
+//! Noise and bias are from the data sheet of the BMI055 (Bosch Sensortec), used in the RealSense D435i, D455
+//! and L515. Scale errors and axis misalignment are omitted.
 
 use nalgebra::{Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
@@ -11,23 +11,23 @@ use numeric::random::{self, stage_rng};
 
 /// Acceleration of free fall, m/s². derived: the standard value
 const GRAVITY: f64 = 9.806_65;
-/// Readings a second: the default of realsense2_camera. derived: that default
+/// Readings per second. derived: the default of realsense2_camera
 const RATE_HZ: f64 = 250.0;
-/// Density of the noise, m/s² a root hertz: 150 µg. derived: the data sheet of the BMI055
+/// Noise density, 150 µg/√Hz in m/s²/√Hz. derived: the data sheet of the BMI055
 const NOISE: f64 = 150e-6 * GRAVITY;
-/// Largest bias of an axis, m/s²: 70 mg. derived: the data sheet of the BMI055
+/// Largest bias per axis, 70 mg in m/s². derived: the data sheet of the BMI055
 const BIAS: f64 = 0.07 * GRAVITY;
 
 /// One reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuReading {
-    /// Time after the first view, nanoseconds; before it negative.
+    /// Time after the first view, nanoseconds; negative before it.
     pub after_nanos: i64,
     /// Reading, m/s², in the sensor's axes.
     pub acceleration: Vector3<f64>,
 }
 
-/// Where the sensor sits in the optical frame: behind and beside the lens, x ahead and z up.
+/// Pose of the sensor in the optical frame: behind and beside the lens, x forward and z up.
 #[must_use]
 pub fn optical_from_imu() -> Pose {
     let turn = UnitQuaternion::from_quaternion(Quaternion::new(0.5, -0.5, 0.5, -0.5)).inverse();
@@ -41,8 +41,8 @@ pub fn imu_bias(config: &SynthConfig) -> Vector3<f64> {
     Vector3::from_fn(|_, _| random::uniform_in(rng, -BIAS, BIAS))
 }
 
-/// Readings all along the path of a take with `views` views, `period_nanos` apart; each is the mean over the
-/// time to its neighbors.
+/// Readings along the path of a take with `views` views, `period_nanos` apart; each is the mean over the time
+/// to its neighbors.
 pub(super) fn imu_readings(
     path: &CameraPath,
     take: usize,
@@ -58,7 +58,7 @@ pub(super) fn imu_readings(
     let at = |after_s: f64| (pose(after_s) * place).coords;
     let step_s = 1.0 / RATE_HZ;
     let sigma = NOISE * (0.5 * RATE_HZ).sqrt();
-    // The path goes on for half a period before the first view and behind the last.
+    // The path extends half a period before the first and after the last view.
     let count = (views as f64 * period_s * RATE_HZ) as usize;
     (1..count.max(2) - 1)
         .map(|k| {

@@ -1,5 +1,5 @@
-//! Dark lacquer in patches on a part: color shows the paint under it, the pattern of a depth camera does not
-//! come back.
+//! Patches of dark lacquer on a part: color shows the paint below, but the projected pattern of a depth
+//! camera is absorbed.
 
 use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
@@ -7,23 +7,23 @@ use rand_core::Rng;
 use super::lattice_noise::value_noise;
 use numeric::random;
 
-/// Number of places for the measure of the share.
+/// Number of sampled points for finding the noise threshold.
 const PLACES: usize = 4096;
-/// Share of the light back through lacquer. chosen: black lacquer
+/// Share of light reflected through lacquer. chosen: black lacquer
 const DARKENING: f64 = 0.2;
 
-/// Where a part is lacquered.
+/// Patches of lacquer on a part.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lacquer {
-    /// Distance between nodes of the noise behind the patches, meters.
+    /// Spacing of the noise that forms the patches, meters.
     patch_m: f64,
-    /// Least noise with lacquer.
+    /// Noise value above which there is lacquer.
     from: f64,
     seed: u32,
 }
 
 impl Lacquer {
-    /// Patches on a share of all places.
+    /// Patches that cover a share of the points.
     pub(super) fn covering(share: f64, patch_m: f64, rng: &mut impl Rng) -> Self {
         let seed = random::index_below(rng, 1 << 30) as u32;
         let mut noise: Vec<f64> = (0..PLACES)
@@ -34,13 +34,13 @@ impl Lacquer {
         Self { patch_m, from, seed }
     }
 
-    /// Whether a point of the part's frame is lacquered.
+    /// Whether a point in the part's frame is lacquered.
     #[must_use]
     pub fn covers(&self, point: &Point3<f64>) -> bool {
         value_noise(&(point.coords / self.patch_m), self.seed) >= self.from
     }
 
-    /// A color under lacquer.
+    /// Linear color of a surface under lacquer.
     #[must_use]
     pub fn darkened_color(color: Vector3<f64>) -> Vector3<f64> {
         DARKENING * color

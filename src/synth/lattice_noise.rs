@@ -1,11 +1,11 @@
-//! Smooth noise with one random value a node of a lattice.
+//! Smooth noise interpolated between random values on a lattice.
 
 use nalgebra::Vector3;
 
-/// Smooth noise in `[-1, 1]` with one random value a node of the integer lattice.
+/// Smooth noise in `[-1, 1]`, interpolated between random values at integer lattice nodes.
 pub(super) fn value_noise(p: &Vector3<f64>, seed: u32) -> f64 {
     let cell = p.map(f64::floor);
-    // Slopes vanish at the nodes: the lattice does not show.
+    // Slopes are zero at the nodes, which hides the lattice.
     let t = (p - cell).map(|f| f * f * (3.0 - 2.0 * f));
     let nodes: [f64; 8] = std::array::from_fn(|i| {
         hash(Vector3::from_fn(|k, _| (cell[k] as i64 + (i >> k & 1) as i64) as u32), seed)

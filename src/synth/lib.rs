@@ -1,4 +1,4 @@
-//! Made objects: parametric articulated objects, ray-cast by a moving depth camera, with all truth known.
+//! Synthetic recordings with ground truth: parametric articulated objects, ray-cast by a moving depth camera.
 //!
 //! ```
 //! use synth::{Family, SynthConfig, generate};

@@ -1,21 +1,21 @@
-//! The light of a scene.
+//! Illumination of a scene.
 
 use nalgebra::{Point3, Vector3};
 
-/// Exponent of the lobe of a highlight (Blinn 1977): it has half its height 4 degrees off.
-/// chosen: a bulb in lacquer
+/// Exponent of highlights (Blinn 1977): half height at 4 degrees.
+/// chosen: a bulb mirrored by lacquer
 const LOBE_EXPONENT: f64 = 300.0;
 
-/// Light of a scene.
+/// Illumination of a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Light {
-    /// Direction towards a distant lamp, unit.
+    /// Unit direction towards a distant lamp.
     pub lamp: Vector3<f64>,
-    /// Factor on each color.
+    /// Factor on red, green and blue.
     pub tint: Vector3<f64>,
-    /// Bulbs mirrored by surfaces of the object.
+    /// Positions of bulbs mirrored by the object.
     pub bulbs: Vec<Point3<f64>>,
-    /// Linear brightness of their mirror images in the object; 0 leaves the object matt.
+    /// Linear brightness of their reflections; 0 for a matt object.
     pub shine: f64,
 }
 
@@ -28,11 +28,11 @@ impl Light {
 
     /// Light reflected by a matt surface of unit normal `normal`.
     pub(super) fn diffuse_light(&self, normal: &Vector3<f64>) -> Vector3<f64> {
-        // The shares add up to 1: white stays white where all of it shines.
+        // The terms sum to at most 1, so white does not saturate.
         self.tint * (0.55 + 0.15 * normal.z + 0.3 * normal.dot(&self.lamp).max(0.0))
     }
 
-    /// How near a surface point comes to mirroring a bulb to the eye, in `[0, 1]`.
+    /// Strength of a bulb's reflection at a surface point as seen from `eye`, in `[0, 1]`.
     pub(super) fn gloss_at(&self, eye: &Point3<f64>, point: &Point3<f64>, normal: &Vector3<f64>) -> f64 {
         let mut gloss = 0.0_f64;
         for bulb in &self.bulbs {

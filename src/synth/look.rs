@@ -1,4 +1,4 @@
-//! How the surfaces of an object look: its materials.
+//! Random materials of an object.
 
 use nalgebra::Vector3;
 use rand_core::Rng;
@@ -8,9 +8,9 @@ use numeric::random;
 
 /// How the surfaces of an object look.
 pub(super) struct Look {
-    /// Textured or plain.
+    /// Whether surfaces are textured.
     pub textured: bool,
-    /// Length of the texture's scale, meters.
+    /// Length scale of textures, meters.
     pub scale_m: f64,
 }
 
@@ -21,10 +21,10 @@ impl Look {
         if !self.textured {
             return Material::plain(base);
         }
-        // Darker as well: features are found in gray.
+        // Darker as well, since features are found in grayscale.
         let second = base.lerp(&drawn_color(rng), 0.35) * random::uniform_in(rng, 0.25, 0.5);
         let mut wavelength_m = Vector3::repeat(self.scale_m * random::uniform_in(rng, 0.1, 0.25));
-        // Some textures run along one axis, as wood does.
+        // Some textures are stretched along one axis, like wood.
         if random::is_chosen(rng, 0.4) {
             wavelength_m[random::index_below(rng, 3)] *= random::uniform_in(rng, 2.0, 4.0);
         }
@@ -43,7 +43,7 @@ impl Look {
     }
 }
 
-/// A color neither black nor white, linear.
+/// A linear color, neither black nor white.
 fn drawn_color(rng: &mut impl Rng) -> Vector3<f64> {
     let tone = random::uniform_in(rng, 0.25, 0.8);
     Vector3::from_fn(|_, _| tone * random::uniform_in(rng, 0.35, 1.0))

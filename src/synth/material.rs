@@ -1,27 +1,27 @@
-//! Procedural color: plain, or noise in several octaves fixed to the part.
+//! Procedural color of surfaces: plain, or noise of several octaves in the part's frame.
 
 use nalgebra::{Point3, Vector3};
 
 use super::{Lacquer, lattice_noise::value_noise};
 
-/// The look of a surface.
+/// Color and lacquer of a surface.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
-    /// Color, linear in `[0, 1]`.
+    /// Linear color, `[0, 1]`.
     pub base: Vector3<f64>,
     /// Second color of the texture; equal to `base` on a plain surface.
     pub second: Vector3<f64>,
     /// Longest wavelength of the texture along each axis of the part, meters; `None` is plain.
     pub wavelength_m: Option<Vector3<f64>>,
-    /// Number of the noise.
+    /// Seed of the noise.
     pub seed: u32,
-    /// Where no depth is read; `None`: everywhere it is.
+    /// Patches without depth; `None` for none.
     pub lacquer: Option<Lacquer>,
 }
 
-/// Octaves of the texture, each of half the wavelength of the one before.
+/// Octaves of the texture, each with half the previous wavelength.
 const OCTAVES: u32 = 6;
-/// Amplitude of an octave against the one before. chosen: textures with much fine structure
+/// Amplitude of each octave relative to the previous one. chosen: textures with much fine structure
 const FALL: f64 = 0.8;
 
 impl Material {
@@ -31,13 +31,14 @@ impl Material {
         Self { base, second: base, wavelength_m: None, seed: 0, lacquer: None }
     }
 
-    /// Whether a point of the part's frame is lacquered.
+    /// Whether a point in the part's frame is lacquered.
     #[must_use]
     pub fn is_lacquered(&self, point: &Point3<f64>) -> bool {
         self.lacquer.is_some_and(|lacquer| lacquer.covers(point))
     }
 
-    /// Color at a point of the part's frame; octaves too fine for a pixel of `footprint_m` are left out.
+    /// Linear color at a point in the part's frame; octaves too fine for a pixel of `footprint_m` are left
+    /// out.
     #[must_use]
     pub fn color_at(&self, point: &Point3<f64>, footprint_m: f64) -> Vector3<f64> {
         let own = self.own_color(point, footprint_m);
@@ -55,12 +56,12 @@ impl Material {
                 break;
             }
             let p = Vector3::from_fn(|k, _| point[k] / (wavelength_m[k] * scale));
-            // Each octave has noise of its own: with one noise, all would be alike at the origin.
+            // Each octave has its own noise; otherwise all would be equal at the origin.
             sum += amplitude * value_noise(&p, self.seed.wrapping_add(octave.wrapping_mul(0x9e37_79b9)));
             amplitude *= FALL;
             scale *= 0.5;
         }
-        // A sum of octaves has a spread of about 0.45; a steep curve spends most of the range between the
+        // The sum of octaves has a spread of about 0.45; a steep curve uses most of the range between the
         // colors.
         let share = 0.5 + 0.5 * (1.3 * sum).tanh();
         self.base.lerp(&self.second, share)

@@ -1,4 +1,4 @@
-//! Articulated objects of solids.
+//! Articulated objects built from solids.
 
 use nalgebra::{Point3, Unit, Vector3};
 
@@ -6,16 +6,16 @@ use super::{Family, Handle, Solid};
 use geometry::{Pose, Screw, bounding_box};
 use surface::{TriangleMesh, merged_mesh};
 
-/// How a part moves on its parent.
+/// Type of a part's joint with its parent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PartJointKind {
-    /// Turns about its axis.
+    /// Rotates about its axis.
     Revolute,
-    /// Slides along its axis.
+    /// Translates along its axis.
     Prismatic,
-    /// Turns, and advances with the turn.
+    /// Rotates about its axis and translates along it in proportion.
     Screw {
-        /// Meters a radian.
+        /// Translation per angle, meters per radian.
         pitch_m_per_rad: f64,
     },
 }
@@ -32,16 +32,16 @@ impl PartJointKind {
     }
 }
 
-/// The joint between a part and its parent. Positions are radians, or meters for a prismatic joint.
+/// The joint between a part and its parent. Positions are in radians, or meters for a prismatic joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PartJoint {
-    /// Its carrier.
+    /// Index of the parent part.
     pub parent: usize,
-    /// How it moves.
+    /// Type of joint.
     pub kind: PartJointKind,
-    /// Direction in the object's rest frame.
+    /// Axis direction in the object's rest frame.
     pub axis: Unit<Vector3<f64>>,
-    /// A point of the axis in the object's rest frame, meters.
+    /// A point on the axis in the object's rest frame, meters.
     pub origin: Point3<f64>,
     /// Lower and upper limit.
     pub limits: [f64; 2],
@@ -50,7 +50,7 @@ pub struct PartJoint {
 }
 
 impl PartJoint {
-    /// Motion of the part in the rest frame for a position of the joint; identity at 0.
+    /// Motion of the part in the rest frame at a joint position; identity at 0.
     #[must_use]
     pub fn motion_at(&self, position: f64) -> Pose {
         let line = Screw { direction: self.axis, point: self.origin, angle_rad: 0.0, advance_m: 0.0 };
@@ -62,21 +62,21 @@ impl PartJoint {
     }
 }
 
-/// A rigid part. The frames of all parts coincide with the object's rest frame when every joint is at 0.
+/// A rigid part. With every joint at 0, the frames of all parts equal the object's rest frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Part {
-    /// Name, letters, digits and `_`.
+    /// Name of letters, digits and `_`.
     pub name: String,
-    /// `None` for the static part, the first one.
+    /// Joint with its parent; `None` for the static part, the first one.
     pub joint: Option<PartJoint>,
     /// Its solids.
     pub solids: Vec<Solid>,
-    /// Its handle, where handles were asked for.
+    /// Its handle, if handles were requested.
     pub handle: Option<Handle>,
 }
 
 impl Part {
-    /// A moving part on part `parent`; `axis` in the rest frame, positions still open.
+    /// A moving part on part `parent`; `axis` is in the rest frame, and positions are not set yet.
     pub(super) fn moving_on(
         name: String,
         parent: usize,
@@ -103,26 +103,26 @@ impl Part {
     }
 }
 
-/// An articulated object; parents stand before their children.
+/// An articulated object; parents come before their children.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Object {
     /// Name of its family.
     pub family: &'static str,
     /// Parts; the first is static.
     pub parts: Vec<Part>,
-    /// Where the rest frame stands in the world.
+    /// Pose of the rest frame in the world.
     pub world_from_rest: Pose,
 }
 
 impl Object {
-    /// Whether one of two parts carries the other, with an overlap: links of a chain at their pins, caps over
-    /// their necks. Parts of a cabinet do not.
+    /// Whether one of two parts is the other's parent and may overlap it: links of a chain at their pins,
+    /// caps over their necks. Parts of a cabinet may not.
     pub(super) fn are_pinned(&self, a: usize, b: usize) -> bool {
         let parents = [a, b].map(|part| self.parts[part].joint.map(|j| j.parent));
         self.family != Family::Cabinet.name() && (parents[0] == Some(b) || parents[1] == Some(a))
     }
 
-    /// Motion of every part in the rest frame with each joint at `share` of its way from state 0 to state 1.
+    /// Motion of every part in the rest frame, with each joint at `share` of its way from state 0 to state 1.
     #[must_use]
     pub fn rest_from_parts(&self, share: f64) -> Vec<Pose> {
         let mut poses: Vec<Pose> = Vec::with_capacity(self.parts.len());
@@ -134,13 +134,13 @@ impl Object {
         poses
     }
 
-    /// Pose of every part in the world in a state.
+    /// Pose of every part in the world, by state.
     #[must_use]
     pub fn world_from_parts(&self, state: usize) -> Vec<Pose> {
         self.rest_from_parts(state as f64).iter().map(|p| self.world_from_rest * p).collect()
     }
 
-    /// Joint axis and origin of a part in the world as they stand in state 0; `None` for the static part.
+    /// Joint axis and origin of a part in the world in state 0; `None` for the static part.
     #[must_use]
     pub fn axis_in_world(&self, part: usize) -> Option<(Unit<Vector3<f64>>, Point3<f64>)> {
         let joint = self.parts[part].joint.as_ref()?;
@@ -162,14 +162,14 @@ impl Object {
         merged_mesh(&meshes.iter().collect::<Vec<_>>())
     }
 
-    /// Surface of every part in the world as it stands in a state.
+    /// Surface mesh of every part in the world, by state.
     #[must_use]
     pub fn meshes_in_world(&self, state: usize) -> Vec<TriangleMesh> {
         let poses = self.world_from_parts(state);
         poses.iter().enumerate().map(|(part, pose)| self.mesh_of_part(part).transformed(pose)).collect()
     }
 
-    /// A sphere about the object in both states.
+    /// A sphere around the object in both states.
     #[must_use]
     pub fn bounding_sphere(&self) -> BoundingSphere {
         let mut points: Vec<Point3<f64>> = Vec::new();

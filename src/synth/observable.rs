@@ -1,4 +1,4 @@
-//! Whether both recordings can show a part's motion.
+//! Test whether both recordings can show each part's motion.
 
 use nalgebra::Point3;
 use rand_core::Rng;
@@ -6,20 +6,20 @@ use rand_core::Rng;
 use super::{Object, Scene, SynthConfig, recording, truth};
 use surface::sample_surface;
 
-/// Tested views of each state.
+/// Views tested per state.
 const VIEWS: usize = 15;
-/// Points drawn on each part.
+/// Points sampled per part.
 const POINTS: usize = 300;
-/// Least share of a part's surface seen in both states. chosen: less shows no part
+/// Least share of a part's surface seen in both states. chosen: a smaller share does not show the part
 const MIN_SHARE: f64 = 0.1;
 
-/// Whether both states see some of the same surface of every part: a part with another side in each cannot be
-/// found from the recordings.
+/// Whether every part has surface seen in both states: a part that shows different sides cannot be found from
+/// the recordings.
 pub(super) fn is_observable(object: &Object, config: &SynthConfig, rng: &mut impl Rng) -> bool {
     let k = recording::camera_intrinsics(config);
     let (floor, _) = recording::drawn_surroundings(config.seed);
     let poses = [0, 1].map(|state| object.world_from_parts(state));
-    // No floor: it hides nothing of the things on it.
+    // The floor has radius 0: it hides nothing of the objects on it.
     let scenes = [0, 1].map(|state| Scene::new(object, state, &floor, 0.0));
     let cameras = [0, 1].map(|state| {
         let path = recording::camera_path(object, state, config);

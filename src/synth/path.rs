@@ -1,4 +1,4 @@
-//! A hand-held camera on a sweep over the front of an object.
+//! Path of a handheld camera that sweeps around the front of an object.
 
 use std::f64::consts::TAU;
 
@@ -8,27 +8,27 @@ use rand_core::Rng;
 use geometry::Pose;
 use numeric::random;
 
-/// Half the sweep about the object's front, radians. chosen: 100 degrees to either side
+/// Half the azimuth range about the object's front, radians. chosen: 100 degrees to either side
 const HALF_SWEEP_RAD: f64 = 1.75;
-/// Lowest and highest elevation of the sweep, radians. chosen: 11 and 60 degrees
+/// Range of elevation, radians. chosen: 11 and 60 degrees
 const ELEVATION_RAD: [f64; 2] = [0.2, 1.05];
-/// Share of the half field of view filled by the object's sphere. chosen: a rim is left
+/// Share of half the field of view that the object's sphere fills. chosen: leaves a margin
 const FILL: f64 = 0.95;
-/// Nearest distance to the sphere's center, meters, besides 1.5 radii: still within the range of stereo.
-/// chosen: as of usual stereo cameras
+/// Least distance to the sphere's center, meters, beside 1.5 radii, to stay within the range of stereo.
+/// chosen: as for usual stereo cameras
 const MIN_DISTANCE_M: f64 = 0.4;
 
-/// A wave over the time `[0, 1]`.
+/// A sine wave over the time `[0, 1]`.
 #[derive(Clone, Copy, Debug)]
 struct Wave {
     amplitude: f64,
-    /// Turns in all.
+    /// Number of periods.
     frequency: f64,
     phase_rad: f64,
 }
 
 impl Wave {
-    /// Of seven tenths of an amplitude to all of it.
+    /// A random wave with seven tenths to all of an amplitude.
     fn drawn(amplitude: f64, [low, high]: [f64; 2], rng: &mut impl Rng) -> Self {
         Self {
             amplitude: amplitude * random::uniform_in(rng, 0.7, 1.0),
@@ -58,7 +58,7 @@ pub struct CameraPath {
 }
 
 impl CameraPath {
-    /// A sweep about `center` for an object of `radius_m` with its front at the azimuth `front_rad`;
+    /// A sweep around `center` of an object with radius `radius_m` and front at azimuth `front_rad`;
     /// `half_view_rad` is half the smaller field of view.
     #[must_use]
     pub fn new(
@@ -68,10 +68,10 @@ impl CameraPath {
         half_view_rad: f64,
         rng: &mut impl Rng,
     ) -> Self {
-        // Where the object's sphere fits the smaller field of view.
+        // Distance at which the object's sphere fits the smaller field of view.
         let distance_m = (radius_m / (FILL * half_view_rad).sin()).max(MIN_DISTANCE_M).max(1.5 * radius_m);
         let mut wave = |amplitude, low, high| Wave::drawn(amplitude, [low, high], rng);
-        // A slow wave and a fast one; their amplitudes add up to 1: the sweep stays in its bounds.
+        // A slow and a fast wave, with amplitudes of sum 1 to stay in bounds.
         let elevation = [wave(0.7, 1.5, 3.0), wave(0.3, 4.0, 7.0)];
         let azimuth = wave(0.08, 2.0, 5.0);
         let range = wave(0.06, 1.0, 4.0);
@@ -92,11 +92,11 @@ impl CameraPath {
         let outward =
             Vector3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin());
         let mut eye = self.center + outward * (self.distance_m * (1.0 + self.range.value_at(time)));
-        // A low view of a flat thing must not sink into the floor.
+        // Low views of flat objects must stay above the floor.
         eye.z = eye.z.max(self.center.z + 0.1 * self.radius_m);
         let target = self.center + Vector3::from(self.look.map(|wave| wave.value_at(time))) * self.radius_m;
         let forward = (target - eye).try_normalize(1e-12).unwrap_or(-outward);
-        // A level horizon first; the roll comes on top.
+        // Starts with a level horizon, then adds the roll.
         let right = forward.cross(&Vector3::z()).try_normalize(1e-12).unwrap_or_else(Vector3::x);
         let axes = Matrix3::from_columns(&[right, forward.cross(&right), forward]);
         let upright = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));

@@ -1,4 +1,4 @@
-//! Both states of an object as a hand-held camera records them.
+//! Recordings of an object's states by a handheld camera.
 
 use nalgebra::{Point3, Unit, Vector3};
 
@@ -12,46 +12,46 @@ use super::{
 use geometry::{Intrinsics, Pose};
 use numeric::random::{self, stage_rng};
 
-/// Focal length over image width: 58 degrees across. chosen: a camera of usual width
+/// Focal length over image width: a horizontal field of view of 58 degrees. chosen: as usual cameras
 const FOCAL_SHARE: f64 = 0.902;
-/// Radius of the floor in radii of the object, meters at least. chosen: the floor fills the images
+/// Radius of the floor relative to the object's radius; at least as many meters. chosen: the floor fills the
+/// images
 const FLOOR_RADII: f64 = 6.0;
 const MIN_FLOOR_M: f64 = 1.5;
-/// Points drawn on the true surface of each state.
+/// Points sampled on the true surface of each state.
 const SURFACE_POINTS: usize = 40_000;
 
 /// Time between views of a clean recording, nanoseconds.
 const PERIOD_NANOS: i64 = 200_000_000;
-/// Mean speed of a camera carried by hand, meters a second: the hand-held sequences fr1/xyz and fr1/desk of
-/// Sturm et al. 2012 have 0.24 and 0.41. chosen: between these two
+/// Mean speed of a handheld camera, m/s: the handheld sequences fr1/xyz and fr1/desk of Sturm et al. 2012
+/// have 0.24 and 0.41. chosen: between these two
 const HAND_SPEED: f64 = 0.35;
-/// Pieces for the length of the camera's way.
+/// Segments for measuring the length of the camera's path.
 const WAY_PIECES: usize = 1000;
 
 /// One view of a state.
 #[derive(Clone, Debug)]
 pub struct SynthFrame {
-    /// sRGB, row-major.
+    /// sRGB color, row-major.
     pub rgb: Vec<[u8; 3]>,
-    /// Depth readings, millimeters; 0 = none.
+    /// Depth readings in millimeters, row-major; 0 = none.
     pub depth_mm: Vec<u16>,
-    /// Whether the object is seen; none from a camera carried by hand.
+    /// Whether each pixel shows the object; `None` for a handheld camera.
     pub mask: Option<Vec<bool>>,
-    /// Poses reported a little before and after the view: optical frame in the recording's world, with its
-    /// errors.
+    /// Poses reported shortly before and after the view, with errors: optical frame in the recording's world.
     pub reported: [Pose; 2],
     /// True pose at the view: optical frame in the true world.
     pub world_from_camera: Pose,
-    /// Velocity of the camera in its optical frame: translation, m/s, and rotation, rad/s.
+    /// Camera velocity in its optical frame: translation, m/s, and rotation, rad/s.
     pub velocity: [Vector3<f64>; 2],
     /// Factor on linear red, green and blue.
     pub gain: Vector3<f64>,
-    /// Whether a hand is before the object.
+    /// Whether a hand is in front of the object.
     pub has_hand: bool,
 }
 
 impl SynthFrame {
-    /// Poses are reported this long before and after each view, nanoseconds: the one at the view is
+    /// Time from a view to its reported poses before and after, nanoseconds; the pose at the view is
     /// interpolated.
     pub const POSE_OFFSET_NANOS: i64 = 1_000_000;
 }
@@ -59,29 +59,29 @@ impl SynthFrame {
 /// One state of a recording.
 #[derive(Clone, Debug)]
 pub struct SynthState {
-    /// Camera of all views.
+    /// Camera intrinsics of all views.
     pub intrinsics: Intrinsics,
-    /// Views in order.
+    /// Views in order of time.
     pub frames: Vec<SynthFrame>,
     /// Time between views, nanoseconds.
     pub period_nanos: i64,
-    /// Where the true world stands in the world of the recording; identity without drift.
+    /// Pose of the true world in the recording's world; identity without drift.
     pub recorded_from_world: Pose,
-    /// True surface points seen by the views, in the true world.
+    /// True surface points that the views show, in the true world.
     pub seen: Vec<SeenSample>,
-    /// Readings of the camera's accelerometer; empty without one.
+    /// Accelerometer readings; empty without an accelerometer.
     pub imu: Vec<ImuReading>,
-    /// Errors of the sensor's poses; those of the first view of state 0 are none.
+    /// Errors of the reported poses; zero at the first view of state 0.
     pub poses: TakePoses,
 }
 
-/// Films an object in a state. The same configuration gives the same values, whatever the number of threads.
+/// Records an object in a state. The result depends only on the configuration, not on the number of threads.
 #[must_use]
 pub fn record(object: &Object, state: usize, config: &SynthConfig) -> SynthState {
     film_take(object, state, state, config)
 }
 
-/// Films take number `take` of an object in a state: every take has a camera path and noise of its own.
+/// Records take number `take` of an object in a state; every take has its own camera path and noise.
 #[must_use]
 pub fn film_take(object: &Object, state: usize, take: usize, config: &SynthConfig) -> SynthState {
     let rng =
@@ -89,10 +89,10 @@ pub fn film_take(object: &Object, state: usize, take: usize, config: &SynthConfi
     let intrinsics = camera_intrinsics(config);
     let sphere = object.bounding_sphere();
     let path = camera_path(object, take, config);
-    // The floor and the things on it are the same in all states.
+    // The floor and the objects on it are the same in all states.
     let (floor, lamp) = drawn_surroundings(config.seed);
     let camera = handheld_camera(config);
-    // Around the object's reach in any state: nothing stands in its way.
+    // Around the object's reach in any state, so that nothing is in its way.
     let board = Board::of_config(object, config);
     let room = room_about(object, board.as_ref());
     let clutter = camera.clutter_solids(&room, object.world_from_rest.translation.vector.z);
@@ -101,17 +101,18 @@ pub fn film_take(object: &Object, state: usize, take: usize, config: &SynthConfi
     let still = board.as_ref().map_or_else(|| still.with_solids(&[]), |board| still.with_board(board));
     let depth_camera = DepthCamera::with_scaled_noise(config.noise);
     let (views, period_nanos) = view_pace(&path, config);
-    // Views stand in the middle of their share of the path: poses shortly before and after lie on it too.
+    // Views are at the middle of their share of the path, so that the poses shortly before and after are on
+    // it too.
     let time = |i: usize, nanos: f64| (i as f64 + 0.5 + nanos / period_nanos as f64) / views as f64;
     let cameras: Vec<Pose> = (0..views).map(|i| path.pose_at(time(i, 0.0))).collect();
     let hands: Vec<Vec<Solid>> =
         cameras.iter().enumerate().map(|(i, pose)| camera.hand_solids(take, i, pose, &sphere)).collect();
-    // Few views have a hand; all others share one scene.
+    // Few views show a hand; all others share one scene.
     let with_hands: Vec<Option<Scene>> =
         hands.iter().map(|hand| (!hand.is_empty()).then(|| still.with_solids(hand))).collect();
     let scene = |i: usize| with_hands[i].as_ref().unwrap_or(&still);
     let poses = camera.pose_errors(take, &cameras);
-    // The first take defines the world.
+    // The first take defines the world frame.
     let offset = if take == 0 { Pose::identity() } else { world_drift(config) };
     let recorded_from_world = offset * poses.relocalization;
     let mut frames = Vec::with_capacity(views);
@@ -124,9 +125,9 @@ pub fn film_take(object: &Object, state: usize, take: usize, config: &SynthConfi
         let depth_mm =
             depth_camera.depth_mm(&view, scene(i), &intrinsics, &world_from_camera, &errors, depth_rng);
         let velocity = camera_velocity(&path, time(i, 0.0), views as f64 * period_nanos as f64 * 1e-9);
-        // Depth is read from the sharp view: blur and shift are of color alone.
+        // Depth is computed from the sharp view: blur and shift affect only color.
         view.color = camera.colors_of_view(take, i, &view, &intrinsics, &velocity);
-        // One error for both poses about a view, or interpolation would average it away.
+        // One error for both poses of a view; otherwise interpolation would average the errors.
         let error = poses.jitter[i] * pose_error(config, &mut rng("pose", i));
         let reported = [-1.0, 1.0].map(|side| {
             let at = side * SynthFrame::POSE_OFFSET_NANOS as f64 - 1e9 * camera.lag_s;
@@ -143,22 +144,22 @@ pub fn film_take(object: &Object, state: usize, take: usize, config: &SynthConfi
             has_hand: !hands[i].is_empty(),
         });
     }
-    // Scenes with their hands: surface behind a hand was not seen.
+    // Scenes with their hands, as surface behind a hand was not seen.
     let eyes: Vec<(&Scene, Pose)> = (0..views).map(|i| (scene(i), cameras[i])).collect();
     let seen = seen_points(object, state, &intrinsics, &eyes, SURFACE_POINTS, &mut rng("seen", 0));
     let imu = if config.imu { imu_readings(&path, take, views, period_nanos, config) } else { Vec::new() };
     SynthState { intrinsics, frames, period_nanos, recorded_from_world, seen, imu, poses }
 }
 
-/// The camera of a configuration: one without effects where no sensor is asked for.
+/// The camera of a configuration, without effects if no sensor is configured.
 #[must_use]
 pub fn handheld_camera(config: &SynthConfig) -> HandheldCamera {
     let sensor = config.sensor.unwrap_or_else(HandheldSensor::clean);
     HandheldCamera::drawn(sensor, &camera_intrinsics(config), config.seed)
 }
 
-/// Number of views and time between them, nanoseconds. Those of a sensor or of a rate let a hand carry the
-/// camera; a clean recording has no effects of time.
+/// Number of views and the time between them, nanoseconds. With a sensor or a rate, they follow from a hand's
+/// speed; a recording without errors has no effects of time.
 fn view_pace(path: &CameraPath, config: &SynthConfig) -> (usize, i64) {
     if config.sensor.is_none() && config.rate_hz.is_none() {
         return (config.views, PERIOD_NANOS);
@@ -172,16 +173,16 @@ fn view_pace(path: &CameraPath, config: &SynthConfig) -> (usize, i64) {
     }
 }
 
-/// Velocity of the camera in its own frame, on a path of `seconds`.
+/// Camera velocity in its own frame, m/s and rad/s, on a path that takes `seconds`.
 fn camera_velocity(path: &CameraPath, time: f64, seconds: f64) -> [Vector3<f64>; 2] {
-    /// chosen: a difference quotient far above rounding
+    /// chosen: far above rounding
     const STEP: f64 = 1e-5;
     let seconds = 2.0 * STEP * seconds;
     let step = path.pose_at(time - STEP).inverse() * path.pose_at(time + STEP);
     [step.translation.vector / seconds, step.rotation.scaled_axis() / seconds]
 }
 
-/// The camera of all views.
+/// Camera intrinsics of all views.
 pub(super) fn camera_intrinsics(config: &SynthConfig) -> Intrinsics {
     let focal = FOCAL_SHARE * config.width as f64;
     Intrinsics {
@@ -189,13 +190,13 @@ pub(super) fn camera_intrinsics(config: &SynthConfig) -> Intrinsics {
         height: config.height,
         fx: focal,
         fy: focal,
-        // Off the middle: a program with that assumption is found out.
+        // Off center, so that programs that assume the center fail.
         cx: 0.5 * config.width as f64 + 2.7,
         cy: 0.5 * config.height as f64 - 3.2,
     }
 }
 
-/// The camera's way through a state.
+/// The camera path of a state.
 pub(super) fn camera_path(object: &Object, state: usize, config: &SynthConfig) -> CameraPath {
     let k = camera_intrinsics(config);
     let sphere = object.bounding_sphere();
@@ -207,7 +208,7 @@ pub(super) fn camera_path(object: &Object, state: usize, config: &SynthConfig) -
     CameraPath::new(center, radius_m, forward.y.atan2(forward.x), half_view_rad, rng)
 }
 
-/// The box about an object and a board.
+/// The box around an object and a board.
 fn room_about(object: &Object, board: Option<&Board>) -> [Point3<f64>; 2] {
     let corners = board.map(Board::sheet_corners);
     corners.iter().flatten().fold(whole_way(object), |[lower, upper], p| {
@@ -215,7 +216,7 @@ fn room_about(object: &Object, board: Option<&Board>) -> [Point3<f64>; 2] {
     })
 }
 
-/// Material of the floor, and the direction of the lamp.
+/// Material of the floor, and direction to the lamp.
 pub(super) fn drawn_surroundings(seed: u64) -> (Material, Vector3<f64>) {
     let rng = &mut stage_rng(seed, "synth/surroundings", 0);
     let tone = random::uniform_in(rng, 0.2, 0.5);
@@ -230,7 +231,7 @@ pub(super) fn drawn_surroundings(seed: u64) -> (Material, Vector3<f64>) {
     (floor, Unit::new_normalize(lamp).into_inner())
 }
 
-/// The error of a frame's pose, in the camera's frame.
+/// Error of a frame's pose, in the camera's frame.
 fn pose_error(config: &SynthConfig, rng: &mut impl rand_core::Rng) -> Pose {
     let spread = &config.pose_noise;
     Pose::new(
@@ -239,8 +240,8 @@ fn pose_error(config: &SynthConfig, rng: &mut impl rand_core::Rng) -> Pose {
     )
 }
 
-/// Error of state 1's world: the whole amount, in a random direction and about a random axis through the
-/// object's foot, near the world's origin.
+/// Error of state 1's world: the full amount, in a random direction and about a random axis through the
+/// object's base, near the world origin.
 fn world_drift(config: &SynthConfig) -> Pose {
     let rng = &mut stage_rng(config.seed, "synth/drift", 0);
     let shift = random::random_direction(rng).into_inner() * config.drift.translation_m;

@@ -1,4 +1,4 @@
-//! An object in one state on a floor, as rays see it.
+//! Ray casting of an object in one state on a floor.
 
 use nalgebra::{Point3, Vector3};
 
@@ -11,15 +11,15 @@ use geometry::Pose;
 /// The first hit of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sight {
-    /// Multiple of the ray's direction.
+    /// Distance along the ray, as a multiple of its direction.
     pub at: f64,
-    /// Outward unit normal in the world.
+    /// Outward unit normal in the world frame.
     pub normal: Vector3<f64>,
-    /// Part seen; `None` for the floor and for things around.
+    /// Index of the part; `None` for the floor and for surroundings.
     pub part: Option<usize>,
-    /// Solid seen, counted over the whole scene; the number of solids for the floor.
+    /// Index of the solid over the whole scene; the number of solids for the floor.
     pub solid: usize,
-    /// The point in the frame of its part; in the world without one.
+    /// The point in its part's frame, or in the world without a part.
     pub point_in_part: Point3<f64>,
 }
 
@@ -33,7 +33,7 @@ struct Placed<'a> {
     solid_from_world: Pose,
 }
 
-/// The solids of a state where they stand, above a floor.
+/// The solids of a state at their poses, above a floor.
 pub struct Scene<'a> {
     placed: Vec<Placed<'a>>,
     bvh: Bvh,
@@ -41,12 +41,12 @@ pub struct Scene<'a> {
     floor_z_m: f64,
     floor_center: Point3<f64>,
     floor_radius_m: f64,
-    /// A printed board, and the number of its solid.
+    /// A printed board and the index of its solid.
     print: Option<(usize, &'a Board)>,
 }
 
 impl<'a> Scene<'a> {
-    /// The object in a state on a round floor of material `floor` about the object's foot.
+    /// The object in a state on a round floor centered below it.
     #[must_use]
     pub fn new(object: &'a Object, state: usize, floor: &'a Material, floor_radius_m: f64) -> Self {
         let poses = object.world_from_parts(state);
@@ -69,20 +69,20 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// The scene with a printed board.
+    /// The scene with a printed board added.
     #[must_use]
     pub fn with_board(&self, board: &'a Board) -> Self {
         let print = Some((self.placed.len(), board));
         Self { print, ..self.with_solids(std::slice::from_ref(&board.solid)) }
     }
 
-    /// Whether a surface has a print on it, finer than a pixel.
+    /// Whether the surface has print on it, finer than a pixel.
     #[must_use]
     pub fn is_printed(&self, sight: &Sight) -> bool {
         self.print.is_some_and(|(solid, _)| solid == sight.solid)
     }
 
-    /// The scene with solids without a part, in the frame of the world.
+    /// The scene with solids added that belong to no part, in the world frame.
     #[must_use]
     pub fn with_solids(&self, solids: &'a [Solid]) -> Self {
         let around = solids.iter().map(|s| Placed::new(None, s, &Pose::identity()));
@@ -91,11 +91,11 @@ impl<'a> Scene<'a> {
         Self { placed, bvh, ..*self }
     }
 
-    /// The first surface on a ray between the multiples 0 and `farthest` of its direction.
+    /// The first surface on a ray, between the multiples 0 and `farthest` of its direction.
     #[must_use]
     pub fn first_sight(&self, origin: &Point3<f64>, ray: &Vector3<f64>, farthest: f64) -> Option<Sight> {
         let mut best: Option<Sight> = None;
-        // The floor first: its hit bounds the search among the solids. A level ray fails the comparisons.
+        // The floor first, as its hit limits the search among the solids. Level rays fail the comparisons.
         let to_floor = (self.floor_z_m - origin.z) / ray.z;
         if to_floor > 0.0 && to_floor < farthest {
             let point_in_part = origin + ray * to_floor;
@@ -115,7 +115,7 @@ impl<'a> Scene<'a> {
             let nearest = best.as_ref().map_or(farthest, |b| b.at);
             let o = p.solid_from_world * origin;
             let r = p.solid_from_world * ray;
-            // In the frame of the solid; a rigid motion leaves the multiple of the ray as it is.
+            // In the solid's frame; rigid motions preserve multiples of the ray.
             let Some(hit) = p.shape.hit_by(&o, &r, 0.0).filter(|h| h.at < nearest) else { return nearest };
             best = Some(Sight {
                 at: hit.at,
@@ -129,7 +129,7 @@ impl<'a> Scene<'a> {
         best
     }
 
-    /// Whether nothing stands between two points of the world; `margin_m` is left free at the first.
+    /// Whether nothing is between two world points; `margin_m` next to the first is ignored.
     #[must_use]
     pub fn is_clear(&self, from: &Point3<f64>, to: &Point3<f64>, margin_m: f64) -> bool {
         let way = to - from;
@@ -137,12 +137,12 @@ impl<'a> Scene<'a> {
         if length_m <= margin_m {
             return true;
         }
-        // A unit direction: its multiples are meters.
+        // With a unit direction, multiples are meters.
         let step = way / length_m;
         self.first_sight(&(from + step * margin_m), &step, length_m - margin_m).is_none()
     }
 
-    /// Light to the eye from a seen point of the world.
+    /// Light from a visible world point towards the eye.
     #[must_use]
     pub fn shade_of_sight(
         &self,
@@ -157,7 +157,7 @@ impl<'a> Scene<'a> {
             Some((_, board)) => board.color_at(&sight.point_in_part),
             None => material.color_at(&sight.point_in_part, footprint_m),
         };
-        // Floor and surroundings are matt.
+        // The floor and surroundings are matt.
         let gloss = if sight.part.is_some() { light.gloss_at(eye, point, &sight.normal) } else { 0.0 };
         Shade {
             color: own.component_mul(&light.diffuse_light(&sight.normal))
@@ -172,16 +172,16 @@ impl<'a> Scene<'a> {
 /// Luminance of linear red, green and blue (ITU-R BT.709). derived: that recommendation
 const LUMINANCE: Vector3<f64> = Vector3::new(0.2126, 0.7152, 0.0722);
 
-/// Light from a surface to a camera.
+/// Light from a surface towards a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shade {
     /// Linear color; a highlight may exceed 1.
     pub color: Vector3<f64>,
-    /// Share of white light reflected by the matt surface, in `[0, 1]`.
+    /// Reflectance of the surface without gloss, in `[0, 1]`.
     pub reflectance: f64,
-    /// How near it comes to mirroring a bulb, in `[0, 1]`.
+    /// Strength of a bulb's reflection, in `[0, 1]`.
     pub gloss: f64,
-    /// Whether lacquer keeps the pattern of a depth camera.
+    /// Whether lacquer absorbs the pattern of a depth camera.
     pub is_lacquered: bool,
 }
 
@@ -200,7 +200,7 @@ impl<'a> Placed<'a> {
 }
 
 fn bounds_of_placed(placed: &Placed) -> Bounds {
-    // Along an axis of the world, a turned box reaches the sum of its half sides' shares.
+    // Along a world axis, a rotated box extends by the sum of its projected half sides.
     let reach =
         placed.world_from_solid.rotation.to_rotation_matrix().matrix().abs() * placed.shape.half_sides();
     let center = Point3::from(placed.world_from_solid.translation.vector);

@@ -1,16 +1,16 @@
-//! White noise of an image made smooth.
+//! Smoothing of white noise over an image.
 
 use rayon::prelude::*;
 
-/// White noise smoothed by a Gaussian, of variance one again.
+/// White noise smoothed by a Gaussian and scaled to variance one.
 pub(super) fn smoothed_noise(white: &[f64], width: usize, height: usize, sigma_px: f64) -> Vec<f64> {
     let reach = (3.0 * sigma_px).ceil() as isize;
     let mut kernel: Vec<f64> =
         (-reach..=reach).map(|d| (-0.5 * (d as f64 / sigma_px).powi(2)).exp()).collect();
-    // Divided by the root of the sum of squares, white noise keeps its variance.
+    // Division by the root of the sum of squares preserves the variance of white noise.
     let norm = kernel.iter().map(|w| w * w).sum::<f64>().sqrt();
     kernel.iter_mut().for_each(|w| *w /= norm);
-    // A Gaussian over rows, then over columns, is one over the image.
+    // The Gaussian is separable: rows first, then columns.
     let pixels = (0..white.len()).into_par_iter().with_min_len(width);
     let rows = pixels.clone().map(|i| {
         let columns = (-reach..=reach).map(|d| reflected_index((i % width) as isize + d, width));
@@ -24,7 +24,7 @@ pub(super) fn smoothed_noise(white: &[f64], width: usize, height: usize, sigma_p
     image.collect()
 }
 
-/// Index by reflection at the border: the variance stays near one.
+/// Index reflected at the border, which keeps the variance near one.
 fn reflected_index(at: isize, n: usize) -> usize {
     (if at < 0 { -at } else { at }).min(2 * (n as isize - 1) - at).unsigned_abs().min(n - 1)
 }

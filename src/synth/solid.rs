@@ -1,4 +1,4 @@
-//! Boxes, cylinders and capsules: ray hits, meshes, bounds.
+//! Boxes, cylinders and capsules: ray intersections, meshes, bounds.
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
@@ -6,54 +6,54 @@ use super::Material;
 use geometry::Pose;
 use surface::TriangleMesh;
 
-/// Sides of the mesh of a cylinder or capsule; the ray hits the true shape.
+/// Sides of the mesh of a cylinder or capsule; rays intersect the exact shape.
 const CYLINDER_SIDES: u32 = 64;
 /// Rings of the mesh of each cap of a capsule.
 const CAP_RINGS: u32 = 16;
 
-/// A convex shape about its own origin.
+/// A convex shape centered at its origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shape {
-    /// Half sides, meters.
+    /// Box with these half sides, meters.
     Cuboid(Vector3<f64>),
-    /// About z.
+    /// Cylinder about z.
     Cylinder {
-        /// Meters.
+        /// Radius, meters.
         radius_m: f64,
         /// Half the height, meters.
         half_m: f64,
     },
-    /// The points within a radius of a piece of the z axis.
+    /// Points within a radius of a segment of the z axis.
     Capsule {
-        /// Meters.
+        /// Radius, meters.
         radius_m: f64,
-        /// Half the length of the piece, meters.
+        /// Half the length of the segment, meters.
         half_m: f64,
     },
 }
 
-/// A shape of a part, in the frame of the part.
+/// A shape in the frame of its part.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solid {
     /// Its shape.
     pub shape: Shape,
-    /// Where it stands.
+    /// Pose of the shape in the part.
     pub part_from_solid: Pose,
-    /// Its look.
+    /// Material of the surface.
     pub material: Material,
 }
 
-/// Where a ray enters a shape.
+/// Intersection where a ray enters a shape.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// Multiple of the ray's direction.
+    /// Distance as a multiple of the ray's direction.
     pub at: f64,
     /// Outward unit normal, in the frame of the ray.
     pub normal: Vector3<f64>,
 }
 
 impl Solid {
-    /// An axis-aligned box between two corners of the part's frame, meters.
+    /// An axis-aligned box between two corners in the part's frame, meters.
     #[must_use]
     pub fn box_between(lower: [f64; 3], upper: [f64; 3], material: &Material) -> Self {
         let lower = Vector3::from(lower);
@@ -66,16 +66,16 @@ impl Solid {
         }
     }
 
-    /// The same moved in the part's frame.
+    /// The same solid, moved in the part's frame.
     pub(super) fn moved(self, by: &Pose) -> Self {
         Self { part_from_solid: by * self.part_from_solid, ..self }
     }
 
-    /// The points within a radius of the line between two points of the part's frame, meters.
+    /// A capsule around the segment between two points in the part's frame, meters.
     #[must_use]
     pub fn capsule(radius_m: f64, from: Point3<f64>, to: Point3<f64>, material: &Material) -> Self {
         let along = to - from;
-        // Straight down the turn is not unique; half a turn about x is one.
+        // For an opposite direction the rotation is not unique; half a turn about x is chosen.
         let turn = UnitQuaternion::rotation_between(&Vector3::z(), &along)
             .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
         Self {
@@ -85,7 +85,7 @@ impl Solid {
         }
     }
 
-    /// An upright or turned cylinder.
+    /// A cylinder at a pose.
     #[must_use]
     pub fn cylinder(radius_m: f64, half_m: f64, part_from_solid: Pose, material: &Material) -> Self {
         Self { shape: Shape::Cylinder { radius_m, half_m }, part_from_solid, material: material.clone() }
@@ -93,7 +93,7 @@ impl Solid {
 }
 
 impl Shape {
-    /// Half sides of the smallest box about the origin around it, meters.
+    /// Half sides of the smallest axis-aligned box around the shape, meters.
     #[must_use]
     pub fn half_sides(&self) -> Vector3<f64> {
         match *self {
@@ -103,7 +103,7 @@ impl Shape {
         }
     }
 
-    /// First entry of a ray in the shape's frame beyond `least`; `None` where it starts inside.
+    /// First entry of a ray, in the shape's frame, beyond the multiple `least`; `None` if it starts inside.
     #[must_use]
     pub fn hit_by(&self, origin: &Point3<f64>, ray: &Vector3<f64>, least: f64) -> Option<Hit> {
         match *self {
@@ -114,7 +114,7 @@ impl Shape {
         .filter(|h| h.at > least)
     }
 
-    /// Closed mesh with outward triangles, in the shape's frame.
+    /// Closed mesh in the shape's frame, with normals outward.
     #[must_use]
     pub fn closed_mesh(&self) -> TriangleMesh {
         match *self {
@@ -125,20 +125,20 @@ impl Shape {
     }
 }
 
-/// Slab method: the latest entry lies before the earliest exit.
+/// Slab method: the ray hits if the latest entry is before the earliest exit.
 fn hit_cuboid(origin: &Point3<f64>, ray: &Vector3<f64>, half: &Vector3<f64>) -> Option<Hit> {
     let mut near = f64::NEG_INFINITY;
     let mut far = f64::INFINITY;
     let mut axis = 0;
     for k in 0..3 {
-        // A ray along a slab crosses neither side: it runs inside or misses.
+        // A ray parallel to a slab crosses neither side: it is inside or misses.
         if ray[k] == 0.0 {
             if origin[k].abs() > half[k] {
                 return None;
             }
             continue;
         }
-        // The sign of the ray gives the first side.
+        // The sign of the ray selects the side it enters.
         let enter = (-half[k].copysign(ray[k]) - origin[k]) / ray[k];
         let leave = (half[k].copysign(ray[k]) - origin[k]) / ray[k];
         if enter > near {
@@ -154,14 +154,14 @@ fn hit_cuboid(origin: &Point3<f64>, ray: &Vector3<f64>, half: &Vector3<f64>) -> 
 }
 
 fn hit_cylinder(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, half_m: f64) -> Option<Hit> {
-    // Distance from the axis along the ray: a quadratic.
+    // The squared distance from the axis is quadratic along the ray.
     let a = ray.x * ray.x + ray.y * ray.y;
     let b = origin.x * ray.x + origin.y * ray.y;
     let c = origin.x * origin.x + origin.y * origin.y - radius_m * radius_m;
     let mut near = f64::NEG_INFINITY;
     let mut far = f64::INFINITY;
     let mut side = true;
-    // A ray along the axis never crosses the side.
+    // A ray parallel to the axis never crosses the side.
     if a > 0.0 {
         let root = b * b - a * c;
         if root < 0.0 {
@@ -193,8 +193,7 @@ fn hit_cylinder(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, half_m:
     })
 }
 
-/// The surface point nearest to the ray's start is where the ray enters the sphere about the nearest point of
-/// the axis: the side of the cylinder between the ends, a ball at each.
+/// A capsule is the side of a cylinder and a ball at each end; the first entry into any of them counts.
 fn hit_capsule(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, half_m: f64) -> Option<Hit> {
     let hits = [
         cylinder_side(origin, ray, radius_m, half_m),
@@ -214,7 +213,7 @@ fn cylinder_side(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, half_m
         .then(|| Hit { at, normal: Vector3::new(p.x, p.y, 0.0) / radius_m })
 }
 
-/// The ball at one end of a capsule; its inner half lies within the capsule.
+/// Entry into the ball at one end of a capsule, on its outer half; the inner half is inside the capsule.
 fn outer_half_ball(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, z: f64) -> Option<Hit> {
     let from = origin - Vector3::z() * z;
     let a = ray.norm_squared();
@@ -226,7 +225,7 @@ fn outer_half_ball(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, z: f
 }
 
 fn cuboid_mesh(half: &Vector3<f64>) -> TriangleMesh {
-    // Bit k of a corner's number is its side along axis k.
+    // Bit k of a corner's index gives its side along axis k.
     let corners = (0..8)
         .map(|i| Vector3::from_fn(|k, _| if i >> k & 1 == 1 { half[k] } else { -half[k] }))
         .map(|corner| Point3::from(corner).cast());
@@ -246,7 +245,7 @@ fn cylinder_mesh(radius_m: f64, half_m: f64) -> TriangleMesh {
         }
         mesh.vertices.push(Point3::new(0.0, 0.0, z).cast());
     }
-    // Middles of both ends.
+    // Indices of the centers of both ends.
     let bottom = n;
     let top = 2 * n + 1;
     for i in 0..n {
@@ -263,7 +262,7 @@ fn capsule_mesh(radius_m: f64, half_m: f64) -> TriangleMesh {
     let n = CYLINDER_SIDES;
     let mut mesh = TriangleMesh::default();
     for ring in 0..2 * CAP_RINGS {
-        // From pole to equator below, from equator to pole above.
+        // The lower cap runs from pole to equator, the upper one from equator to pole.
         let [upper, step] = [ring / CAP_RINGS, ring % CAP_RINGS + 1 - ring / CAP_RINGS];
         let from_pole = std::f64::consts::FRAC_PI_2 * f64::from(step) / f64::from(CAP_RINGS);
         let (r, z) = if upper == 0 {

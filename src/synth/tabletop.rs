@@ -1,4 +1,4 @@
-//! Small things: boxes with screw caps, clamshells.
+//! Small objects: boxes with screw caps, clamshells.
 
 use nalgebra::Vector3;
 use rand_core::Rng;
@@ -7,7 +7,7 @@ use super::{Part, PartJointKind, Solid, look::Look};
 use geometry::Pose;
 use numeric::random::uniform_in;
 
-/// A box with `parts - 1` screw caps on top, side by side. A bar across each cap shows how it is turned.
+/// A box with a row of `parts - 1` screw caps on top. A bar across each cap shows its rotation.
 pub(super) fn capped_box(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<Part> {
     let caps = parts - 1;
     let radius: Vec<f64> = (0..caps).map(|_| uniform_in(rng, 0.03, 0.05)).collect();
@@ -25,13 +25,13 @@ pub(super) fn capped_box(parts: usize, look: &mut Look, rng: &mut impl Rng) -> V
         let at = |z: f64| Pose::translation(center[0], center[1], z);
         let neck = look.drawn_trim(rng);
         let tall = uniform_in(rng, 0.02, 0.032);
-        // The closed cap holds the whole neck.
+        // The closed cap covers the whole neck.
         let half_neck = 0.5 * (tall - 0.002);
         base.push(Solid::cylinder(0.8 * radius_m, half_neck, at(height + half_neck), &neck));
         let material = look.drawn_material(rng);
         let top = height + 0.001 + tall;
         let grip = look.drawn_material(rng);
-        // Further to one side than to the other: a symmetric bar looks the same after half a turn.
+        // Off center, since a symmetric bar looks the same after half a turn.
         let bar = Vector3::new(0.95 * radius_m, 0.22 * radius_m, 0.5 * uniform_in(rng, 0.008, 0.016));
         let solids = vec![
             Solid::cylinder(radius_m, 0.5 * tall, at(height + 0.001 + 0.5 * tall), &material),
@@ -55,7 +55,7 @@ pub(super) fn capped_box(parts: usize, look: &mut Look, rng: &mut impl Rng) -> V
     std::iter::once(Part::static_part("body", base)).chain(moved).collect()
 }
 
-/// Two flat shells, hinged at the back of the lower one, with keys on it.
+/// Two flat shells hinged at the back of the lower one, which has keys.
 pub(super) fn clamshell_parts(look: &mut Look, rng: &mut impl Rng) -> Vec<Part> {
     let half_x = 0.5 * uniform_in(rng, 0.18, 0.28);
     let half_y = 0.5 * uniform_in(rng, 0.25, 0.4);
@@ -79,7 +79,7 @@ pub(super) fn clamshell_parts(look: &mut Look, rng: &mut impl Rng) -> Vec<Part> 
         ));
     }
     let lid_thick = uniform_in(rng, 0.006, 0.014);
-    // The slit holds the keys and the screen.
+    // The gap leaves room for the keys and the screen.
     let bottom = thick + 0.004;
     let screen = look.drawn_material(rng);
     let lid = vec![

@@ -1,4 +1,4 @@
-//! Surface points seen by the cameras, from the true surface.
+//! True surface points that the cameras see.
 
 use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
@@ -8,23 +8,23 @@ use super::{Object, Scene};
 use geometry::{Intrinsics, Pose};
 use surface::sample_surface;
 
-/// A true surface point.
+/// A true surface point that was seen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SeenSample {
-    /// World point, meters.
+    /// Position in the world, meters.
     pub point: Point3<f64>,
-    /// Its part.
+    /// Index of its part.
     pub part: usize,
 }
 
-/// Least views of a point.
+/// Fewest views that must see a point.
 const MIN_VIEWS: usize = 3;
-/// A view at a smaller cosine between ray and normal does not count. chosen: 78 degrees
+/// Least cosine between ray and normal for a view to count. chosen: 78 degrees
 const MIN_COSINE: f64 = 0.2;
-/// Room left at the point for the rounding of its position, meters. chosen: above rounding, below any gap
+/// Gap left at the point for rounding of its position, meters. chosen: above rounding, below any gap
 const MARGIN_M: f64 = 1e-4;
 
-/// Whether a camera sees a point of the true surface at no grazing angle.
+/// Whether a camera sees a true surface point at an angle that is not grazing.
 pub(super) fn sees_point(
     scene: &Scene,
     k: &Intrinsics,
@@ -40,8 +40,8 @@ pub(super) fn sees_point(
         && scene.is_clear(&(point + normal * MARGIN_M), &eye, 0.0)
 }
 
-/// Points seen by at least three of the cameras, each with its scene, at no grazing angle in a state, of
-/// `count` drawn uniformly from the surface of all parts.
+/// Points that at least three cameras, each with its scene, see at angles that are not grazing; `count`
+/// points are drawn uniformly from the surface of all parts in a state.
 #[must_use]
 pub fn seen_points(
     object: &Object,
@@ -61,7 +61,7 @@ pub fn seen_points(
         let found = samples.points.par_iter().zip(&samples.normals).with_min_len(256).filter_map(|(p, n)| {
             let point = poses[part] * p.cast::<f64>();
             let normal = poses[part] * n.cast::<f64>();
-            // Counting ends at enough views, since each costs a ray.
+            // Stops at enough views, since each costs a ray.
             let seeing =
                 cameras.iter().filter(|(scene, camera)| sees_point(scene, k, camera, &point, &normal));
             (seeing.take(MIN_VIEWS).count() == MIN_VIEWS).then_some(SeenSample { point, part })

@@ -1,4 +1,4 @@
-//! The view of a perfect camera.
+//! Ray casting of a view by an ideal camera.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -9,38 +9,38 @@ use super::{
 };
 use geometry::{Intrinsics, Pose};
 
-/// Color samples along each side of a pixel on an edge.
+/// Color samples per side of a pixel at an edge ...
 const EDGE_SAMPLES: usize = 3;
-/// ... and of one on a print, with edges measured to hundredths of a pixel.
+/// ... and of a pixel with print, where edges are measured to hundredths of a pixel.
 const PRINT_SAMPLES: usize = 8;
-/// Color where no surface is near, 8 bits. chosen: dark gray
+/// Color without a surface, 8 bits. chosen: dark gray
 const NOTHING: f64 = 0.15;
-/// No surface is seen beyond this, meters. chosen: beyond any room
+/// Largest distance at which surfaces are seen, meters. chosen: beyond any room
 const FARTHEST_M: f64 = 20.0;
-/// Smallest cosine between ray and normal for a pixel's footprint. chosen: 84 degrees
+/// Least cosine between ray and normal in a pixel's footprint. chosen: 84 degrees
 const LEAST_COSINE: f64 = 0.1;
 
-/// A view without noise; all lists are row-major, one value a pixel.
+/// A view without noise; all lists are row-major with one value per pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
     /// Linear color; a highlight may exceed 1.
     pub color: Vec<Vector3<f64>>,
-    /// Share of white light reflected by the surface, in `[0, 1]`; 0 where there is no surface.
+    /// Reflectance of the surface without gloss, in `[0, 1]`; 0 without a surface.
     pub reflectance: Vec<f64>,
-    /// How near the surface comes to mirroring a bulb, in `[0, 1]`.
+    /// Strength of a bulb's reflection, in `[0, 1]`.
     pub gloss: Vec<f64>,
-    /// Whether lacquer keeps the pattern of a depth camera.
+    /// Whether lacquer absorbs the pattern of a depth camera.
     pub lacquered: Vec<bool>,
-    /// z-depth, meters; 0 where there is no surface.
+    /// z-depth, meters; 0 without a surface.
     pub depth_m: Vec<f64>,
-    /// Cosine between the ray and the surface's normal; 0 where there is no surface.
+    /// Cosine between ray and surface normal; 0 without a surface.
     pub cosine: Vec<f64>,
-    /// Part seen; `None` for the floor, for things around and for nothing.
+    /// Index of the part; `None` for floor, surroundings and no surface.
     pub part: Vec<Option<u16>>,
 }
 
 impl View {
-    /// Casts a ray through the center of every pixel; colors of pixels on an edge are means over several
+    /// Casts a ray through the center of every pixel; colors of pixels at edges are averaged over several
     /// rays.
     #[must_use]
     pub fn cast_rays(
@@ -65,7 +65,7 @@ impl View {
             reflectance: shades.iter().map(|s| s.reflectance).collect(),
             gloss: shades.iter().map(|s| s.gloss).collect(),
             lacquered: shades.iter().map(|s| s.is_lacquered).collect(),
-            // The rays have z = 1 in the camera's frame, so the multiple is the depth.
+            // Rays have z = 1 in the camera's frame, so the multiple is the depth.
             depth_m: sights.iter().map(|s| s.map_or(0.0, |s| s.at)).collect(),
             cosine: (0..pixels)
                 .map(|i| {
@@ -77,7 +77,7 @@ impl View {
     }
 }
 
-/// A camera in a scene. Places in the image are `[u, v]`, pixels.
+/// A camera in a scene. Image positions are `[u, v]`, pixels.
 struct Rays<'a> {
     scene: &'a Scene<'a>,
     intrinsics: &'a Intrinsics,
@@ -99,7 +99,7 @@ impl Rays<'_> {
         self.scene.first_sight(&self.eye, &self.ray_through(at), FARTHEST_M)
     }
 
-    /// The light of one sample, of so many along a side of a pixel.
+    /// Light of one of `samples` x `samples` samples in a pixel.
     fn shade_at(&self, sight: Option<Sight>, at: [f64; 2], samples: usize) -> Shade {
         let Some(sight) = sight else {
             return Shade {
@@ -110,17 +110,17 @@ impl Rays<'_> {
             };
         };
         let ray = self.ray_through(at);
-        // A pixel covers more of a slanted surface.
+        // A pixel covers more area on a slanted surface.
         let footprint_m =
             sight.at / self.intrinsics.fx / cosine_of_sight(&ray, &sight).max(LEAST_COSINE) / samples as f64;
         self.scene.shade_of_sight(&sight, self.light, &self.eye, &(self.eye + ray * sight.at), footprint_m)
     }
 
-    /// Of a pixel on an edge only the color is a mean.
+    /// Light of a pixel; at edges only the color is averaged over samples.
     fn pixel_shade(&self, sights: &[Option<Sight>], pixel: usize) -> Shade {
         let [u, v] = self.center_of_pixel(pixel);
         let shade = self.shade_at(sights[pixel], [u, v], 1);
-        // Within a surface the texture has no waves too fine for the pixel.
+        // Within a surface, texture waves too fine for the pixel are already left out.
         let side = match sights[pixel].as_ref().is_some_and(|s| self.scene.is_printed(s)) {
             true => PRINT_SAMPLES,
             false if self.is_on_edge(sights, pixel) => EDGE_SAMPLES,
@@ -135,7 +135,7 @@ impl Rays<'_> {
         Shade { color, ..shade }
     }
 
-    /// Whether a pixel beside this one shows another surface.
+    /// Whether a neighbor of this pixel shows another surface.
     fn is_on_edge(&self, sights: &[Option<Sight>], pixel: usize) -> bool {
         let width = self.intrinsics.width;
         let height = self.intrinsics.height;
@@ -155,8 +155,8 @@ fn cosine_of_sight(ray: &Vector3<f64>, sight: &Sight) -> f64 {
     ray.dot(&sight.normal).abs() / ray.norm()
 }
 
-/// The seen solid, and its rounded facing.
+/// The visible solid and its rounded normal.
 fn seen_surface(sight: &Option<Sight>) -> Option<(usize, Vector3<i32>)> {
-    // Rounded: a round side is no edge between most of its pixels.
+    // Rounded, so that a curved side has edges only between few of its pixels.
     sight.map(|s| (s.solid, s.normal.map(|n| (n * 8.0).round() as i32)))
 }

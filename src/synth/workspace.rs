@@ -1,17 +1,17 @@
-//! The box for `--workspace`.
+//! The box to pass to `--workspace`.
 
 use nalgebra::{Point3, Vector3};
 
 use super::Object;
 use geometry::bounding_box;
 
-/// Room around the object, meters. chosen: more than errors of depth
+/// Margin around the object, meters. chosen: more than depth errors
 const MARGIN_M: f64 = 0.03;
-/// Height of the box's lower side above the floor, meters: above the noise of the floor.
-/// chosen: more than that noise
+/// Height of the box's lower side above the floor, meters.
+/// chosen: more than the noise of the floor
 const ABOVE_FLOOR_M: f64 = 0.006;
 
-/// Lower and upper corner of a box in the true world about the objects in both of their states, but for the
+/// Lower and upper corner of a box in the true world around the objects in both of their states, without the
 /// space next to the floor.
 #[must_use]
 pub fn workspace(objects: &[&Object]) -> [Point3<f64>; 2] {
@@ -28,14 +28,14 @@ pub fn workspace(objects: &[&Object]) -> [Point3<f64>; 2] {
     [Point3::new(lower.x, lower.y, floor_z_m + ABOVE_FLOOR_M), upper + margin]
 }
 
-/// The box about an object in any state: all joints at either limit or half way.
+/// The box around an object in any state: with all joints at either limit or half way.
 pub(super) fn whole_way(object: &Object) -> [Point3<f64>; 2] {
-    // An arc may reach furthest between its limits.
+    // An arc may extend furthest between its limits.
     let [low, half, high] = [0.0, 0.5, 1.0].map(|share| at_share_of_limits(object, share));
     workspace(&[&low, &half, &high])
 }
 
-/// An object with all joints at one share of the way between their limits.
+/// An object with all joints at the same share of the way between their limits.
 fn at_share_of_limits(object: &Object, share: f64) -> Object {
     let mut moved = object.clone();
     for joint in moved.parts.iter_mut().filter_map(|p| p.joint.as_mut()) {

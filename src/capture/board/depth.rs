@@ -1,4 +1,4 @@
-//! How far away the depth sensor sees a board, against where it is by its tags.
+//! Ratio of a board's measured depth to its distance by its tags.
 
 use nalgebra::{Point3, Vector3};
 
@@ -7,15 +7,16 @@ use crate::RgbdFrame;
 use geometry::Pose;
 use numeric::statistics::median;
 
-/// Every so many columns and rows a reading is taken: neighbors err alike.
+/// Step between sampled columns and rows: neighboring readings have common errors.
 const STRIDE: usize = 2;
-/// Readings of a view, at least.
+/// Fewest depth readings of a view.
 const LEAST_READINGS: usize = 60;
 /// Cosine between ray and normal below which a stereo camera errs.
 /// chosen: 75 deg; beyond it few stereo cameras read well
 const GRAZING: f64 = 0.26;
 
-/// Depth readings over the distance of the board in a view, their median; none where few fall on it.
+/// Median ratio of the depth readings on a board to its distance in a view; `None` where few readings fall on
+/// it.
 pub(super) fn depth_ratio(frame: &RgbdFrame, layout: &BoardLayout, board_from_camera: &Pose) -> Option<f64> {
     let k = &frame.intrinsics;
     let normal = board_from_camera.inverse_transform_vector(&Vector3::z());

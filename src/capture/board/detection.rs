@@ -10,26 +10,26 @@ use super::gray::Gray;
 /// A tag in an image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SeenTag {
-    /// Its number.
+    /// Its number in the tag family.
     pub tag: u16,
-    /// Corners of its black border, pixels, to about a pixel: from the upper left one on clockwise as the tag
-    /// is read.
+    /// Corners of its black border, pixels, accurate to about one: clockwise as the tag is read, from the
+    /// upper left.
     pub corners: [Point2<f64>; 4],
 }
 
-/// Bits of a tag that may be wrong: any two tags of a board differ in eleven.
+/// Wrong bits accepted in a tag: any two tags of a board differ in eleven.
 const WRONG_BITS: usize = 1;
-/// Images with a smaller side show no board, pixels.
-/// derived: two tags of three pixels a cell
+/// Smallest side of an image that is searched for a board, pixels.
+/// derived: two tags with cells of three pixels
 const LEAST_SIDE: usize = 48;
 
-/// Tags of an image, by their numbers; tags seen twice are left out.
+/// Tags in an image, by number; a number seen twice is left out.
 pub(super) fn detect_tags(gray: &Gray) -> Vec<SeenTag> {
     thread_local! {
-        // Its tables are made once a thread.
+        // The detector builds its tables once per thread.
         static DETECTOR: RefCell<Option<apriltag::Detector>> = RefCell::new(
             DetectorBuilder::new().add_family_bits(Family::tag_36h11(), WRONG_BITS).build().ok().map(|mut d| {
-                // At the size of the image: tags are small.
+                // At full resolution: tags are small.
                 d.set_decimation(1.0);
                 d
             })
@@ -55,8 +55,8 @@ fn seen_tag(detection: &apriltag::Detection) -> Option<SeenTag> {
     let corners = detection.corners();
     Some(SeenTag {
         tag: u16::try_from(detection.id()).ok()?,
-        // The detector begins with the lower left one, the other way round, and counts from the corner of
-        // the first pixel.
+        // The detector begins with the lower left corner, runs the other way round, and counts from the
+        // corner of the first pixel.
         corners: [3, 2, 1, 0].map(|k| Point2::from(corners[k].map(|v| v - 0.5))),
     })
 }

@@ -5,48 +5,48 @@ use nalgebra::{Point2, Vector2};
 use super::{detection::SeenTag, gray::Gray, tag::CELLS};
 use numeric::statistics::median;
 
-/// Unmeasured share of an edge next to each corner: there the other edge blurs it.
-/// derived: a cell
+/// Share of an edge at each corner that is not measured, since the other edge blurs it.
+/// derived: one cell
 const CORNER_SHARE: f64 = 1.0 / CELLS as f64;
-/// Step across an edge, pixels. chosen: a fifth of the blur: no edge falls between two readings
+/// Step of samples across an edge, pixels. chosen: a fifth of the blur, so that no edge falls between samples
 const STEP_PX: f64 = 0.25;
-/// Half the width of an edge's blur, pixels.
-/// chosen: half a pixel of gathered light, and linear interpolation over one to either side, less its tail
+/// Half the width of the blur of an edge, pixels.
+/// chosen: half of a sensor pixel, and linear interpolation over one to either side, less its tail
 const BLUR_PX: f64 = 1.25;
-/// Reach to either side of an edge, pixels: less than its blur leaves some of it out, more only adds noise.
-/// Black and white are a cell wide there, and its far side is blurred, too: where a cell is narrower than
-/// twice the blur, the edge is known no better than by the excess of the reach.
-/// chosen: 3 pixels are twice the blur and more
+/// Reach of the samples to either side of an edge, pixels: a shorter one cuts the blur off, a longer one only
+/// adds noise. The border is one cell wide and its other side is blurred too: where a cell is narrower than
+/// twice the blur, the position of the edge is uncertain by the excess of the reach.
+/// chosen: 3 pixels, more than twice the blur
 const REACH_PX: [f64; 2] = [BLUR_PX, 3.0];
 /// Least difference of brightness between the sides of an edge.
 /// chosen: five times the noise of a camera, of 255
 const LEAST_STEP: f64 = 10.0 / 255.0;
-/// Least number of measured places of an edge.
+/// Fewest measured points of an edge.
 const LEAST_PLACES: usize = 5;
-/// Places a pixel apart share half of their readings.
+/// Share of independent points: points a pixel apart share half of their samples.
 /// chosen: linear interpolation over two pixels along and across
 const INDEPENDENT: f64 = 0.5;
-/// An edge is known no better than this, pixels: lens models leave as much.
+/// Least standard deviation of an edge, pixels: lens models leave such errors.
 /// chosen: a fifth of the reprojection error of good calibrations
 const FLOOR_PX: f64 = 0.03;
-/// Places further off the line than so many robust standard deviations are not of it.
+/// Points further than this many robust standard deviations from the line are outliers.
 /// chosen: 0.3 % of a normal distribution lie beyond
 const GATE: f64 = 3.0;
-/// Rounds, each about the line of the one before.
+/// Rounds of the line fit, each with the outliers of the previous one removed.
 const ROUNDS: usize = 3;
 
-/// A place on an edge of a tag.
+/// A point on an edge of a tag.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct EdgePoint {
     pub tag: u16,
-    /// Edge from the corner of that number to the next.
+    /// Index of the corner where the edge begins.
     pub edge: usize,
     pub at: Point2<f64>,
     /// Standard deviation across the edge, pixels.
     pub sigma_px: f64,
 }
 
-/// Two places on each edge of a tag with independent errors: those of its least squares line.
+/// Two points with independent errors on each edge of a tag, both on its least squares line.
 pub(super) fn edge_points(gray: &Gray, seen: &SeenTag) -> Vec<EdgePoint> {
     let mut all = Vec::new();
     for edge in 0..4 {
@@ -68,7 +68,7 @@ fn area_px(corners: &[Point2<f64>; 4]) -> f64 {
     0.5 * (c - a).perp(&(d - b)).abs()
 }
 
-/// Two places of the line of rising brightness to the left of the way between two points.
+/// Fits a line to the edge between two corners: two of its points, and their standard deviation, pixels.
 fn brightness_line(
     gray: &Gray,
     from: Point2<f64>,
@@ -82,14 +82,14 @@ fn brightness_line(
     let outward = Vector2::new(along.y, -along.x);
     let first = CORNER_SHARE * length;
     let count = (length - 2.0 * first).floor().max(0.0) as usize + 1;
-    // Offset along the outward normal at a place: a + b (place - middle).
+    // Offset along the outward normal at a point of the edge: a + b (s - middle).
     let middle = 0.5 * length;
     let mut a = 0.0;
     let mut b = 0.0;
     let mut spread = 0.0;
     let mut sigma_px = 0.0;
     for round in 0..ROUNDS {
-        // At first the line is known to a pixel.
+        // In the first round the line is known to about a pixel.
         let reach_px = if round == 0 { reach_px + 1.0 } else { reach_px };
         let mut places: Vec<[f64; 2]> = (0..count)
             .filter_map(|k| {
@@ -114,8 +114,8 @@ fn brightness_line(
         b = product / squares.max(1e-9);
         a = mean_d - b * mean_s;
         let left: f64 = places.iter().map(|p| (p[1] - a - b * p[0]).powi(2)).sum();
-        // A line through n places is as well known at a deviation to either side of their middle, and errors
-        // at the two are independent.
+        // One standard deviation of the points to either side of their middle, the errors of the line are
+        // independent.
         spread = (squares / n).sqrt();
         sigma_px = (2.0 * left / (n - 2.0) / (INDEPENDENT * n)).sqrt().hypot(FLOOR_PX);
     }
@@ -123,7 +123,7 @@ fn brightness_line(
     Some(([place(-spread), place(spread)], sigma_px))
 }
 
-/// How far along a direction the middle of the brightening lies, pixels.
+/// Offset of the edge along the outward direction, pixels.
 fn brightness_step(gray: &Gray, at: &Point2<f64>, outward: &Vector2<f64>, reach_px: f64) -> Option<f64> {
     let steps = (reach_px / STEP_PX).round() as i32;
     let value = |t: f64| gray.value_at(at.x + outward.x * t, at.y + outward.y * t);

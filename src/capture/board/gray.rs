@@ -1,4 +1,4 @@
-//! Brightness of an image, between its pixels too.
+//! Brightness of an image, interpolated between pixels.
 
 use crate::{RgbdFrame, luma};
 
@@ -15,12 +15,12 @@ impl Gray {
         Self { width: k.width, height: k.height, values: frame.rgb.iter().map(|c| luma(*c)).collect() }
     }
 
-    /// In 8 bits, row-major.
+    /// As 8-bit values, row-major.
     pub fn bytes(&self) -> Vec<u8> {
         self.values.iter().map(|v| (255.0 * v).round() as u8).collect()
     }
 
-    /// Linear between pixels; none outside their centers.
+    /// Brightness at a position, interpolated linearly; `None` outside the pixel centers.
     pub fn value_at(&self, u: f64, v: f64) -> Option<f64> {
         let x = u.floor();
         let y = v.floor();

@@ -1,4 +1,4 @@
-//! A board in the world of a recording, and the recording placed on it once more. See docs/method.md 2.15.
+//! The pose of a board in the world, and its use to place a recording again. See docs/method.md 2.15.
 
 use std::{collections::BTreeMap, fmt};
 
@@ -12,35 +12,35 @@ use crate::{RgbdFrame, SensorCalibration};
 use common::stop::{Stop, Stopped};
 use geometry::Pose;
 
-/// A board in the world, and the views of it.
+/// A board in the world and its sightings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardInWorld {
-    /// Where it lies.
+    /// Pose of the board in the world.
     pub world_from_board: Pose,
-    /// Whether it lies there and is seen, by state.
+    /// By state: whether the board is at this pose and seen.
     pub in_states: Vec<bool>,
-    /// Whether its length is believed.
+    /// Whether its printed length sets the scale.
     pub trusted: bool,
-    /// Sightings by the views of every state, by their stamps, nanoseconds.
+    /// By state: sightings of the board, by stamp of the view, nanoseconds.
     pub sightings: Vec<BTreeMap<i64, BoardSighting>>,
 }
 
-/// How frames were placed on a board.
+/// How a corrected recording was placed on its board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardCorrection {
-    /// Agreeing views.
+    /// Number of agreeing views.
     pub views: usize,
-    /// By how much the world moved at the board, meters.
+    /// Motion of the world at the board, meters.
     pub moved_m: f64,
-    /// Factor of all lengths, and its standard deviation.
+    /// Factor on all lengths, and its standard deviation.
     pub scale: [f64; 2],
-    /// Standard deviations of a point on the board, and of one half a meter away, meters.
+    /// Standard deviations of a point on the board, and of one [`BoardPlace::AWAY_M`] from it, meters.
     pub sigma_m: [f64; 2],
 }
 
 impl BoardInWorld {
-    /// Moves frames, with poses and sensor corrected, onto the board: all states as one, since still surfaces
-    /// have brought them together. `None`, and nothing moved, where too few show it.
+    /// Moves frames with corrected poses and depth onto the board. All states move together, since still
+    /// surfaces have aligned them. Returns `None` and moves nothing where too few frames show the board.
     ///
     /// # Errors
     /// [`Stopped`].
@@ -68,7 +68,7 @@ impl BoardInWorld {
             .collect();
         let place = BoardPlace::from_views(&views, [scale, sigma], &color, stop)?;
         let Some(place) = place else { return Ok(None) };
-        // Lengths stay those of depth where the print is not believed.
+        // The scale remains that of depth where the printed length is not trusted.
         let factor = if self.trusted { scale } else { 1.0 };
         let moved = self.world_from_board * pose_scaled(&place.board_from_map, factor / scale);
         let at = self.world_from_board.translation.vector;

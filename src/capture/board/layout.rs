@@ -1,10 +1,10 @@
-//! Where everything lies on a printed tag board.
+//! Layout of a printed tag board.
 
 use nalgebra::Point2;
 
 use super::tag::{CELLS, TagCells, cells_of_code};
 
-/// A sheet for a printed board.
+/// Paper size of a printed board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Paper {
     /// 210 x 297 mm.
@@ -16,10 +16,10 @@ pub enum Paper {
 }
 
 impl Paper {
-    /// All of them.
+    /// All paper sizes.
     pub const ALL: [Self; 3] = [Self::A4, Self::A3, Self::Letter];
 
-    /// Name on the command line and in sentences.
+    /// Its name on the command line and in messages.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -29,20 +29,20 @@ impl Paper {
         }
     }
 
-    /// The paper by its name.
+    /// The paper with a name.
     #[must_use]
     pub fn by_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|p| p.name() == name)
     }
 }
 
-/// Columns and rows of tags, on every paper: few and large ones are read from far away.
+/// Columns and rows of tags, the same on every paper: a few large tags can be read from far away.
 const COLUMNS: usize = 2;
 const ROWS: usize = 3;
-/// Tags of a board.
+/// Number of tags on a board.
 pub(super) const TAGS: usize = COLUMNS * ROWS;
 
-/// Codes of the tags, as the family numbers them: from 300, 310 and 320 on.
+/// Numbers of the codes in the tag family: from 300, 310 and 320 on.
 const A4_CODES: [u64; TAGS] =
     [0x2_2d9a_43ed, 0xf_db16_2a9f, 0x0_cb4a_727d, 0x4_fae2_e371, 0x5_35b5_be8b, 0x4_8795_908a];
 const A3_CODES: [u64; TAGS] =
@@ -50,27 +50,27 @@ const A3_CODES: [u64; TAGS] =
 const LETTER_CODES: [u64; TAGS] =
     [0xb_c07a_4e8a, 0x5_7bf0_8ba0, 0x6_cb18_036a, 0xf_0e2e_4b75, 0x3_eb69_2b6f, 0xd_8178_a3fa];
 
-/// A grid of tags on a sheet. Its frame has the origin in the middle of the grid, x to the right and y up the
-/// sheet, z out of it; lengths in meters, as printed at true scale.
+/// A grid of tags on a sheet. The origin of its frame is the center of the grid, x points right, y up the
+/// sheet and z out of it; lengths are in meters at true print scale.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardLayout {
-    /// The sheet.
+    /// Paper it is printed on.
     pub paper: Paper,
-    /// Width and height of the sheet.
+    /// Width and height of the sheet, meters.
     pub sheet_m: [f64; 2],
-    /// Side of a tag's black border.
+    /// Side of a tag's black border, meters.
     pub tag_m: f64,
-    /// White between neighboring tags, more than the cell needed around a tag.
+    /// White gap between neighboring tags, meters: more than the one cell that a tag needs.
     pub gap_m: f64,
-    /// From the upper edge of the sheet to the uppermost tags.
+    /// Distance from the upper edge of the sheet to the first row of tags, meters.
     top_m: f64,
-    /// Number of the upper left tag; the others follow row by row. No two papers share a number.
+    /// Number of the upper left tag; the others follow row by row. The numbers of different papers differ.
     first: u16,
     cells: [TagCells; TAGS],
 }
 
 impl BoardLayout {
-    /// The board of a paper.
+    /// The board for a paper.
     #[must_use]
     pub fn of_paper(paper: Paper) -> Self {
         let (sheet_m, tag_m, gap_m, top_m, first, codes) = match paper {
@@ -82,7 +82,7 @@ impl BoardLayout {
         Self { paper, sheet_m, tag_m, gap_m, top_m, first, cells }
     }
 
-    /// The board of a tag.
+    /// The board that holds a tag.
     #[must_use]
     pub fn with_tag(tag: u16) -> Option<Self> {
         Paper::ALL.into_iter().map(Self::of_paper).find(|l| l.tag_place(tag).is_some())
@@ -94,8 +94,8 @@ impl BoardLayout {
         (0..TAGS as u16).map(move |k| first + k)
     }
 
-    /// Corners of a tag's black border, from the upper left one on clockwise as the sheet is read; `None` for
-    /// a tag of another board.
+    /// Corners of a tag's black border in the board frame, meters: clockwise as the sheet is read, from the
+    /// upper left. `None` for a tag of another board.
     #[must_use]
     pub fn tag_corners(&self, tag: u16) -> Option<[Point2<f64>; 4]> {
         let place = self.tag_place(tag)?;
@@ -109,7 +109,7 @@ impl BoardLayout {
         Some([Point2::new(x, y), Point2::new(x + a, y), Point2::new(x + a, y - a), Point2::new(x, y - a)])
     }
 
-    /// Lower left and upper right corner of the sheet.
+    /// Lower left and upper right corner of the sheet, meters.
     #[must_use]
     pub fn sheet_corners(&self) -> [Point2<f64>; 2] {
         let top = self.half_grid_m()[1] + self.top_m;
@@ -117,19 +117,19 @@ impl BoardLayout {
         [Point2::new(-0.5 * width, top - height), Point2::new(0.5 * width, top)]
     }
 
-    /// Half the grid of tags along x and y.
+    /// Half the extent of the tag grid along x and y, meters.
     #[must_use]
     pub fn half_grid_m(&self) -> [f64; 2] {
         [COLUMNS, ROWS].map(|n| 0.5 * (n as f64 * (self.tag_m + self.gap_m) - self.gap_m))
     }
 
-    /// Whether each of a tag's cells is black: rows from above, the border included.
+    /// By cell of a tag, whether it is black: rows from above, the border included.
     #[must_use]
     pub fn tag_cells(&self, tag: u16) -> Option<&TagCells> {
         self.tag_place(tag).map(|place| &self.cells[place])
     }
 
-    /// Whether there is ink of a tag at a point of the sheet.
+    /// Whether a point of the sheet is printed black.
     #[must_use]
     pub fn is_black(&self, at: &Point2<f64>) -> bool {
         let pitch_m = self.tag_m + self.gap_m;
@@ -178,7 +178,7 @@ mod tests {
             let cell_m = layout.tag_m / CELLS as f64;
             assert!(layout.gap_m > 2.0 * cell_m, "two tags must not share their white");
             let [low, high] = layout.sheet_corners();
-            // Below them there is room for a ruler and a line of text.
+            // The space below the tags holds a ruler and a line of text.
             let room = |side: f64, least: f64| assert!(side > least, "{side} {:?}", layout.paper);
             let [half_x, half_y] = layout.half_grid_m();
             room(high.x - half_x, 0.008);

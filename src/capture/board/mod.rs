@@ -1,8 +1,8 @@
 //! A printed board of tags in view: it gives a recording scale, world and up. See docs/method.md 2.15.
 //!
-//! Tags are read by a detector (AprilTag 36h11); their edges are then measured to hundredths of a pixel, and
-//! the camera's pose puts the edges of all tags on the measured ones, with one unknown for the spread of ink.
-//! Many views together give the place of a tracked map on the board, and its length.
+//! A detector reads the tags (AprilTag 36h11), and their edges are then measured to hundredths of a pixel.
+//! The camera pose is fitted to the edges of all tags, with one more unknown for the spread of ink. Many such
+//! views determine the pose and the scale of a tracked map on the board.
 
 mod depth;
 mod detection;
@@ -27,13 +27,13 @@ pub use self::{
     sighting::{BoardSighting, find_board},
 };
 
-/// Whether a board of tags is looked for.
+/// Whether a tag board is looked for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum UseBoard {
-    /// Where the camera is tracked by what it sees.
+    /// Where the camera is tracked by its images.
     #[default]
     Auto,
-    /// A board is a thing like any other.
+    /// Boards are ignored.
     Never,
 }

@@ -1,4 +1,4 @@
-//! Where a map lies on a board, by many views. See docs/method.md 2.15.
+//! The pose of a map on a board, by many views. See docs/method.md 2.15.
 
 use nalgebra::{Matrix6, Matrix6x3, SMatrix, UnitQuaternion, Vector3, Vector6};
 
@@ -8,87 +8,88 @@ use common::stop::{Stop, Stopped};
 use geometry::{Intrinsics, Pose, shift_and_turn};
 use numeric::statistics::{CHI_SQUARE_MEDIAN_6, SIGMAS_PER_MAD, median};
 
-/// Least number of views of the board.
-/// derived: three poses leave nothing open and one to be doubted
+/// Fewest views of the board.
+/// derived: three poses determine the fit; a fourth can contradict it
 const LEAST_VIEWS: usize = 4;
-/// Independent errors of poses in a map, against the rest of it; blocks show their common errors.
+/// Independent error of a pose in the map; the jackknife over blocks finds the common errors.
 /// measured: eval/tracking, root mean square of most recordings
 const TRACKED: PoseNoise = PoseNoise { translation_m: 0.001, rotation_rad: 0.001 };
-/// Difference between the errors of depth about a board and of the whole, a share, one standard deviation.
-/// derived: a warp of 0.4 % of the range, a tenth of its independent regions seen
+/// Relative standard deviation of the depth error at the board against that of the whole image.
+/// derived: a warp of 0.4 % of the range, of which the board covers a tenth of the independent regions
 const DEPTH_SHARE: f64 = 0.0013;
-/// Length of a board without depth, and its standard deviation.
+/// Scale of a board without depth readings, and its standard deviation.
 /// derived: the expected scale of a depth sensor (docs/method.md 2.11)
 pub const UNREAD_BOARD: [f64; 2] = [1.0, 0.005];
-/// Rounds of Gauss-Newton at most.
+/// Most rounds of Gauss-Newton.
 const ROUNDS: usize = 20;
-/// Squared length of six residuals, in standard deviations, of a view with a quarter of its weight (Geman and
-/// McClure 1985).
+/// Squared norm of a view's six normalized residuals at which its weight is a quarter (Geman and McClure
+/// 1985).
 /// derived: 0.3 % of a chi-square distribution of six degrees
 const DOUBTED: f64 = 20.0;
-/// A view with a squared length of more than so many times that does not agree.
-/// chosen: well beyond the length of a quarter of the weight
+/// A view disagrees where its squared norm exceeds this multiple of it.
+/// chosen: well beyond the norm with a quarter of the weight
 const DISAGREES: f64 = 2.0;
-/// Tried starts: some views may be wrong.
+/// Number of views tried as a start, since some may be wrong.
 const STARTS: usize = 12;
-/// Parts of a recording, left out in turn.
-/// derived: more than the six unknowns, and each longer than a drift
+/// Number of blocks of views for the jackknife.
+/// derived: more than the six unknowns, and each longer than drift is correlated
 const BLOCKS: usize = 8;
 
-/// Turn of the color camera against depth about x and y, radians, as known from elsewhere: a board cannot
-/// show it, since a slightly bent map looks the same.
+/// Rotation of the color camera against the depth camera about x and y, radians, as known beforehand: a board
+/// cannot show it, since a slightly bent map looks the same.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ColorTurn {
-    /// Expected.
+    /// Expected rotation.
     pub mean_rad: [f64; 2],
     /// Standard deviations.
     pub sigma_rad: [f64; 2],
 }
 
 impl ColorTurn {
-    /// Of a sensor without a calibration.
+    /// Of a sensor that was not calibrated.
     /// derived: as for the calibration of the sensor (docs/method.md 2.11)
     pub const EXPECTED: Self = Self { mean_rad: [0.0; 2], sigma_rad: [0.003; 2] };
 
-    /// Of a sensor with a color shift, pixels, and its standard deviations.
+    /// From the color shift of a calibrated sensor, pixels, and its standard deviations.
     #[must_use]
     pub fn of_shift([[u, v], [sigma_u, sigma_v]]: [[f64; 2]; 2], k: &Intrinsics) -> Self {
         Self { mean_rad: [v / k.fy, -u / k.fx], sigma_rad: [sigma_v / k.fy, sigma_u / k.fx] }
     }
 }
 
-/// Where a map lies on a board.
+/// The pose of a map on a board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardPlace {
-    /// From the map at the length of the board to the board.
+    /// From the map, scaled to the length of the board, to the board.
     pub board_from_map: Pose,
-    /// Views of the board.
+    /// Number of views of the board.
     pub views: usize,
-    /// Of those, the agreeing ones.
+    /// Number of agreeing views.
     pub agreeing: usize,
-    /// Median distance of the edges of tags from where they should be, pixels.
+    /// Median residual of the tags' edges, pixels.
     pub edges_px: f64,
-    /// Covariance of the map's motion in the map's frame about the board's middle: shift, meters, and turn.
+    /// Covariance of a motion of the map about the board's center, in the map's frame: translation, meters,
+    /// and rotation, radians.
     pub covariance: Matrix6<f64>,
 }
 
-/// A view of the board: the camera's pose in the map, and its sighting.
+/// A view of the board: the pose of its camera in the map, and the sighting.
 #[derive(Clone, Copy)]
 pub struct BoardInView<'a> {
-    /// Of the depth camera.
+    /// Pose of the depth camera in the map.
     pub map_from_camera: Pose,
-    /// Its sighting of the board.
+    /// The board as this view shows it.
     pub sighting: &'a BoardSighting,
 }
 
-/// A pose with its distance from the origin multiplied by `scale`.
+/// A pose with its translation multiplied by `scale`.
 #[must_use]
 pub fn pose_scaled(pose: &Pose, scale: f64) -> Pose {
     Pose::from_parts((pose.translation.vector * scale).into(), pose.rotation)
 }
 
-/// Lengths on boards over those by depth, and their deviation, by the ratios of views; none where too few
-/// have one.
+/// Scale of the board over depth, and its standard deviation, by the depth ratios of the views; `None` for
+/// too few.
 #[must_use]
 pub fn board_scale(ratios: &[f64]) -> Option<[f64; 2]> {
     let middle = median(ratios.to_vec())?;
@@ -98,12 +99,12 @@ pub fn board_scale(ratios: &[f64]) -> Option<[f64; 2]> {
 }
 
 impl BoardPlace {
-    /// How far from the board its frame's deviation is named, meters.
+    /// Distance from the board for which messages give the uncertainty, meters.
     /// chosen: about the distance of an object from its board
     pub const AWAY_M: f64 = 0.5;
 
-    /// The place by all views of a board, in the order of time; `scale` is the length of the board over that
-    /// of the map, and its standard deviation. `None` where too few views agree.
+    /// The pose of the map by all views of a board, in order of time. `scale` is the length of the board over
+    /// that of the map, with its standard deviation. `None` where too few views agree.
     ///
     /// # Errors
     /// [`Stopped`].
@@ -129,8 +130,7 @@ impl BoardPlace {
             .and_then(|best| problem.place(&best, scale, color)))
     }
 
-    /// Standard deviation of the place of a point at a distance from the board's middle, meters: at the
-    /// middle and in the worst direction.
+    /// Standard deviation of a point `away_m` from the board's center, meters, in the worst direction.
     #[must_use]
     pub fn sigma_m(&self, away_m: f64) -> f64 {
         let [shift_m, turn_rad] = [0, 3]
@@ -148,14 +148,14 @@ struct PlaceProblem<'a> {
 struct PlaceFit {
     board_from_map: Pose,
     information: Matrix6<f64>,
-    /// How the gradient changes with the logarithm of the length and the turn of color.
+    /// Derivative of the gradient by the log scale and the rotation of color.
     by_known: Matrix6x3<f64>,
     cost: f64,
     agreeing: usize,
 }
 
-/// Of a view: where the board puts a color camera against where the map does, in the camera's frame; the
-/// derivatives by a motion of the map, and by the logarithm of the length and the turn; the information.
+/// Residual of a view: the board's pose of the color camera against the map's, in the camera's frame; its
+/// derivatives by a motion of the map, and by the log scale and the rotation; its information.
 struct ViewResidual {
     off: Vector6<f64>,
     by_map: Matrix6<f64>,
@@ -186,14 +186,14 @@ impl PlaceProblem<'_> {
         Some(self.normal_equations(&at)?.0)
     }
 
-    /// The place by the best fit, with its covariance; `None` where the fit leaves a motion open.
+    /// The pose of the best fit with its covariance; `None` where the fit leaves a motion undetermined.
     fn place(&self, best: &PlaceFit, scale: [f64; 2], color: &ColorTurn) -> Option<BoardPlace> {
-        // Not found here: the length, and the turn of color.
+        // Not estimated here: the scale, and the rotation of color.
         let open = -(best.information.cholesky()?.solve(&best.by_known));
         let known = Vector3::new(scale[1] / scale[0], color.sigma_rad[0], color.sigma_rad[1]);
         let own =
             self.by_blocks(best) + open * SMatrix::from_diagonal(&known.map(|s| s * s)) * open.transpose();
-        // In the map's frame about its origin: about the board's middle it is another.
+        // From the origin of the map's frame to the board's center.
         let middle = Pose::from_parts(best.board_from_map.inverse().translation, UnitQuaternion::identity());
         let about_middle = adjoint(&middle.inverse());
         Some(BoardPlace {
@@ -205,7 +205,7 @@ impl PlaceProblem<'_> {
         })
     }
 
-    /// Normal equations about a place: the gradient by a motion of the map, and all else.
+    /// Normal equations at a pose: the gradient by a motion of the map, and the rest of the fit.
     fn normal_equations(&self, board_from_map: &Pose) -> Option<(PlaceFit, Vector6<f64>)> {
         let all: Vec<ViewResidual> =
             self.views.iter().map(|v| self.residual_of_view(board_from_map, v)).collect::<Option<_>>()?;
@@ -225,7 +225,7 @@ impl PlaceProblem<'_> {
             fit.information += weighted * r.by_map;
             fit.by_known += weighted * r.by_known;
             gradient += weighted * r.off;
-            // Without the deviation found here: fits can be compared.
+            // Without the estimated deviation, so that fits can be compared.
             fit.cost += square / (DOUBTED + square);
             fit.agreeing += usize::from(doubt <= DISAGREES);
         }
@@ -249,8 +249,8 @@ impl PlaceProblem<'_> {
         Some(ViewResidual { off, by_map: -adjoint(&map_from_color.inverse()), by_known, information })
     }
 
-    /// Covariance of a place by how it changes where parts of the recording are left out in turn: errors of
-    /// neighboring views are alike (block jackknife: Kuensch 1989).
+    /// Covariance of the pose by its changes as blocks of views are left out in turn, since errors of
+    /// neighboring views are correlated (block jackknife: Kuensch 1989).
     fn by_blocks(&self, best: &PlaceFit) -> Matrix6<f64> {
         let blocks = BLOCKS.min(self.views.len());
         let moved: Vec<Vector6<f64>> =
@@ -261,8 +261,8 @@ impl PlaceProblem<'_> {
         sum * ((count - 1.0) / count)
     }
 
-    /// Shift, meters, and turn, radians, of the place fitted without one block of views; `None` where the fit
-    /// fails.
+    /// Translation, meters, and rotation, radians, of the pose fitted without one block of views; `None`
+    /// where the fit fails.
     fn change_without_block(&self, best: &PlaceFit, block: usize, blocks: usize) -> Option<Vector6<f64>> {
         let views: Vec<BoardInView<'_>> = (0..self.views.len())
             .filter(|k| k * blocks / self.views.len() != block)

@@ -1,4 +1,4 @@
-//! The pose of a camera in view of a board, by the edges of its tags. See docs/method.md 2.15.
+//! The camera pose in a view of a board, by the edges of its tags. See docs/method.md 2.15.
 
 use nalgebra::{Matrix2x3, Matrix6, Point2, Point3, SMatrix, SVector, Vector2, Vector3};
 
@@ -11,63 +11,63 @@ use super::{
 use geometry::{Intrinsics, Pose};
 use numeric::statistics::{SIGMAS_PER_MAD, median};
 
-/// By how much ink spreads and bright areas bloom: edges of all tags lie off by as many pixels, one standard
-/// deviation.
+/// Standard deviation of the spread of ink and of bright areas, pixels: it shifts the edges of all tags
+/// outward or inward alike.
 /// chosen: half a pixel of blur, read in nonlinear brightness
 const INK_PX: f64 = 0.3;
-/// Rounds of Gauss-Newton at most.
+/// Most rounds of Gauss-Newton.
 const ROUNDS: usize = 20;
-/// Rounds end with a smaller motion, meters (radians times one meter).
-/// chosen: a thousandth of the wanted error of the frame
+/// Rounds end with a motion smaller than this, meters (radians times one meter).
+/// chosen: a thousandth of the required accuracy of the frame
 pub(super) const STEP_M: f64 = 1e-6;
-/// Length, in standard deviations, of a residual with a quarter of its weight (Geman and McClure 1985).
+/// Normalized residual at which its weight is a quarter (Geman and McClure 1985).
 /// chosen: 0.3 % of a normal distribution
 const DOUBTED: f64 = 3.0;
-/// Distance of edges, pixels: beyond, the tag is another one of the same number, or bent.
+/// Largest residual of a tag's edges, pixels: beyond, the tag is bent, or another one of the same number.
 /// chosen: beyond any blur and any error of a usual lens model
 const OTHER_PX: f64 = 1.5;
-/// Edges are off by no more than this in a start, pixels: the first rounds doubt residuals beyond it.
-/// chosen: corners of a tag are found much nearer
+/// Largest residual of an edge at the start, pixels; the first rounds reduce the weight of larger ones.
+/// chosen: detected corners are much more accurate
 const START_PX: f64 = 5.0;
 
-/// Where a camera stands before a board.
+/// Fit of a camera pose to a board.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct BoardPose {
     pub board_from_camera: Pose,
-    /// Of the camera's motion in its own frame, meters and radians.
+    /// Information about the camera's motion in its own frame, meters and radians.
     pub covariance: Matrix6<f64>,
-    /// By how much the edges lie outside where they are printed, pixels.
+    /// Outward offset of the edges from their printed position, pixels.
     pub ink_px: f64,
-    /// Root mean square distance of the edges of agreeing tags.
+    /// Root mean square residual of the edges of agreeing tags, pixels.
     pub rms_px: f64,
-    /// The agreeing tags.
+    /// Numbers of the agreeing tags.
     pub tags: Vec<u16>,
 }
 
-/// Edges of tags, as seen by a camera.
+/// Edges of tags in a view.
 pub(super) struct BoardView<'a> {
     pub intrinsics: &'a Intrinsics,
     pub layout: &'a BoardLayout,
     pub points: &'a [EdgePoint],
 }
 
-/// Unknowns: motion of the camera in its own frame, spread of the ink.
+/// Unknowns: motion of the camera in its own frame, and spread of the ink.
 type Step = SVector<f64, 7>;
 
 struct ViewFit {
     board_from_camera: Pose,
     ink_px: f64,
     information: SMatrix<f64, 7, 7>,
-    /// Robust standard deviation of the residuals in expected ones, at least 1.
+    /// Robust standard deviation of the normalized residuals, at least 1.
     scale: f64,
-    /// Sum of the bounded residuals.
+    /// Sum of the robust costs.
     cost: f64,
 }
 
 impl BoardView<'_> {
-    /// The pose with the most edges at their measured places; `tags` give starts.
+    /// The pose with the most agreeing edges; `tags` give the starts.
     pub fn pose_of_board(&self, tags: &[SeenTag]) -> Option<BoardPose> {
-        // All tags, or each alone, should the others be wrong.
+        // Starts from all tags, and from each alone in case the others are wrong.
         let all: Vec<_> = tags.iter().flat_map(|tag| self.corner_pairs(tag)).collect();
         let starts = std::iter::once(all).chain(tags.iter().map(|tag| self.corner_pairs(tag)));
         let fits = starts.filter_map(|p| self.fit_from(&pose_by_homography(self.intrinsics, &p)?.inverse()));
@@ -79,12 +79,12 @@ impl BoardView<'_> {
         self.pose_of_fit(&best)
     }
 
-    /// Corners of a tag on the board, each with its pixel.
+    /// Corners of a tag on the board, meters, each with its pixel.
     fn corner_pairs(&self, seen: &SeenTag) -> Vec<(Point2<f64>, Point2<f64>)> {
         self.layout.tag_corners(seen.tag).into_iter().flatten().zip(seen.corners).collect()
     }
 
-    /// Distance of an edge point from its place under a fit, pixels; infinite where it projects nowhere.
+    /// Residual of an edge point under a fit, pixels; infinite where it projects nowhere.
     fn distance_px(&self, fit: &ViewFit, point: &EdgePoint) -> f64 {
         let camera_from_board = fit.board_from_camera.inverse();
         self.edge_residual(&camera_from_board, fit.ink_px, point).map_or(f64::INFINITY, |(r, _)| r.abs())
@@ -136,7 +136,7 @@ impl BoardView<'_> {
         Some(fit)
     }
 
-    /// Normal equations about a fit; fills in its information, scale and cost.
+    /// Normal equations at a fit; sets its information, scale and cost.
     fn normal_equations(&self, fit: &mut ViewFit, loose_px: f64) -> Option<Step> {
         let camera_from_board = fit.board_from_camera.inverse();
         let residuals: Vec<Option<(f64, Step)>> =
@@ -150,7 +150,7 @@ impl BoardView<'_> {
         fit.cost = 0.0;
         for (point, residual) in self.points.iter().zip(&residuals) {
             let Some((r, slope)) = residual else {
-                // Behind the camera: as wrong as can be.
+                // Behind the camera: the worst residual.
                 fit.cost += DOUBTED.powi(2);
                 continue;
             };
@@ -159,7 +159,7 @@ impl BoardView<'_> {
             let weight = (1.0 + doubt).powi(-2) * point.sigma_px.powi(-2);
             information += slope * slope.transpose() * weight;
             gradient += slope * (*r * weight);
-            // In pixels, without the fit: fits can be compared.
+            // In fixed pixels, so that fits can be compared.
             let bounded = (r / OTHER_PX).powi(2);
             fit.cost += DOUBTED.powi(2) * bounded / (1.0 + bounded);
         }
@@ -167,8 +167,8 @@ impl BoardView<'_> {
         Some(gradient)
     }
 
-    /// Distance of a measured place to the outside of the expected edge, pixels, and the derivatives by the
-    /// unknowns. See docs/method.md (2.28).
+    /// Distance of a measured point outside the predicted edge, pixels, and its derivatives by the unknowns.
+    /// See docs/method.md (2.28).
     fn edge_residual(&self, camera_from_board: &Pose, ink_px: f64, point: &EdgePoint) -> Option<(f64, Step)> {
         let corners = self.layout.tag_corners(point.tag)?;
         let ends = [corners[point.edge], corners[(point.edge + 1) % 4]];
@@ -179,7 +179,7 @@ impl BoardView<'_> {
         let along = (b - a).try_normalize(1e-9)?;
         let outward = Vector2::new(along.y, -along.x);
         let residual = outward.dot(&(point.at - a)) - ink_px;
-        // The place of the edge next to the measured one: there it slides along itself.
+        // The point of the predicted edge next to the measured one; a motion along the edge changes nothing.
         let k = self.intrinsics;
         let center = Vector2::new(k.cx, k.cy);
         let level = Vector3::new(k.fx * along.x, k.fy * along.y, along.dot(&(center - point.at.coords)));

@@ -15,35 +15,36 @@ use super::{
 use crate::RgbdFrame;
 use geometry::Pose;
 
-/// Least number of agreeing tags: one alone may be any tag of its number, and its tilt is hardly known.
+/// Fewest agreeing tags: a single one may be a foreign tag of the same number, and its tilt is hardly known.
 const LEAST_TAGS: usize = 2;
 
 /// A board in a view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardSighting {
-    /// The sheet with its print.
+    /// Paper of the board.
     pub paper: Paper,
-    /// Pose of the color camera on the board, as if it were printed at true scale.
+    /// Pose of the color camera in the frame of the board at true print scale.
     pub board_from_camera: Pose,
     /// Covariance of a motion of the camera in its own frame: shift, meters, and turn, radians.
     pub covariance: Matrix6<f64>,
-    /// Tags with agreeing edges.
+    /// Number of tags with agreeing edges.
     pub tags: usize,
-    /// Root mean square distance of their edges from where they should be, pixels.
+    /// Root mean square residual of their edges, pixels.
     pub rms_px: f64,
-    /// Depth readings on the board over its distance by its tags, median; `None` where few fall on it.
+    /// Median ratio of depth readings to the distance by the tags; `None` where few readings fall on the
+    /// board.
     pub depth_ratio: Option<f64>,
 }
 
 impl BoardSighting {
-    /// Depth readings of the frame on the board over its distance by its tags, after readings were corrected.
+    /// The depth ratio of a frame after its depth was corrected.
     #[must_use]
     pub fn depth_ratio_in(&self, frame: &RgbdFrame) -> Option<f64> {
         depth_ratio(frame, &BoardLayout::of_paper(self.paper), &self.board_from_camera)
     }
 }
 
-/// The board of a frame; `None` where fewer than two of its tags are read and agree.
+/// The board in a frame; `None` where fewer than two of its tags agree.
 #[must_use]
 pub fn find_board(frame: &RgbdFrame) -> Option<BoardSighting> {
     let gray = Gray::of_frame(frame);
@@ -53,7 +54,7 @@ pub fn find_board(frame: &RgbdFrame) -> Option<BoardSighting> {
             by_paper.entry(layout.paper).or_default().push(seen);
         }
     }
-    // One board a view, the one with most tags; of equals the first.
+    // One board per view: the one with the most tags, the first of equals.
     let (paper, tags) = by_paper.into_iter().rev().max_by_key(|(_, tags)| tags.len())?;
     let layout = BoardLayout::of_paper(paper);
     let points: Vec<EdgePoint> = tags.iter().flat_map(|t| edge_points(&gray, t)).collect();
@@ -84,7 +85,7 @@ mod tests {
             (Paper::A4, 1.4, 0.9, 2.0),
             (Paper::A3, 1.8, 0.8, -1.4),
             (Paper::Letter, 0.7, 0.1, 3.0),
-            // Cells narrower than what can be read.
+            // Cells too narrow to be read.
             (Paper::A3, 1.4, 1.25, 0.0),
         ] {
             let layout = BoardLayout::of_paper(paper);
@@ -96,7 +97,7 @@ mod tests {
             let sigmas = off.dot(&(found.covariance.cholesky().unwrap().inverse() * off)).sqrt();
             let distance =
                 found.board_from_camera.translation.vector.norm() / truth.translation.vector.norm();
-            // A standard deviation of six numbers is 2.4 on average.
+            // The norm of six standard normal values is 2.4 on average.
             assert!(sigmas < 6.0, "{off} {sigmas}");
             let least = if tilt > 1.0 { 0.005 } else { 0.002 };
             assert!((distance - 1.0).abs() < least, "{distance}");

@@ -1,11 +1,11 @@
-//! The pose of a plane from points of it, to start from.
+//! Start values for the pose of a plane from points of it.
 
 use nalgebra::{Matrix3, Point2, SMatrix, UnitQuaternion, Vector3};
 
 use geometry::{Intrinsics, Pose};
 
-/// The pose of a camera by points of the plane z = 0, by the homography between them (direct linear
-/// transformation: Hartley and Zisserman 2004, section 4.1); none where they do not determine it.
+/// Camera pose by points of the plane z = 0 and their homography (direct linear transformation: Hartley and
+/// Zisserman 2004, section 4.1); `None` where the points do not determine it.
 pub(super) fn pose_by_homography(
     intrinsics: &Intrinsics,
     points: &[(Point2<f64>, Point2<f64>)],
@@ -13,7 +13,7 @@ pub(super) fn pose_by_homography(
     if points.len() < 4 {
         return None;
     }
-    // Lengths of the plane relative to its seen part, for numbers of one size.
+    // Scaled by the extent of the points, for good conditioning.
     let n = points.len() as f64;
     let middle = points.iter().map(|(p, _)| p.coords).sum::<nalgebra::Vector2<f64>>() / n;
     let size = points.iter().map(|(p, _)| (p.coords - middle).norm()).sum::<f64>() / n;
@@ -37,7 +37,7 @@ pub(super) fn pose_by_homography(
     let second = column(1);
     let mut at = column(2);
     let mut scale = 2.0 / (first.norm() + second.norm());
-    // Before the camera.
+    // The points lie in front of the camera.
     if at.z < 0.0 {
         scale = -scale;
     }
@@ -54,8 +54,8 @@ pub(super) fn pose_by_homography(
     Some(Pose::from_parts(origin.into(), rotation))
 }
 
-/// The other pose of a nearly equal view of a small plane: its normal turned to the other side of the ray to
-/// it (Schweighofer and Pinz 2006).
+/// The second pose under which a small plane looks nearly the same: its normal is reflected at the viewing
+/// ray (Schweighofer and Pinz 2006).
 pub(super) fn turned_over(camera_from_board: &Pose) -> Option<Pose> {
     let ray = camera_from_board.translation.vector.try_normalize(1e-12)?;
     let normal = camera_from_board.rotation * Vector3::z();

@@ -5,11 +5,11 @@ pub(super) const CELLS: usize = 8;
 /// Cells along a side of a tag's code.
 const INSIDE: usize = CELLS - 2;
 
-/// Whether the cells of a tag are black: rows from above.
+/// By cell of a tag, whether it is black: rows from above.
 pub type TagCells = [[bool; CELLS]; CELLS];
 
-/// The cells of a tag with a code of 36 bits, the highest first. A quarter of them is the upper side of every
-/// ring, from the outside in; the other quarters are turned clockwise. A set bit is white.
+/// The cells of a tag with a code of 36 bits, the highest first. Nine bits fill the upper sides of the rings,
+/// from the outside in; the other quarters are rotated clockwise. A set bit is white.
 pub(super) fn cells_of_code(code: u64) -> TagCells {
     let mut cells = [[true; CELLS]; CELLS];
     let quarter = INSIDE * INSIDE / 4;
@@ -18,7 +18,7 @@ pub(super) fn cells_of_code(code: u64) -> TagCells {
         for along in ring..INSIDE - 1 - ring {
             for side in 0..4 {
                 let bit = side * quarter + place;
-                // The upper side, turned by quarters.
+                // The upper side, rotated by quarter turns.
                 let mut x = 1 + along;
                 let mut y = 1 + ring;
                 for _ in 0..side {

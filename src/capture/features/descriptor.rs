@@ -12,8 +12,7 @@ use numeric::vectorized;
 
 /// Numbers in a descriptor: 4 x 4 cells of 8 gradient directions.
 pub const DESCRIPTOR_LENGTH: usize = 128;
-/// Length of every descriptor as a vector; derived: its square is 2^24: single floats hold inner products
-/// exactly.
+/// Norm of every descriptor. derived: its square is 2^24, so that single floats hold inner products exactly.
 pub const DESCRIPTOR_NORM: f32 = 4096.0;
 
 /// A unit vector scaled by [`DESCRIPTOR_NORM`] and rounded.
@@ -23,27 +22,27 @@ pub type Descriptor = [i16; DESCRIPTOR_LENGTH];
 const ORIENTATIONS: usize = 36;
 /// Cells along one side of the descriptor.
 const CELLS: usize = 4;
-/// Cells along one side of the descriptor with those of its border.
+/// Cells along one side of the descriptor, with one border cell on either side.
 const SIDE: usize = CELLS + 2;
-/// Directions in a cell.
+/// Gradient directions per cell.
 const DIRECTIONS: usize = 8;
 
-/// Gradient magnitude and direction (radians in `[0, 2 pi)`, counter-clockwise with y down) of pixels: of the
-/// requested stretches of rows, as most lie near no feature.
+/// Gradient magnitude and direction of pixels (radians in `[0, 2 pi)`, counter-clockwise with y down). Only
+/// requested stretches of rows are computed, as most pixels lie near no feature.
 pub struct Gradients<'a, K> {
     image: &'a FloatImage,
     keep: K,
     magnitudes: Vec<f32>,
     directions: Vec<f32>,
-    /// Known columns of every row.
+    /// By row, the columns computed so far.
     known: Vec<Range<usize>>,
 }
 
-/// Pixels in one step.
+/// Pixels processed together.
 const LANES: usize = 16;
 
-/// A stretch of a row about a point: by how much it lies below, and per lane magnitude less by a Gaussian,
-/// offset x and direction; lanes beyond its end have magnitude 0.
+/// A stretch of a row relative to a point: its y offset and, per lane, Gaussian-weighted magnitude, x offset
+/// and direction; lanes past its end have magnitude 0.
 struct Stretch {
     below: f32,
     weights: [f32; LANES],
@@ -52,16 +51,16 @@ struct Stretch {
 }
 
 impl<'a, K: Fn(usize, usize) -> bool> Gradients<'a, K> {
-    /// Central differences; pixels where `keep` says no, and the border, have magnitude 0.
+    /// Gradients by central differences; border pixels, and those rejected by `keep`, have magnitude 0.
     pub fn of_image(image: &'a FloatImage, keep: K) -> Self {
         let pixels = image.width * image.height;
-        // Memory of zeros costs nothing where nobody looks.
+        // Zeroed memory costs nothing where it is never read.
         let magnitudes = vec![0.0; pixels];
         let directions = vec![0.0; pixels];
         Self { image, keep, magnitudes, directions, known: vec![0..0; image.height] }
     }
 
-    /// Makes the gradients of a stretch of a row known.
+    /// Computes the gradients of a stretch of a row, unless known.
     fn look_at(&mut self, y: usize, columns: Range<usize>) {
         let Range { start, end } = self.known[y].clone();
         if start < end && start <= columns.start && columns.end <= end {
@@ -89,8 +88,8 @@ impl<'a, K: Fn(usize, usize) -> bool> Gradients<'a, K> {
         }
     }
 
-    /// Visits the pixels near a point by stretches of rows: `columns` gives the offsets x of a row with an
-    /// offset y, `sigma` is the standard deviation of the Gaussian about the point.
+    /// Visits the pixels near a point by stretches of rows: `columns` gives the x offsets of a row from its y
+    /// offset, and `sigma` is the standard deviation of the Gaussian around the point.
     fn visit_around(
         &mut self,
         [x, y]: [f32; 2],
@@ -99,7 +98,7 @@ impl<'a, K: Fn(usize, usize) -> bool> Gradients<'a, K> {
         columns: impl Fn(f32) -> [f32; 2],
         mut visit: impl FnMut(&Stretch),
     ) {
-        // The Gaussian is a product of one for the row and one for the column: few exponentials.
+        // The Gaussian is a product of a row factor and a column factor, which saves exponentials.
         let share = |offset: f32| (-offset * offset / (2.0 * sigma * sigma)).exp();
         let whole = pixels_between(x - radius, x + radius, self.image.width);
         let of_columns: Vec<f32> = whole.clone().map(|px| share(px as f32 - x)).collect();
@@ -131,7 +130,7 @@ impl<'a, K: Fn(usize, usize) -> bool> Gradients<'a, K> {
 }
 
 vectorized! {
-    /// Magnitudes and directions of gradients by the values [left, right] and [above, below] of each pixel.
+    /// Magnitude and direction of gradients from the values [left, right] and [above, below] of each pixel.
     fn polar(beside: [&[f32]; 2], about: [&[f32]; 2], out: [&mut [f32]; 2]) = polar_kernel
 }
 
@@ -155,9 +154,9 @@ fn polar_kernel(
     }
 }
 
-/// The angle of a vector in `[0, 2 pi)`, radians; 0 of none.
+/// Angle of a vector in `[0, 2 pi)`, radians; 0 for the zero vector.
 ///
-/// The arctangent's polynomial is 4.4.49 of Abramowitz and Stegun, right to 2e-8.
+/// The polynomial of the arctangent is 4.4.49 of Abramowitz and Stegun, accurate to 2e-8.
 #[inline(always)]
 fn direction_rad(dx: f32, dy: f32) -> f32 {
     let x = dx.abs();
@@ -174,14 +173,14 @@ fn direction_rad(dx: f32, dy: f32) -> f32 {
     in_circle(if dy < 0.0 { -upper } else { upper })
 }
 
-/// An angle in `(-2 pi, 4 pi)` brought to `[0, 2 pi)`, without a division.
+/// Wraps an angle in `(-2 pi, 4 pi)` to `[0, 2 pi)` without a division.
 #[inline(always)]
 fn in_circle(angle_rad: f32) -> f32 {
     let angle_rad = if angle_rad < 0.0 { angle_rad + TAU } else { angle_rad };
     if angle_rad >= TAU { angle_rad - TAU } else { angle_rad }
 }
 
-/// Dominant gradient directions around a point, radians, strongest first; at most 3.
+/// Dominant gradient directions around a point, radians, strongest first; at most three.
 pub fn dominant_orientations(
     gradients: &mut Gradients<'_, impl Fn(usize, usize) -> bool>,
     x: f32,
@@ -191,7 +190,7 @@ pub fn dominant_orientations(
     // Lowe's section 5: a window of 1.5 scales, peaks from 80 % of the highest.
     let sigma = 1.5 * scale_px;
     let radius = 4.5 * scale_px;
-    // The last bin is the first one again.
+    // The histogram is circular: the last bin is next to the first.
     let mut turns = [0.0f32; ORIENTATIONS + 2];
     gradients.visit_around(
         [x, y],
@@ -211,7 +210,7 @@ pub fn dominant_orientations(
     turns[0] += turns[ORIENTATIONS];
     turns[1] += turns[ORIENTATIONS + 1];
     let mut histogram: [f32; ORIENTATIONS] = std::array::from_fn(|i| turns[i]);
-    // Smoothed: noise makes no second peak beside the first.
+    // Smoothed, so that noise makes no second peak next to the first.
     for _ in 0..2 {
         let h = histogram;
         for i in 0..ORIENTATIONS {
@@ -227,7 +226,7 @@ pub fn dominant_orientations(
         let c = histogram[i];
         let r = histogram[(i + 1) % ORIENTATIONS];
         if c > 0.0 && c >= 0.8 * highest && c > l && c >= r {
-            // The peak of the parabola through three bins.
+            // The maximum of the parabola through three bins.
             let shift = 0.5 * (l - r) / (l - 2.0 * c + r).min(-1e-12);
             peaks.push((c, ((i as f32 + shift) / ORIENTATIONS as f32 * TAU).rem_euclid(TAU)));
         }
@@ -236,21 +235,21 @@ pub fn dominant_orientations(
     peaks.into_iter().take(3).map(|p| p.1).collect()
 }
 
-/// Pixels of `n` between two coordinates.
+/// Range of pixels, within `n`, between two coordinates.
 #[inline(always)]
 fn pixels_between(first: f32, last: f32, n: usize) -> Range<usize> {
     (first.ceil().max(0.0) as usize)..(last.floor().max(-1.0) + 1.0).min(n as f32) as usize
 }
 
-/// Least and greatest offset `dx` in the row at `dy` of the turned square: `|cos dx + sin dy|` and
-/// `|-sin dx + cos dy|` are below its reach.
+/// Range of x offsets `dx` in the row `dy` of the rotated square, where `|cos dx + sin dy|` and `|-sin dx +
+/// cos dy|` are below its reach.
 fn columns_of_square([sin, cos]: [f32; 2], reach: f32, dy: f32) -> [f32; 2] {
     let a = offsets_within(reach, cos, sin * dy);
     let b = offsets_within(reach, -sin, cos * dy);
     [a[0].max(b[0]), a[1].min(b[1])]
 }
 
-/// Bounds of the `x` with `|slope x + middle|` below a reach.
+/// Bounds of `x` with `|slope x + middle|` below a reach.
 fn offsets_within(reach: f32, slope: f32, middle: f32) -> [f32; 2] {
     let slope = if slope.abs() < 1e-6 { 1e-6 } else { slope };
     let a = (-reach - middle) / slope;
@@ -258,7 +257,7 @@ fn offsets_within(reach: f32, slope: f32, middle: f32) -> [f32; 2] {
     [a.min(b), a.max(b)]
 }
 
-/// The descriptor of the square of side 12 `scale_px` about a point, turned by `angle_rad`; `None` without
+/// The descriptor of a square with side 12 `scale_px` around a point, rotated by `angle_rad`; `None` without
 /// gradients.
 pub fn descriptor_at(
     gradients: &mut Gradients<'_, impl Fn(usize, usize) -> bool>,
@@ -286,7 +285,7 @@ pub fn descriptor_at(
             let [even, odd] = [0, 1].map(|k| &cells[k][(j + 1) * SIDE + i + 1]);
             let cell: [f32; DIRECTIONS + 2] = std::array::from_fn(|d| even[d] + odd[d]);
             values[at..at + DIRECTIONS].copy_from_slice(&cell[..DIRECTIONS]);
-            // The directions behind the last are the first ones again.
+            // The directions are circular: those past the last are the first.
             values[at] += cell[DIRECTIONS];
             values[at + 1] += cell[DIRECTIONS + 1];
         }
@@ -294,13 +293,13 @@ pub fn descriptor_at(
     hellinger_normalized(&mut values)
 }
 
-/// Histograms of the cells, row by row, with an unused border of cells; twice, as neighboring pixels would
-/// wait for one another's sums.
+/// Histograms of the cells, row by row, with an unused border. There are two copies, so that sums of
+/// neighboring pixels need not wait for each other.
 type Cells = [[[f32; DIRECTIONS + 2]; SIDE * SIDE]; 2];
 
 vectorized! {
-    /// Adds a stretch of pixels. `turn` is the sine and cosine of the angle of direction 0, `cell` the length
-    /// of a cell, pixels, and the angle itself.
+    /// Adds a stretch of pixels. `turn` holds the sine and cosine of the angle of direction 0, `cell` the
+    /// side of a cell in pixels, and that angle.
     fn add(cells: &mut Cells, stretch: &Stretch, turn: [f32; 2], cell: [f32; 2]) = add_stretch
 }
 
@@ -308,7 +307,7 @@ vectorized! {
 fn add_stretch(cells: &mut Cells, stretch: &Stretch, [sin, cos]: [f32; 2], [cell_px, angle_rad]: [f32; 2]) {
     /// derived: the last sample of a side
     const TOP: f32 = (SIDE - 1) as f32;
-    // Cell coordinates with a border cell on each side: the center of inner cell 0 is at 1.
+    // Cell coordinates include the border: inner cell 0 is centered at 1.
     let middle = 0.5 * TOP;
     let mut at = [0i32; LANES];
     let mut bins = [0i32; LANES];
@@ -334,7 +333,7 @@ fn add_stretch(cells: &mut Cells, stretch: &Stretch, [sin, cos]: [f32; 2], [cell
         let weight = stretch.weights[k];
         let bin = bins[k] as usize;
         let cells = &mut cells[k % 2];
-        // Spread over the eight nearest bins: a small shift changes the descriptor little.
+        // Spread over the eight nearest bins, so that small shifts change the descriptor little.
         let [above, below] = [weight * (1.0 - below[k]), weight * below[k]];
         let left = 1.0 - right[k];
         let right = right[k];
@@ -347,20 +346,20 @@ fn add_stretch(cells: &mut Cells, stretch: &Stretch, [sin, cos]: [f32; 2], [cell
     }
 }
 
-/// Clips strong gradients at 0.2 of the vector's length, divides by the sum and takes square roots.
+/// Clips components at 0.2 of the norm, divides by the sum and takes square roots.
 fn hellinger_normalized(values: &mut [f32; DESCRIPTOR_LENGTH]) -> Option<Descriptor> {
     let norm = values.iter().map(|v| v * v).sum::<f32>().sqrt();
     if norm < 1e-6 {
         return None;
     }
-    // A strong edge, most changed by light, must not decide the descriptor alone (Lowe's section 6.1).
+    // Light changes strong edges most; none should dominate the descriptor (Lowe's section 6.1).
     values.iter_mut().for_each(|v| *v = (*v / norm).min(0.2));
     let sum = values.iter().sum::<f32>();
-    // Square roots of values of sum 1 have length 1: docs/method.md (4.1).
+    // Square roots of values with sum 1 have norm 1: docs/method.md (4.1).
     Some(values.map(|v| ((v / sum).sqrt() * DESCRIPTOR_NORM).round() as i16))
 }
 
-/// Inner product; at most `DESCRIPTOR_NORM^2` up to rounding, so it fits.
+/// Inner product; it fits, as it is at most `DESCRIPTOR_NORM^2` up to rounding.
 #[inline(always)]
 pub fn descriptor_product(a: &Descriptor, b: &Descriptor) -> i32 {
     a.iter().zip(b).map(|(&p, &q)| i32::from(p) * i32::from(q)).sum()

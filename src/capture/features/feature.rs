@@ -13,23 +13,23 @@ use crate::features::{
 use crate::frame::RgbdFrame;
 use numeric::vectorized;
 
-/// How features are found.
+/// Settings of the feature detector.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FeatureConfig {
-    /// Whether the image is doubled first, for features down to 1 pixel of blur.
+    /// Whether the image is doubled first, to find features down to 1 pixel of blur.
     pub upsample: bool,
-    /// Scales in an octave.
+    /// Number of scales per octave.
     pub scales: usize,
     /// Blur of the first image of an octave, pixels.
     pub sigma_px: f32,
-    /// Least difference of Gaussians, for gray values in `[0, 1]`.
+    /// Least difference of Gaussians of a feature, for gray values in `[0, 1]`.
     pub contrast: f32,
-    /// Largest ratio of principal curvatures; higher is an edge.
+    /// Largest ratio of principal curvatures; a higher ratio is an edge.
     pub edge_ratio: f32,
-    /// Features closer than this to the mask's border are dropped, pixels.
+    /// Least distance of a feature from the mask's border, pixels.
     pub mask_erosion_px: usize,
-    /// Most features of one frame; the strongest are kept.
+    /// Most features per frame; the strongest are kept.
     pub limit: usize,
 }
 
@@ -47,25 +47,25 @@ impl Default for FeatureConfig {
     }
 }
 
-/// A point of an image with the look of its surroundings.
+/// An image point with a descriptor of its surroundings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Feature {
     /// Sub-pixel position (u, v), pixels.
     pub pixel: [f32; 2],
-    /// Blur at its extremum, pixels.
+    /// Blur of the scale of its extremum, pixels.
     pub scale_px: f32,
     /// Dominant gradient direction, radians from u towards v.
     pub angle_rad: f32,
     /// Difference of Gaussians at the extremum.
     pub response: f32,
-    /// Look of the surroundings.
+    /// Descriptor of the surroundings.
     pub descriptor: Descriptor,
 }
 
-/// Pixels kept around the object for blurring.
+/// Margin around the object, for blurring, pixels.
 const MARGIN_PX: usize = 20;
 
-/// Features on the object in one frame, strongest first.
+/// Features on the object in a frame, strongest first.
 #[must_use]
 pub fn object_features(frame: &RgbdFrame, config: &FeatureConfig) -> Vec<Feature> {
     let Some(crop) = Crop::of_object(frame, config) else { return Vec::new() };
@@ -76,7 +76,7 @@ pub fn object_features(frame: &RgbdFrame, config: &FeatureConfig) -> Vec<Feature
     found
 }
 
-/// Features of the whole image of a frame, whatever its mask, strongest first.
+/// Features in the whole image of a frame, strongest first; its mask is ignored.
 #[must_use]
 pub(super) fn image_features(frame: &RgbdFrame, config: &FeatureConfig) -> Vec<Feature> {
     let width = frame.intrinsics.width;
@@ -90,23 +90,23 @@ pub(super) fn image_features(frame: &RgbdFrame, config: &FeatureConfig) -> Vec<F
 struct Crop {
     /// Its brightness.
     image: FloatImage,
-    /// Its pixels on the object.
+    /// Pixels on the object.
     object: Vec<bool>,
-    /// Its pixels with possible features.
+    /// Pixels that may be features.
     inner: Vec<bool>,
     corner: [usize; 2],
 }
 
 impl Crop {
-    /// Whether one of its masks holds the pixel nearest to a point. Steps of octaves are powers of two: no
-    /// sum is rounded.
+    /// Whether one of its masks holds the pixel nearest to a point. Octave steps are powers of two, so sums
+    /// are exact.
     fn mask_holds(&self, mask: &[bool], u: f32, v: f32) -> bool {
         let x = (u + 0.5) as usize;
         let y = (v + 0.5) as usize;
         x < self.image.width && y < self.image.height && mask[y * self.image.width + x]
     }
 
-    /// Only the object is searched: most frames show it in a small part. `None` without an object.
+    /// The region around the object, since most frames show it in a small part; `None` without an object.
     fn of_object(frame: &RgbdFrame, config: &FeatureConfig) -> Option<Self> {
         let w = frame.intrinsics.width;
         let h = frame.intrinsics.height;
@@ -123,14 +123,14 @@ impl Crop {
         Some(Self { corner: [left, top], ..Self::whole_image(image, object, config) })
     }
 
-    /// A whole image.
+    /// The whole image.
     fn whole_image(image: FloatImage, object: Vec<bool>, config: &FeatureConfig) -> Self {
         let inner = eroded_mask(&object, image.width, config.mask_erosion_px);
         Self { image, object, inner, corner: [0; 2] }
     }
 }
 
-/// Left, top, right, bottom of the set pixels.
+/// Bounding box of the set pixels: left, top, right, bottom.
 fn mask_bounds(mask: &[bool], width: usize) -> Option<[usize; 4]> {
     mask.iter().enumerate().filter(|(_, m)| **m).map(|(i, _)| [i % width, i / width]).fold(
         None,
@@ -141,17 +141,17 @@ fn mask_bounds(mask: &[bool], width: usize) -> Option<[usize; 4]> {
     )
 }
 
-/// Pixels of a set with their whole `(2 radius + 1)` square.
+/// Erosion: pixels with every pixel of their `(2 radius + 1)` square set.
 fn eroded_mask(mask: &[bool], width: usize, radius: usize) -> Vec<bool> {
-    // How many pixels before each one, it included, are set without a gap: along its row, then of the long
-    // enough ones, along its column.
+    // Length of the run of set pixels that ends at each pixel: along rows, then along columns over the pixels
+    // with long enough runs.
     let mut out = vec![false; mask.len()];
     let mut below = vec![0usize; width];
     for (y, row) in mask.chunks_exact(width).enumerate() {
         let mut run = 0;
         for (x, set) in row.iter().enumerate() {
             run = if *set { run + 1 } else { 0 };
-            // A square's middle lies `radius` before its last pixel.
+            // The center of a square lies `radius` before its last pixel.
             if x >= radius {
                 let below = &mut below[x - radius];
                 *below = if run > 2 * radius { *below + 1 } else { 0 };
@@ -164,27 +164,27 @@ fn eroded_mask(mask: &[bool], width: usize, radius: usize) -> Vec<bool> {
     out
 }
 
-/// Number of an image of the scale space.
+/// Octave and level of an image in the scale space.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct ImageNumber {
     octave: usize,
     level: usize,
 }
 
-/// An extremum of the differences.
+/// An extremum of the differences of Gaussians.
 struct Extremum {
-    /// The image of its pixel, and for its descriptor.
+    /// The image in which it was found; it also yields the descriptor.
     found: ImageNumber,
-    /// Pixels of the octave.
+    /// Column, pixels of the octave.
     x: f32,
-    /// Pixels of the octave.
+    /// Row, pixels of the octave.
     y: f32,
-    /// Level with fraction.
+    /// Level, interpolated.
     level: f32,
     response: f32,
 }
 
-/// Features of a crop, strongest first, in its pixels.
+/// Features of a crop in its pixels, strongest first.
 fn features_of_crop(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
     let octaves = octaves_of_image(&crop.image, config.scales, config.sigma_px, config.upsample);
     let mut extrema = Vec::new();
@@ -199,7 +199,7 @@ fn features_of_crop(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
             ));
         }
     }
-    // Strongest first: no more are described than requested; of equal ones the first found.
+    // Strongest first, as no more than the requested number are described; the first found of equal ones.
     extrema.sort_by(|a, b| b.response.abs().total_cmp(&a.response.abs()));
     let mut gradients = BTreeMap::new();
     let mut found = Vec::new();
@@ -209,7 +209,7 @@ fn features_of_crop(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
         }
         let octave = &octaves[e.found.octave];
         let step = octave.step;
-        // Gradients stop at the whole mask, features at the eroded one: the background changes with the view
+        // Gradients are cut at the mask, features at the eroded mask: the background changes with the view
         // and must not enter a descriptor.
         let gradients = gradients.entry(e.found).or_insert_with(|| {
             Gradients::of_image(&octave.gaussians[e.found.level], move |x, y| {
@@ -231,7 +231,7 @@ fn features_of_crop(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
     found
 }
 
-/// Refined extrema of one level of the differences of an octave with a number.
+/// Refined extrema of one difference image of an octave.
 fn refined_extrema(
     octave: &Octave,
     of: ImageNumber,
@@ -247,7 +247,7 @@ fn refined_extrema(
     for y in 1..h - 1 {
         let rows = [y - 1, y, y + 1].map(|y| &d[level].values[y * w..(y + 1) * w]);
         candidates.clear();
-        // Half, because the refined value may be larger than the pixel's.
+        // Half, because the refined value may exceed the value at the pixel.
         stands_out(rows, 0.5 * config.contrast, &mut candidates);
         for &x in &candidates {
             if is_extremum(d, level, x, y, rows[1][x]) && inside(x, y) {
@@ -259,15 +259,15 @@ fn refined_extrema(
 }
 
 vectorized! {
-    /// Appends the x of pixels in the middle one of three rows: larger than `least`, and above or below the
-    /// four beside them.
+    /// Appends the x of pixels in the middle one of three rows: larger than `least`, and above or below their
+    /// four neighbors in these rows.
     fn stands_out(rows: [&[f32]; 3], least: f32, candidates: &mut Vec<usize>) = stand_out
 }
 
-/// Pixels compared at once.
+/// Pixels compared together.
 const LANES: usize = 32;
 
-/// `count` values of a row from `first` on; 0 behind them.
+/// `count` values of a row from `first` on, padded with 0.
 #[inline(always)]
 fn lanes_at(row: &[f32], first: usize, count: usize) -> [f32; LANES] {
     let part = &row[first..first + count];
@@ -308,7 +308,7 @@ fn stand_out([above, row, below]: [&[f32]; 3], least: f32, candidates: &mut Vec<
 /// Whether a pixel is above or below all 26 neighbors in space and scale.
 fn is_extremum(d: &[FloatImage], level: usize, x: usize, y: usize, value: f32) -> bool {
     let sign = value.signum();
-    // Its own level first: most pixels fail there.
+    // Its own level first, where most pixels fail.
     [level, level - 1, level + 1].into_iter().all(|level| {
         let plane = &d[level];
         [y, y - 1, y + 1].into_iter().all(|row| {
@@ -318,15 +318,15 @@ fn is_extremum(d: &[FloatImage], level: usize, x: usize, y: usize, value: f32) -
     })
 }
 
-/// Most samples on the way to an extremum.
+/// Most steps from sample to sample during refinement.
 const MOST_STEPS: usize = 5;
-/// Beyond half a sample the extremum belongs to a neighbor; a little more is tolerated: no extremum jumps
-/// between two forever.
-/// chosen: half a sample, and a tenth of one more
+/// Largest offset from a sample, samples. Beyond one half the extremum belongs to a neighbor; the tolerance
+/// keeps it from jumping between two samples forever.
+/// chosen: half a sample and a tenth more
 const FARTHEST: f32 = 0.6;
 
-/// The extremum near a pixel, by the quadratic through the values around it; `None` for weak ones, edges and
-/// drift.
+/// The extremum near a pixel, by a quadratic fit to the values around it; `None` if it is weak, an edge, or
+/// does not converge.
 fn refined_extremum(
     d: &[FloatImage],
     found: ImageNumber,
@@ -341,7 +341,7 @@ fn refined_extremum(
         let offset = -hessian.lu().solve(&gradient)?;
         if offset.amax() <= FARTHEST {
             let response = value + 0.5 * gradient.dot(&offset);
-            // Along an edge one principal curvature is much larger than the other, and the place is
+            // Along an edge one principal curvature is much larger than the other, and the position is
             // uncertain.
             let xx = hessian[(0, 0)];
             let yy = hessian[(1, 1)];
@@ -358,7 +358,7 @@ fn refined_extremum(
                 response,
             });
         }
-        // One sample at a time, since the quadratic holds no farther.
+        // One sample at a time: the quadratic is accurate only nearby.
         x = next_sample(x, offset[0], w - 2)?;
         y = next_sample(y, offset[1], h - 2)?;
         level = next_sample(level, offset[2], config.scales)?;
@@ -372,14 +372,14 @@ fn next_sample(sample: usize, offset: f32, last: usize) -> Option<usize> {
     (next >= 1 && next <= last as i64).then_some(next as usize)
 }
 
-/// Quadratic through the values around a sample.
+/// Quadratic model of the values around a sample.
 struct Quadratic {
     gradient: Vector3<f32>,
     hessian: Matrix3<f32>,
     value: f32,
 }
 
-/// The values around a sample of the differences: by level, then row, then column.
+/// The values around a sample of the differences, by level, row and column.
 struct Around([f32; 27]);
 
 impl Around {
@@ -393,7 +393,7 @@ impl Around {
         Self(values)
     }
 
-    /// By a step of (x, y, level) from the sample.
+    /// The value at a step of (x, y, level) from the sample.
     fn value_at(&self, step: Vector3<i64>) -> f32 {
         self.0[(13 + step.x + 3 * step.y + 9 * step.z) as usize]
     }
@@ -410,7 +410,7 @@ impl Around {
         0.25 * (self.value_at(a + b) - self.value_at(a - b) - self.value_at(b - a) + self.value_at(-a - b))
     }
 
-    /// Gradient, Hessian and value by (x, y, level); derivatives are central.
+    /// Gradient, Hessian and value in (x, y, level), by central differences.
     fn quadratic_fit(&self) -> Quadratic {
         let ex = Vector3::x();
         let ey = Vector3::y();

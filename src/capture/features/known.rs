@@ -1,5 +1,5 @@
-//! Features of whole images, kept by the images' contents: images of a growing recording are not searched
-//! again by the run.
+//! A cache of the features of whole images, by image content: images searched during recording are not
+//! searched again by the run.
 
 use std::sync::Arc;
 
@@ -7,25 +7,25 @@ use super::feature::{Feature, FeatureConfig, image_features};
 use crate::RgbdFrame;
 use common::{ahead::Ahead, fingerprint::Key};
 
-/// Most features of an image.
+/// Most features per image.
 const MOST: usize = 600;
-/// Images whose features are kept, about 160 kB each.
-/// derived: two states of the 150 views that the node keeps of each by default, and as many again
+/// Number of cached images, about 160 kB each.
+/// derived: two states of the 150 views each that the node keeps by default, and as many again
 const MOST_IMAGES: usize = 600;
 
-/// Features of the whole image of a frame, under its mask or not, strongest first.
+/// Features in the whole image of a frame, strongest first; its mask is ignored.
 #[must_use]
 pub(crate) fn whole_image_features(frame: &RgbdFrame, ahead: &Ahead) -> Arc<Vec<Feature>> {
     ahead.get_or_compute(|| key(frame), MOST_IMAGES, || features_of_image(frame))
 }
 
-/// Looks at the image of a frame, so that its features are known.
+/// Puts the features of a frame's image into the cache.
 pub fn look_at(frame: &RgbdFrame, ahead: &Ahead) {
     drop(whole_image_features(frame, ahead));
 }
 
 fn features_of_image(frame: &RgbdFrame) -> Vec<Feature> {
-    // At the size of the image: features of less than two pixels are noise in a view by hand.
+    // At full size: in handheld views, features below two pixels are noise.
     let config = FeatureConfig { upsample: false, limit: MOST, ..FeatureConfig::default() };
     image_features(frame, &config)
 }
@@ -56,7 +56,7 @@ mod tests {
         };
         let first = whole_image_features(&frame, &ahead);
         assert_eq!(*first, features_of_image(&frame));
-        // Depth, mask and pose do not matter; the image does.
+        // Depth, mask and pose do not matter, only the image.
         let masked = RgbdFrame { mask: Some(vec![false; 64 * 48]), stamp_nanos: 7, ..frame.clone() };
         assert!(Arc::ptr_eq(&first, &whole_image_features(&masked, &ahead)));
         let mut other = frame;

@@ -1,4 +1,4 @@
-//! Pixel matches between the frames of two states by their features.
+//! Pixel matches between the frames of two states by image features.
 
 use std::path::PathBuf;
 
@@ -13,21 +13,21 @@ use crate::features::{
 };
 use crate::frame::RgbdFrame;
 
-/// How matches are found.
+/// Settings of the matcher.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MatchConfig {
-    /// Features of a frame.
+    /// Settings of the feature detector.
     pub features: FeatureConfig,
-    /// Frames of the other state matched with every frame: those seen from nearest by.
+    /// Number of frames of the other state matched with each frame, nearest views first.
     pub neighbors: usize,
-    /// A match is kept where its descriptor distance is below this share of the distance to the second best.
+    /// A match is kept if its descriptor distance is below this fraction of the second best distance.
     pub ratio: f32,
-    /// ONNX file of a matching model for pairs of images, in place of the built-in features.
+    /// ONNX file of a model for matching image pairs, in place of the built-in features.
     pub onnx: Option<PathBuf>,
-    /// Longer side of the images for a model of any size, pixels.
+    /// Longer side of images for models of variable input size, pixels.
     pub onnx_max_side_px: usize,
-    /// Matches below this confidence are dropped; a model without confidences gives 1.
+    /// Least confidence of a match; models without confidences give 1.
     pub onnx_min_confidence: f32,
 }
 
@@ -44,16 +44,16 @@ impl Default for MatchConfig {
     }
 }
 
-/// A match as a model finds it in two frames.
+/// A match between two frames as returned by a model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Correspondence {
-    /// Pixels (u, v) of the frame of state 0 and of the frame of state 1.
+    /// Pixel (u, v) in the frame of state 0 and in the frame of state 1.
     pub pixels: [[f32; 2]; 2],
-    /// How sure the model is, 0 to 1.
+    /// Confidence, 0 to 1.
     pub confidence: f32,
 }
 
-/// Matches of a pair of frames with enough confidence and both ends on the object, in order of their pixels.
+/// Matches of a frame pair with sufficient confidence and both ends on the object, ordered by pixel.
 #[must_use]
 pub fn on_object(
     states: [&[RgbdFrame]; 2],
@@ -69,15 +69,15 @@ pub fn on_object(
         .filter(|c| is_on_object(&states[1][frame1], c.pixels[1]))
         .map(|c| PixelMatch { frame0, pixel0: c.pixels[0], frame1, pixel1: c.pixels[1] })
         .collect();
-    // Models give their matches in an order of their own.
+    // Models return matches in arbitrary order.
     let key = |m: &PixelMatch| (m.pixel0.map(f32::to_bits), m.pixel1.map(f32::to_bits));
     matches.sort_by_key(key);
     matches.dedup_by_key(|m| key(m));
     matches
 }
 
-/// Whether the nearest pixel shows the object. A negative number or NaN becomes pixel 0: models' pixels were
-/// checked against their frames before.
+/// Whether the nearest pixel shows the object. Negative numbers and NaN become pixel 0; the pixels of models
+/// have been checked before.
 fn is_on_object(frame: &RgbdFrame, [u, v]: [f32; 2]) -> bool {
     let k = &frame.intrinsics;
     let u = u.round() as usize;
@@ -85,9 +85,9 @@ fn is_on_object(frame: &RgbdFrame, [u, v]: [f32; 2]) -> bool {
     u < k.width && v < k.height && frame.is_object(v * k.width + u)
 }
 
-/// Matches between the frames of state 0 and those of state 1: every frame with the frames of the other state
-/// seen from nearest by, best in both directions and clearly better than the second best in both. Swapping
-/// the states swaps the ends of the matches and changes nothing else but their order.
+/// Matches between the frames of state 0 and of state 1. Every frame is matched with the nearest views of the
+/// other state; matches are mutually best and pass the ratio test in both directions. Swapping the states
+/// only swaps the ends of the matches and changes their order.
 #[must_use]
 pub fn match_states(states: [&[RgbdFrame]; 2], config: &MatchConfig) -> Vec<PixelMatch> {
     let (found0, found1) = rayon::join(
@@ -112,7 +112,7 @@ fn features_of_frames(frames: &[RgbdFrame], config: &FeatureConfig) -> Vec<Vec<F
     frames.par_iter().map(|f| object_features(f, config)).collect()
 }
 
-/// Pairs of frames of the two states, one among the `neighbors` nearest of the other, in order.
+/// Pairs of frames of the two states, in order: one is among the `neighbors` nearest views of the other.
 #[must_use]
 pub fn frame_pairs(states: [&[RgbdFrame]; 2], neighbors: usize) -> Vec<(usize, usize)> {
     let all: Vec<&RgbdFrame> = states.iter().flat_map(|s| s.iter()).collect();
@@ -134,7 +134,7 @@ pub fn frame_pairs(states: [&[RgbdFrame]; 2], neighbors: usize) -> Vec<(usize, u
     pairs
 }
 
-/// Distance of the camera centers in mean radii plus the length between the unit optical axes.
+/// Distance of the camera centers in mean radii, plus the length of the difference of the optical axes.
 fn view_distance(a: &RgbdFrame, b: &RgbdFrame, radius_m: f64) -> f64 {
     let p = &a.world_from_camera;
     let q = &b.world_from_camera;

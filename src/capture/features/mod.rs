@@ -1,4 +1,4 @@
-//! Image features of frames, and matches between two frames.
+//! Image features of frames and their matches.
 
 mod descriptor;
 mod feature;

@@ -2,15 +2,15 @@
 
 use serde::{Deserialize, Serialize};
 
-/// A pixel of one frame and a pixel of a frame of the other state with the same surface point.
+/// A pixel of one state and a pixel of another that show the same surface point.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PixelMatch {
-    /// Index of the frame in `states[0]` and its pixel (u right, v down).
+    /// Index of the frame in `states[0]`.
     pub frame0: usize,
-    /// Pixel coordinates in frame 0.
+    /// Pixel (u right, v down) in this frame.
     pub pixel0: [f32; 2],
     /// Index of the frame in `states[1]`.
     pub frame1: usize,
-    /// Pixel coordinates in frame 1.
+    /// Pixel (u right, v down) in this frame.
     pub pixel1: [f32; 2],
 }

@@ -26,7 +26,7 @@ impl FloatImage {
         self.values[y * self.width + x]
     }
 
-    /// Twice the size by linear interpolation; pixel `(x, y)` becomes pixel `(2 x, 2 y)` unchanged:
+    /// Doubles the image by linear interpolation; pixel `(x, y)` becomes pixel `(2 x, 2 y)`, so that
     /// coordinates halve exactly.
     pub fn doubled(&self) -> Self {
         let w = self.width;
@@ -57,8 +57,8 @@ impl FloatImage {
         out
     }
 
-    /// Convolved with a Gaussian of the given standard deviation in pixels, cut at 4 standard deviations; the
-    /// border pixel repeats outside.
+    /// Convolution with a Gaussian of the given standard deviation in pixels, truncated at 4 standard
+    /// deviations; the border pixel is repeated outside.
     pub fn blurred(&self, sigma_px: f32) -> Self {
         let mut rows = Self::zeros(self.width, self.height);
         let mut out = Self::zeros(self.width, self.height);
@@ -66,7 +66,7 @@ impl FloatImage {
         out
     }
 
-    /// Pixel-wise `self - other` of two images of one size.
+    /// Pixel-wise difference `self - other` of images of the same size.
     pub fn difference_from(&self, other: &Self) -> Self {
         let values = self.values.iter().zip(&other.values).map(|(a, b)| a - b).collect();
         Self { width: self.width, height: self.height, values }
@@ -74,7 +74,7 @@ impl FloatImage {
 }
 
 vectorized! {
-    /// Convolves an image with a kernel along rows, then along columns.
+    /// Convolves an image along rows, then along columns.
     fn blur(image: &FloatImage, kernel: &[f32], rows: &mut FloatImage, out: &mut FloatImage) = convolve
 }
 
@@ -144,10 +144,10 @@ pub struct Octave {
 
 /// Smallest side of an octave, pixels.
 const SMALLEST: usize = 12;
-/// Assumed blur of a camera image, pixels; derived: the least without aliasing (Lowe 2004, section 3.3).
+/// Assumed blur of a camera image, pixels. derived: the least without aliasing (Lowe 2004, section 3.3)
 const CAMERA_BLUR_PX: f32 = 0.5;
 
-/// All octaves of an image, finest first; `upsample` doubles the image before the first.
+/// All octaves of an image, finest first; `upsample` doubles the image first.
 pub fn octaves_of_image(image: &FloatImage, scales: usize, sigma_px: f32, upsample: bool) -> Vec<Octave> {
     let mut step = if upsample { 0.5 } else { 1.0 };
     let start = if upsample { image.doubled() } else { image.clone() };
@@ -164,7 +164,7 @@ pub fn octaves_of_image(image: &FloatImage, scales: usize, sigma_px: f32, upsamp
             gaussians.push(gaussians[i - 1].blurred(added));
         }
         let differences = gaussians.windows(2).map(|g| g[1].difference_from(&g[0])).collect();
-        // This one has twice the blur of the first, so halved it has the same blur.
+        // This image has twice the blur of the first; halved, it has the same blur in pixels.
         base = gaussians[scales].halved();
         all.push(Octave { gaussians, differences, step });
         step *= 2.0;

@@ -1,16 +1,16 @@
-//! Planes below or behind the object, and the box about it.
+//! The background planes below or behind the object, and the workspace box.
 
 use nalgebra::Point3;
 
 use super::plane::Plane;
 use crate::{CaptureConfig, NoiseConfig, RgbdFrame};
 
-/// Whether a point lies in the workspace, if there is one.
+/// Whether a point lies in the workspace; true without one.
 pub fn in_box(workspace: Option<[[f64; 3]; 2]>, p: &Point3<f64>) -> bool {
     workspace.is_none_or(|[lower, upper]| (0..3).all(|k| p[k] >= lower[k] && p[k] <= upper[k]))
 }
 
-/// Planes taken for background.
+/// The planes taken as background.
 pub struct Background<'a> {
     pub planes: Vec<Plane>,
     pub config: &'a CaptureConfig,
@@ -18,13 +18,13 @@ pub struct Background<'a> {
 }
 
 impl Background<'_> {
-    /// The plane nearest to a point.
+    /// The plane nearest to a point, if any.
     pub fn nearest_plane(&self, point: &Point3<f64>) -> Option<usize> {
         let height = |p: &usize| self.planes[*p].height_m(point).abs();
         (0..self.planes.len()).min_by(|a, b| height(a).total_cmp(&height(b)))
     }
 
-    /// Whether a point is above all planes by more than its noise.
+    /// Whether a point is above all planes by more than the noise of its height.
     pub fn is_above(&self, frame: &RgbdFrame, pixel: usize, point: &Point3<f64>) -> bool {
         let k = &frame.intrinsics;
         let ray =

@@ -1,9 +1,8 @@
-//! Contents of one state and not of another, and contents of a part of a state's frames.
+//! Changes between states, and within the frames of a state.
 //!
-//! A frame with a depth well behind a cell has looked through it; one with about the cell's own depth has
-//! seen it there. A cell looked through by frames of another state has changed: the object did, or a moved
-//! thing. A cell more often looked through than seen by frames of its own state was on its way: a hand, a
-//! person.
+//! A frame with depth well behind a cell looks through it; one with depth near the cell sees it. A cell that
+//! frames of another state look through has changed: the object moved, or something else did. A cell that
+//! more frames of its own state look through than see was in motion, such as a hand or a person.
 
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -12,25 +11,24 @@ use super::voxels::{Cell, CellSet, center_of_cell, frames_needed, groups};
 use crate::{NoiseConfig, RgbdFrame, poses::pose_noise::PoseNoise};
 use common::stop::{Stop, Stopped};
 
-/// Standard deviations between a cell and readings of something else.
-/// chosen: two frames by chance, 0.05 % one-sided
+/// Distance of a reading from a cell at which the cell is looked through, standard deviations.
+/// chosen: 0.05 % of chance for two frames, one-sided
 const GATE_SIGMAS: f64 = 2.0;
-/// A cell has changed if it was looked through this many times as often as it was seen there.
-/// derived: readings at depth edges take either side about as often
+/// A cell has changed if this many times as many frames look through it as see it.
+/// derived: readings at depth edges see and look through about equally often
 pub const CLEARLY: usize = 4;
-/// Fewest changed cells of a patch.
-/// derived: a patch of three by three, less one; a line of cells along an edge is one too, so counts are
-/// compared
+/// Fewest changed cells in a connected patch.
+/// derived: three by three, less one; false changes along an edge can be as many, so counts are compared too
 pub const LEAST_PATCH: usize = 8;
 
-/// How often frames saw a cell, and through it.
+/// Number of frames that see a cell, and that look through it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Sight {
     there: usize,
     through: usize,
 }
 
-/// Resting cells of each state: seen by its own frames at least as often as looked through.
+/// Cells of each state at rest: its own frames see them at least as often as they look through them.
 pub fn at_rest(
     cells: &[Vec<Cell>],
     states: &[Vec<RgbdFrame>],
@@ -51,7 +49,7 @@ fn is_at_rest(cell: &Cell, frames: &[RgbdFrame], size_m: f64, noise: &NoiseConfi
     sight.through < frames_needed(frames.len()) || sight.through <= sight.there
 }
 
-/// Cells of all states looked through by frames of another state, in patches.
+/// Cells of all states that frames of another state look through, in patches.
 pub fn changed_cells(
     cells: &[Vec<Cell>],
     states: &[Vec<RgbdFrame>],
@@ -68,7 +66,7 @@ pub fn changed_cells(
     Ok(changed)
 }
 
-/// Whether another state than `own` looks through a cell.
+/// Whether a state other than `own` looks through a cell.
 fn is_gone_elsewhere(
     cell: &Cell,
     own: usize,
@@ -87,7 +85,7 @@ fn is_looked_through(point: &Point3<f64>, frames: &[RgbdFrame], size_m: f64, noi
     sight.through >= frames_needed(frames.len()) && sight.through >= CLEARLY * sight.there
 }
 
-/// Cells by a test, in their order.
+/// Cells that pass a test, in order.
 fn filtered(
     cells: &[Cell],
     is_kept: impl Fn(&Cell) -> bool + Sync,
@@ -103,7 +101,7 @@ fn filtered(
     Ok(tested.into_iter().flatten().collect())
 }
 
-/// How frames see a point.
+/// Counts the frames that see a point and that look through it.
 fn sight_of_point(point: &Point3<f64>, frames: &[RgbdFrame], size_m: f64, noise: &NoiseConfig) -> Sight {
     frames.iter().fold(Sight::default(), |sight, frame| match is_behind(point, frame, size_m, noise) {
         Some(true) => Sight { through: sight.through + 1, ..sight },
@@ -112,8 +110,8 @@ fn sight_of_point(point: &Point3<f64>, frames: &[RgbdFrame], size_m: f64, noise:
     })
 }
 
-/// Whether all readings about a point's pixel are behind it (`true`), or one is where it is (`false`); `None`
-/// where something hides it, or nothing was read.
+/// `true` if all readings around a point's pixel are behind it, `false` if one is at its depth; `None` where
+/// it is occluded or nothing was read.
 fn is_behind(point: &Point3<f64>, frame: &RgbdFrame, size_m: f64, noise: &NoiseConfig) -> Option<bool> {
     let k = &frame.intrinsics;
     let seen = frame.in_camera(point);
@@ -125,7 +123,7 @@ fn is_behind(point: &Point3<f64>, frame: &RgbdFrame, size_m: f64, noise: &NoiseC
         return None;
     }
     let at = y as usize * k.width + x as usize;
-    // Half a cell's diagonal, the noise, and the error of a pose.
+    // Half a cell's diagonal, the noise, and pose errors.
     let gate_m = (GATE_SIGMAS * noise.sigma_m(seen.z))
         .hypot(0.5 * 3f64.sqrt() * size_m)
         .hypot(PoseNoise::EXPECTED.displacement_m(seen.z));
@@ -145,7 +143,7 @@ fn is_behind(point: &Point3<f64>, frame: &RgbdFrame, size_m: f64, noise: &NoiseC
     }
     match () {
         () if is_there => Some(false),
-        // Where depth is lost, the rest may be the point's surface.
+        // Where readings are missing, they might be of the point's surface.
         () if nearest_m > gate_m && unknown == 0 => Some(true),
         () => None,
     }

@@ -1,11 +1,10 @@
-//! The object separated from its surroundings: a mask for every frame.
+//! Isolation of the object from its surroundings: a mask for every frame.
 //!
-//! With masks of the recording, only stray depth readings are forgotten. Without, all points but those of the
-//! background planes (or the points of a given box) are gathered in cells of space over all states, and
-//! grouped. The group with a change between states is the object (where none changed, the one in the cameras'
-//! focus). A pixel is part of the mask if its point lies in the group; where the depth is unknown or too
-//! close to the support to decide, it is part of the mask but has no depth, and counts neither as object nor
-//! as empty space.
+//! With masks in the recording, only stray depth readings are removed. Without masks, the points of all
+//! states outside the background planes (or inside a given box) are collected in cells of space and grouped.
+//! The group that changed between states is the object; without a change, the group at the cameras' focus.
+//! The mask holds the pixels with a point in this group. Pixels with unknown depth, or too close to the
+//! support to decide, are in the mask without depth: they count neither as object nor as empty space.
 
 mod background;
 mod change;
@@ -39,17 +38,17 @@ use common::note::{Note, NoteCode};
 use common::stop::{Stop, Stopped};
 use numeric::statistics::median;
 
-/// Fewest pixels with depth on the object in a state.
+/// Fewest object pixels with depth in a state.
 const MIN_PIXELS: usize = 200;
-/// Least share of the smaller state's cells in common.
-/// chosen: less is no common object
+/// Least share of common cells, of the state with fewer cells.
+/// chosen: with less, the states show no common object
 const MIN_OVERLAP: f64 = 0.02;
 
-/// Gives every frame its mask.
+/// Sets the mask of every frame.
 ///
 /// # Errors
-/// [`CaptureError::Isolation`] where nothing with depth is left as the object, [`CaptureError::NoOverlap`]
-/// where the states have no place in common, [`CaptureError::Stopped`].
+/// [`CaptureError::Isolation`] if no depth is left on the object, [`CaptureError::NoOverlap`] if the states
+/// have no place in common, [`CaptureError::Stopped`].
 pub fn isolate(
     capture: &mut Capture,
     config: &CaptureConfig,
@@ -59,7 +58,7 @@ pub fn isolate(
     let masked = capture.states.iter().flatten().filter(|f| f.mask.is_some()).count();
     let all = capture.states.iter().flatten().count();
     if masked > 0 && masked < all {
-        // Frames without masks would show the surroundings as object.
+        // Frames without a mask would show the surroundings as object.
         capture.warnings.push(Note::new(
             NoteCode::MasksIncomplete,
             format!("only {masked} of {all} frames have masks; the masks are not used"),
@@ -76,7 +75,7 @@ pub fn isolate(
     Ok(())
 }
 
-/// Cell size: two standard deviations of the depth noise, or two pixels, at the median depth.
+/// Side of a cell, meters: two standard deviations of the depth noise or two pixels, at the median depth.
 fn cell_size(capture: &Capture) -> f64 {
     let frames = || capture.states.iter().flatten();
     let mut depths_m = Vec::new();
@@ -90,12 +89,12 @@ fn cell_size(capture: &Capture) -> f64 {
     (2.0 * capture.noise.sigma_m(depth_m)).max(2.0 * pixel_m).clamp(0.002, 0.05)
 }
 
-/// Cells of a frame under its mask, each once, sorted.
+/// The distinct cells of a frame under its mask, sorted.
 fn object_cells(frame: &RgbdFrame, size_m: f64) -> Vec<Cell> {
     let pixels = (0..frame.depth_m.len()).filter(|p| frame.is_object(*p));
     let points = pixels.filter_map(|p| frame.world_point(p));
     let mut cells: Vec<Cell> = points.filter_map(|point| cell_of_point(&point, size_m)).collect();
-    // Most neighboring pixels see one cell.
+    // Neighboring pixels mostly lie in the same cell.
     cells.dedup();
     cells.sort_unstable();
     cells.dedup();
@@ -112,7 +111,7 @@ fn cells_of_frames(frames: &[RgbdFrame], size_m: f64, stop: &Stop) -> Result<Vec
         .collect()
 }
 
-/// Forgets depth under masks in outlier cells, or outside the workspace.
+/// Removes depth under masks that is in outlier cells or outside the workspace.
 fn clean_masks(
     capture: &mut Capture,
     config: &CaptureConfig,
@@ -131,7 +130,7 @@ fn clean_masks(
     Ok(())
 }
 
-/// Forgets the depth of object pixels by a test of their world points; returns their number.
+/// Removes the depth of object pixels by a test of their world points; returns the number removed.
 fn forget(frame: &mut RgbdFrame, is_bad: impl Fn(&Point3<f64>) -> bool) -> usize {
     let pixels: Vec<usize> = (0..frame.depth_m.len())
         .filter(|&p| frame.is_object(p) && frame.world_point(p).is_some_and(|q| is_bad(&q)))
@@ -180,13 +179,13 @@ fn find_object(
         supports.push(find_support(frames, &weights, size_m, &background, stop)?);
     }
     let seen: Vec<Vec<Cell>> = supports.iter().map(|s| s.cells.clone()).collect();
-    // A hand or a person in some frames is no part of the scene.
+    // Hands or persons in some frames are no part of the scene.
     let cells = at_rest(&seen, &capture.states, size_m, &capture.noise, stop)?;
     let object = choose(capture, &background, size_m, &cells, stop)?;
     capture.notes.push(Note::new(NoteCode::ObjectIsolated, object.note.clone()));
     for (s, frames) in capture.states.iter_mut().enumerate() {
         let own: Vec<Cell> = cells[s].iter().filter(|c| object.contains(c)).copied().collect();
-        // Cells at the rim are seen too rarely to count, but their points belong to the object.
+        // Too few frames see the cells at the rim, but their points belong to the object.
         let near = dilated_cells(&own, 1);
         frames.par_iter_mut().try_for_each(|frame| {
             stop.check()?;
@@ -205,15 +204,15 @@ fn find_object(
     Ok(())
 }
 
-/// Forgets depth under the masks of one state in outlier cells, or outside the workspace; returns the number
-/// of readings.
+/// Removes depth of one state under masks in outlier cells or outside the workspace; returns the number of
+/// readings removed.
 fn forget_outliers(
     frames: &mut [RgbdFrame],
     config: &CaptureConfig,
     size_m: f64,
     stop: &Stop,
 ) -> Result<usize, Stopped> {
-    // One frame is enough, since masks leave no noisy background.
+    // One frame suffices, as masks leave no noisy background.
     let cells = supported_cells(&cells_of_frames(frames, size_m, stop)?, 1);
     let bad = outlier_cells(&cells, size_m, stop)?;
     let workspace = config.isolate.workspace;
@@ -228,7 +227,7 @@ fn forget_outliers(
         .sum()
 }
 
-/// The object among the cells of all states.
+/// Finds the object among the cells of all states.
 fn choose(
     capture: &Capture,
     background: &Background<'_>,
@@ -239,11 +238,11 @@ fn choose(
     let isolate = &background.config.isolate;
     let changed = changed_cells(cells, &capture.states, size_m, &capture.noise, stop)?;
     let poses: Vec<_> = capture.states.iter().flatten().map(|f| f.world_from_camera).collect();
-    // At most 20: the search for neighbors visits its cube.
+    // At most 20, since the neighbor search visits a cube of this radius.
     let reach = isolate.link_distance_m.map_or(3, |d| ((d / size_m).ceil() as i32).clamp(1, 20));
-    // As near to a plane as the cells of a group may be to each other.
+    // The same distance to a plane as between cells of a group.
     let touching_m = isolate.plane_clearance_m + f64::from(reach + 1) * size_m;
-    // Over all states together: separate parts of one may be linked in another.
+    // Grouped over all states together: parts separate in one state may be connected in another.
     let search = Search {
         cells,
         size_m,
@@ -259,7 +258,7 @@ fn choose(
     choose_object(&search, stop)
 }
 
-/// The given point in the world, or the point of a given pixel.
+/// The given point on the object in the world, or the point at a given pixel.
 fn place(at: &At, states: &[Vec<RgbdFrame>]) -> Result<Point3<f64>, CaptureError> {
     let refuse = |reason: String| CaptureError::Setting { key: "capture.isolate.at", reason };
     match at {
@@ -275,20 +274,20 @@ fn place(at: &At, states: &[Vec<RgbdFrame>]) -> Result<Point3<f64>, CaptureError
     }
 }
 
-/// Mask of one frame: pixels with a point of the object and, where the depth is unknown, those in its
-/// outline. Depth of a possible background is forgotten.
+/// Mask of a frame: pixels with a point of the object and, where depth is unknown, pixels inside its outline.
+/// Depth that may be background is removed.
 fn paint(
     frame: &mut RgbdFrame,
     outline: &[bool],
     is_object: impl Fn(&Point3<f64>) -> bool,
     is_known: impl Fn(&RgbdFrame, usize, &Point3<f64>) -> bool,
 ) {
-    // Where depth is not known the outline decides: a hole in the object is not taken for empty space.
+    // Unknown depth is decided by the outline, so that a hole in the object is not taken for empty space.
     let mut mask = outline.to_vec();
     for (pixel, inside) in mask.iter_mut().enumerate() {
         if let Some(point) = frame.world_point(pixel) {
             *inside = is_object(&point);
-            // Object or support cannot be said here; without depth the pixel speaks for neither.
+            // Object or support: undecidable here, so the pixel keeps no depth.
             if *inside && !is_known(frame, pixel, &point) {
                 frame.depth_m[pixel] = 0.0;
             }
@@ -297,14 +296,14 @@ fn paint(
     frame.mask = Some(mask);
 }
 
-/// Pixels of the projected cells, each a square of its size.
+/// Pixels covered by the projected cells, each as a square of its size.
 fn silhouette(frame: &RgbdFrame, cells: &[Cell], size_m: f64) -> Vec<bool> {
     let k = &frame.intrinsics;
     let mut covered = vec![false; k.width * k.height];
     for c in cells {
         let point = frame.in_camera(&center_of_cell(c, size_m));
         let Some((u, v)) = k.project(&point) else { continue };
-        // By the longer focal length: the cells' squares leave no gaps.
+        // By the longer focal length, so that the squares leave no gaps.
         let half = 0.5 * size_m * k.fx.max(k.fy) / point.z;
         for y in pixels_about(v, half, k.height) {
             for x in pixels_about(u, half, k.width) {
@@ -315,14 +314,14 @@ fn silhouette(frame: &RgbdFrame, cells: &[Cell], size_m: f64) -> Vec<bool> {
     covered
 }
 
-/// Pixels of `count` at most `half` from a coordinate.
+/// Pixels below `count` at most `half` from a coordinate.
 fn pixels_about(middle: f64, half: f64, count: usize) -> Range<usize> {
     let first = (middle - half).round().max(0.0) as usize;
     first..((middle + half).round().max(-1.0) + 1.0).min(count as f64) as usize
 }
 
-/// Refuses states without depth on the object and states without a common place. The box about the object in
-/// all states, lower and upper corner, meters.
+/// Checks that every state has depth on the object, and that all share a place. Returns the box around the
+/// object in all states: lower and upper corner, meters.
 fn check(capture: &Capture, size_m: f64, stop: &Stop) -> Result<[[f64; 3]; 2], CaptureError> {
     let mut cells = Vec::new();
     for (state, frames) in capture.states.iter().enumerate() {
@@ -342,13 +341,13 @@ fn check(capture: &Capture, size_m: f64, stop: &Stop) -> Result<[[f64; 3]; 2], C
     let (lower, upper) = bounds(cells.iter().flatten());
     let corners = [lower, upper.map(|v| v.saturating_add(1))].map(|c| c.map(|v| f64::from(v) * size_m));
     let Some((first, others)) = cells.split_first() else { return Ok(corners) };
-    // Noise may put the same surface into the next cell.
+    // Noise may put the same surface into a neighboring cell.
     let near = dilated_cells(first, 1);
     for (k, other) in others.iter().enumerate() {
         let common = other.iter().filter(|c| near.contains(*c)).count();
-        // Of the smaller state: fewer views must not look like a lack of overlap.
+        // Relative to the smaller state, so that fewer views do not look like less overlap.
         let share = common as f64 / first.len().min(other.len()).max(1) as f64;
-        // States without a place in common are in two world frames, or show two objects.
+        // Without a common place, the world frames differ or the objects do.
         if share < MIN_OVERLAP {
             return Err(CaptureError::NoOverlap { state: k + 1, share_percent: 100.0 * share });
         }

@@ -1,4 +1,4 @@
-//! Outliers among depth readings within a mask: flying pixels far from the rest of the object.
+//! Outliers among the depth readings under a mask, such as flying pixels far from the object.
 
 use std::num::NonZeroUsize;
 
@@ -8,27 +8,26 @@ use rayon::prelude::*;
 use super::voxels::{Cell, CellSet, center_of_cell};
 use common::stop::{Stop, Stopped};
 
-/// Number of neighbors for the mean distance.
+/// Number of nearest neighbors for the mean distance.
 const NEIGHBORS: NonZeroUsize = NonZeroUsize::MIN.saturating_add(15);
-/// Cells this much further from their neighbors than the mean are outliers, in standard deviations.
+/// A cell is an outlier if its mean distance exceeds the average by this many standard deviations.
 /// chosen: 0.1 % of a normal distribution lie beyond, one-sided
 const SIGMAS: f64 = 3.0;
-/// Nothing nearer to its neighbors than this many cells is an outlier: the 16 neighbors of a rod one cell
-/// wide are on average 4.5 cells away. chosen: a third above the 4.5 cells of a rod
+/// Mean distance that is never an outlier, cells: the 16 neighbors of a rod one cell wide are 4.5 cells away
+/// on average. chosen: a third more than that
 const ALWAYS_KEPT_CELLS: f64 = 6.0;
 
-/// Cells of a sorted list far from the others (statistical outlier removal on cells, with a floor for rods
-/// and wires).
+/// Outliers among sorted cells (statistical outlier removal, with a lower bound for rods and wires).
 pub fn outlier_cells(cells: &[Cell], size_m: f64, stop: &Stop) -> Result<CellSet, Stopped> {
     if cells.len() <= NEIGHBORS.get() {
         return Ok(CellSet::default());
     }
-    // Cells in place of readings: places seen often do not make the others look lonely.
+    // By cells, not readings, so that often seen places do not make the others outliers.
     let points: Vec<[f64; 3]> = cells.iter().map(|c| center_of_cell(c, size_m).coords.into()).collect();
     let Ok(tree) = ImmutableKdTree::new_from_slice(&points) else { return Ok(CellSet::default()) };
     let mean_distances = points.par_iter().with_min_len(256).map(|p| {
         stop.check()?;
-        // The cell itself is the nearest, at distance 0.
+        // The nearest neighbor is the cell itself, at distance 0.
         let near = tree.query(p).nearest_n::<SquaredEuclidean<f64>>(NEIGHBORS.saturating_add(1)).execute();
         Ok(near.iter().map(|n| n.distance.sqrt()).sum::<f64>() / NEIGHBORS.get() as f64)
     });

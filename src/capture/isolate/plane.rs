@@ -1,8 +1,8 @@
-//! Planes below or behind the object: found by RANSAC in the points of all frames and taken away.
+//! Planes below or behind the object: RANSAC finds them in the points of all frames.
 //!
-//! A plane counts as background only if the cameras are all on one side of it, next to nothing lies behind
-//! it, and it reaches the borders of the images. So a side of the object is not taken for a wall, and a floor
-//! goes before the table on it.
+//! A plane is background only if all cameras are on one side of it, almost nothing lies behind it, and it
+//! reaches the image borders. So no side of the object is taken for a wall, and a floor is removed before the
+//! table on it.
 
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use rand_core::Rng;
@@ -10,32 +10,32 @@ use rand_core::Rng;
 use crate::{NoiseConfig, RgbdFrame};
 use common::stop::{Stop, Stopped};
 
-/// Points looked at.
+/// Number of sampled points.
 const SAMPLES: usize = 60_000;
-/// Points for the score of a hypothesis.
+/// Number of points that score a hypothesis.
 const SCORED: usize = 6_000;
 /// Hypotheses per plane.
 const TRIALS: usize = 600;
 /// Most planes (a floor, a table, walls).
 const MAX_PLANES: usize = 5;
-/// Weight of the points behind a background plane against those in it, at most.
+/// Largest weight of the points behind a background plane, relative to those on it.
 /// tuned: made and recorded objects (docs/method.md 16)
 const BEHIND_SHARE: f64 = 0.05;
-/// Least share of the points at the image borders on a background plane.
+/// Least share of the points at the image borders that lie on a background plane.
 /// tuned: made and recorded objects (docs/method.md 16)
 const BORDER_SHARE: f64 = 0.15;
-/// Least share of all points on a background plane.
+/// Least share of all points that lie on a background plane.
 /// tuned: made and recorded objects (docs/method.md 16)
 const SUPPORT_SHARE: f64 = 0.05;
-/// Width of the image border against the image. tuned: made and recorded objects (docs/method.md 16)
+/// Width of the image border, share of the image. tuned: made and recorded objects (docs/method.md 16)
 const BORDER: f64 = 0.06;
 
-/// Points with `normal . p = offset_m`; the cameras are on the side the normal points to.
+/// Plane `normal . p = offset_m`; the normal points to the cameras' side.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
     /// Unit normal in the world frame.
     pub normal: Unit<Vector3<f64>>,
-    /// Signed distance of the origin's opposite, meters.
+    /// Offset of the plane along its normal, meters.
     pub offset_m: f64,
 }
 
@@ -46,26 +46,26 @@ impl Plane {
         self.normal.dot(&point.coords) - self.offset_m
     }
 
-    /// Standard deviation of the height of a point by that of its depth, `sigma_m`, along a ray of unit z.
+    /// Standard deviation of a point's height, meters, from `sigma_m` of its depth along a ray with unit z.
     #[must_use]
     pub fn height_sigma_m(&self, ray_in_world: &Vector3<f64>, sigma_m: f64) -> f64 {
         sigma_m * self.normal.dot(ray_in_world).abs()
     }
 }
 
-/// A depth reading.
+/// A sampled depth reading.
 #[derive(Clone, Debug)]
 struct Sample {
     point: Point3<f64>,
-    /// World direction with unit depth.
+    /// Direction of its ray in the world, with unit depth.
     ray: Vector3<f64>,
     sigma_m: f64,
-    /// Area it stands for, up to a factor.
+    /// Area it represents, up to a factor.
     weight: f64,
     at_border: bool,
 }
 
-/// The background planes of the frames, in the order of their removal.
+/// The background planes of the frames, in order of removal.
 pub fn background_planes(
     frames: &[&RgbdFrame],
     noise: &NoiseConfig,
@@ -81,19 +81,19 @@ pub fn background_planes(
     while planes.len() < MAX_PLANES {
         stop.check()?;
         let left = samples.iter().filter(|s| s.at_border).count();
-        // With hardly a reading left at the borders, the rest has no background.
+        // With few readings left at the borders, no background remains.
         if samples.len() < 100 || left * 50 < borders {
             break;
         }
         let Some(plane) = best_plane(&samples, &cameras, SUPPORT_SHARE * total, rng) else { break };
-        // Points behind go along: cameras do not see through a plane.
+        // Points behind are removed as well: cameras do not see through a plane.
         samples.retain(|s| plane.height_m(&s.point) > 0.005 + 4.0 * plane.height_sigma_m(&s.ray, s.sigma_m));
         planes.push(plane);
     }
     Ok(planes)
 }
 
-/// Depth readings on a regular grid in every frame.
+/// Depth readings on a regular grid of pixels in every frame.
 fn sampled_readings(frames: &[&RgbdFrame], noise: &NoiseConfig) -> Vec<Sample> {
     let pixels: usize = frames.iter().map(|f| f.depth_m.len()).sum();
     let stride = ((pixels as f64 / SAMPLES as f64).sqrt().ceil() as usize).max(1);
@@ -112,7 +112,7 @@ fn sampled_readings(frames: &[&RgbdFrame], noise: &NoiseConfig) -> Vec<Sample> {
                     point,
                     ray: frame.world_from_camera.rotation * k.ray_at(x as f64, y as f64),
                     sigma_m: noise.sigma_m(depth),
-                    // The area of a pixel grows with the square of its depth.
+                    // A pixel's area grows with the square of its depth.
                     weight: depth * depth,
                     at_border: x < bw || y < bh || x + bw >= w || y + bh >= h,
                 });
@@ -144,13 +144,13 @@ fn best_plane(
     for _ in 0..5 {
         plane = refitted_plane(&plane, samples, cameras)?;
     }
-    // Some readings were enough to compare; all of them decide.
+    // A few readings sufficed to compare; all of them decide.
     let all: Vec<&Sample> = samples.iter().collect();
     background_weight(&plane, &all).filter(|weight| *weight >= support).map(|_| plane)
 }
 
-/// The plane through three points, its normal to the cameras; `None` where they are on a line or the cameras
-/// are on both sides.
+/// The plane through three points, with its normal to the cameras; `None` if they are collinear or the
+/// cameras are on both sides.
 fn plane_through(
     a: &Point3<f64>,
     b: &Point3<f64>,
@@ -176,7 +176,7 @@ fn is_inlier(plane: &Plane, s: &Sample) -> bool {
     plane.height_m(&s.point).abs() < 0.002 + 2.5 * plane.height_sigma_m(&s.ray, s.sigma_m)
 }
 
-/// Weight of a plane's points; `None` where it is no background.
+/// Weight of the points on a plane; `None` if the plane is no background.
 fn background_weight(plane: &Plane, samples: &[&Sample]) -> Option<f64> {
     let mut inside = 0.0;
     let mut behind = 0.0;
@@ -188,7 +188,7 @@ fn background_weight(plane: &Plane, samples: &[&Sample]) -> Option<f64> {
         own_borders += usize::from(s.at_border && inlier);
         if inlier {
             inside += s.weight;
-        // Well behind: the plane's own noise does not speak against it.
+        // Well behind, beyond the noise of the plane's own points.
         } else if plane.height_m(&s.point) < -0.01 - 4.0 * plane.height_sigma_m(&s.ray, s.sigma_m) {
             behind += s.weight;
         }
@@ -197,10 +197,10 @@ fn background_weight(plane: &Plane, samples: &[&Sample]) -> Option<f64> {
     (valid && inside > 0.0).then_some(inside)
 }
 
-/// Least squares over the inliers, each weighted by its noise.
+/// Least squares fit to the inliers, weighted by their noise.
 fn refitted_plane(plane: &Plane, samples: &[Sample], cameras: &[Point3<f64>]) -> Option<Plane> {
     let inliers: Vec<_> = samples.iter().filter(|s| is_inlier(plane, s)).collect();
-    // The millimeter keeps grazing readings, with hardly any noise of height, from deciding alone.
+    // One millimeter is added, as grazing readings have hardly any noise of height and would dominate.
     let weight = |s: &Sample| 1.0 / (0.001 + plane.height_sigma_m(&s.ray, s.sigma_m)).powi(2);
     let total: f64 = inliers.iter().map(|s| weight(s)).sum();
     let mean = inliers.iter().map(|s| s.point.coords * weight(s)).sum::<Vector3<f64>>() / total;

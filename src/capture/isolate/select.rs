@@ -1,4 +1,4 @@
-//! The choice of the object's group of cells.
+//! Choice of the group of cells that is the object.
 
 use nalgebra::Point3;
 
@@ -6,48 +6,48 @@ use super::voxels::{Cell, CellSet, center_of_cell, groups};
 use crate::CaptureError;
 use common::stop::Stop;
 
-/// Ratio of changes between two things; above, one of them clearly changed.
-/// tuned: eval/tracking/objects.py, seeds 9101 to 9110: still things have 0.1 of the object's changes, and
-/// less
+/// Least ratio of changed cells between two groups for one to be clearly the changed one.
+/// tuned: eval/tracking/objects.py, seeds 9101 to 9110: things at rest have at most 0.1 of the object's
+/// changes
 const CLEARLY: f64 = 4.0;
 
-/// A group with this share of the changes of the best one is a piece of it, if it lies in its bounds.
-/// chosen: less may be chance at the rim of a still thing
+/// A group within the object's bounds is a part of it if it has this share of the best group's changes.
+/// chosen: fewer may be chance at the rim of a thing at rest
 const ALSO: f64 = 0.05;
-/// Least number of cells at a support, of a standing group.
-/// derived: as a patch of changed cells
+/// Fewest cells at a support for a group to stand on it.
+/// derived: as for a patch of changed cells
 const STANDING: usize = 8;
-/// Pieces of one thing are apart by no more than this fraction of the smaller one's length.
-/// derived: a dark link of a fifth of its neighbor's length, between two that are read
+/// Parts of a thing are at most this fraction of the smaller part's length apart.
+/// derived: two measured links with an unmeasured dark one between, a fifth as long
 const PIECES_APART: i32 = 5;
-/// Most cells of a group for distances.
+/// Most cells of a group used for distances.
 const PROBED: usize = 500;
 
-/// Where the object is looked for.
+/// Input of the search for the object.
 pub struct Search<'a> {
     /// Sorted cells of every state.
     pub cells: &'a [Vec<Cell>],
     /// Side of a cell, meters.
     pub size_m: f64,
-    /// Cells so near to each other hang together.
+    /// Cells within this distance belong to one group, cells.
     pub reach: i32,
-    /// Cells of one state missing in another.
+    /// Cells that changed between states.
     pub changed: &'a CellSet,
-    /// Whether a cell touches a possible support of the object.
+    /// Whether a cell touches a surface that may support the object.
     pub is_at_support: &'a (dyn Fn(&Cell) -> bool + Sync),
-    /// Where the cameras look.
+    /// Point at which the cameras look.
     pub focus: Option<Point3<f64>>,
-    /// Its given place.
+    /// Given point on the object.
     pub at: Option<Point3<f64>>,
-    /// Whether everything is the object, as in a given box.
+    /// Whether all groups are the object, as in a given box.
     pub takes_all: bool,
 }
 
-/// The object's cells.
+/// The cells of the object.
 pub struct Object {
-    /// Sorted cells of both states.
+    /// Sorted cells of all states.
     pub cells: Vec<Cell>,
-    /// Description of the choice.
+    /// Describes how it was chosen.
     pub note: String,
 }
 
@@ -58,13 +58,13 @@ impl Object {
     }
 }
 
-/// Groups the cells of all states and keeps one group, with smaller groups inside its bounds: the one at a
-/// given place; else the one with a change between states; where none changed, the one with the most cells
-/// near the cameras' focus. Where all is the object every group of more than a few cells is kept.
+/// Groups the cells of all states and returns one group, with the smaller groups inside its bounds: the group
+/// at the given point; else the group that changed between states; else the group with the most cells near
+/// the cameras' focus. If `takes_all`, every group of more than a few cells is kept.
 ///
 /// # Errors
-/// [`CaptureError::Isolation`] where there are no cells, [`CaptureError::SeveralChanged`] where two things
-/// changed about as much, [`CaptureError::Stopped`].
+/// [`CaptureError::Isolation`] without cells, [`CaptureError::SeveralChanged`] if two things changed about as
+/// much, [`CaptureError::Stopped`].
 pub fn choose_object(search: &Search<'_>, stop: &Stop) -> Result<Object, CaptureError> {
     let mut all: Vec<Cell> = search.cells.iter().flatten().copied().collect();
     all.sort_unstable();
@@ -75,7 +75,7 @@ pub fn choose_object(search: &Search<'_>, stop: &Stop) -> Result<Object, Capture
     let reach = search.reach;
     let core = search.core(&groups, &changed, best);
     let (lower, upper) = bounds(core.iter().flat_map(|g| &groups[*g]));
-    // Inside its bounds are parts of the object cut off by holes; beside them stand other things.
+    // Groups inside the bounds are parts cut off by holes in depth; groups outside are other things.
     let mut kept = Vec::new();
     for (g, group) in groups.iter().enumerate() {
         let (l, u) = bounds(group.iter());
@@ -104,12 +104,12 @@ pub fn choose_object(search: &Search<'_>, stop: &Stop) -> Result<Object, Capture
 }
 
 impl Search<'_> {
-    /// Changed cells of a group.
+    /// Number of changed cells of a group.
     fn changed_of(&self, group: &[Cell]) -> usize {
         group.iter().filter(|c| self.changed.contains(*c)).count()
     }
 
-    /// The object's group, and the reason; `changed`: changed cells of each group.
+    /// Index of the object's group, and why it was chosen; `changed` counts the changed cells of each group.
     fn best(&self, groups: &[Vec<Cell>], changed: &[usize]) -> Result<(usize, String), CaptureError> {
         let nothing = || CaptureError::Isolation { reason: "nothing stands out from the background".into() };
         if let Some(at) = self.at {
@@ -144,8 +144,8 @@ impl Search<'_> {
         }
     }
 
-    /// The best group, other changed ones in the bounds of the rest, and their support: nothing floats. Dark
-    /// parts of a thing are often not read: it is in pieces.
+    /// The best group, the other changed groups within its bounds, and the groups that support them, as
+    /// nothing floats. Dark parts are often not measured, so one thing may consist of several groups.
     fn core(&self, groups: &[Vec<Cell>], changed: &[usize], best: usize) -> Vec<usize> {
         let most = changed[best] as f64;
         let mut core = vec![best];
@@ -172,7 +172,7 @@ impl Search<'_> {
         core
     }
 
-    /// Whether the bounds of two groups touch, or nearly, as those of pieces of one thing do.
+    /// Whether the bounds of two groups touch or nearly touch, as those of parts of one thing.
     fn is_one(&self, a: &[Cell], b: &[Cell]) -> bool {
         let (la, ua) = bounds(a.iter());
         let (lb, ub) = bounds(b.iter());
@@ -198,14 +198,13 @@ fn distance_m(group: &[Cell], size_m: f64, from: &Point3<f64>) -> f64 {
     group.iter().map(|c| (center_of_cell(c, size_m) - from).norm()).fold(f64::INFINITY, f64::min)
 }
 
-/// Middle of a group's bounds, meters.
+/// Center of a group's bounds, meters.
 fn middle(group: &[Cell], size_m: f64) -> [f64; 3] {
     let (lower, upper) = bounds(group.iter());
     [0, 1, 2].map(|k| 0.5 * size_m * f64::from(lower[k] + upper[k] + 1))
 }
 
-/// Cells of a group, counted less the further they are from the focus, against the group nearest to it.
-/// See docs/method.md (2.19).
+/// Number of cells, reduced with the distance of the group from the focus. See docs/method.md (2.19).
 fn score(group: &[Cell], size_m: f64, focus: Option<Point3<f64>>) -> f64 {
     let Some(focus) = focus else { return group.len() as f64 };
     let nearest = distance_m(group, size_m, &focus);
@@ -213,11 +212,11 @@ fn score(group: &[Cell], size_m: f64, focus: Option<Point3<f64>>) -> f64 {
         let (l, u) = bounds(group.iter());
         (0..3).map(|k| f64::from(u[k] - l[k] + 1) * size_m).fold(0.0, f64::max)
     };
-    // A group as far from the focus as it is large counts half.
+    // A group as far from the focus as its extent counts half.
     group.len() as f64 / (1.0 + (nearest / extent.max(size_m)).powi(2))
 }
 
-/// Distance between two groups, cells; of some of their cells, as far as it is large.
+/// Distance between two groups, cells; large groups are subsampled.
 fn apart(a: &[Cell], b: &[Cell]) -> f64 {
     let mut least = f64::INFINITY;
     for p in a.iter().step_by(a.len().div_ceil(PROBED)) {

@@ -1,10 +1,9 @@
-//! Surfaces before the background by more than its noise.
+//! Surfaces that stand out from the background by more than its noise.
 //!
-//! Of many readings of a floor some lie far above it by chance. So readings are judged together, by columns:
-//! lines along a plane's normal through squares of the plane. A cell counts only if it was read often enough
-//! against the background in its column. And a column with hardly any reading below the plane shows no
-//! background: its readings belong to the object down to the plane, also where single readings are too noisy
-//! to decide.
+//! Some of the many readings of a floor lie far above it by chance. So readings are judged in columns along
+//! the plane's normal, over squares of the plane. A cell counts only if it has enough readings relative to
+//! the background in its column. A column with hardly any reading below the plane shows no background: its
+//! readings belong to the object down to the plane, even where single readings are too noisy to decide.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -17,21 +16,22 @@ use super::{
 use crate::RgbdFrame;
 use common::stop::{Stop, Stopped};
 
-/// Readings of a cell against those of the background in its column, at least. Chance gives 0.1 % beyond
-/// three standard deviations, real sensors some more. tuned: made and recorded objects (docs/method.md 16)
+/// Least readings of a cell, relative to the background readings of its column. Chance gives 0.1 % beyond
+/// three standard deviations, real sensors a little more. tuned: made and recorded objects (docs/method.md
+/// 16)
 const COLUMN_SHARE: f64 = 0.03;
-/// Share of the readings of a column below the plane, at most, if it shows no background (of background: one
-/// half). tuned: made and recorded objects (docs/method.md 16)
+/// Largest share of readings below the plane in a column without background (with background: one half).
+/// tuned: made and recorded objects (docs/method.md 16)
 const BELOW_SHARE: f64 = 0.05;
-/// Fewest readings of a deciding column.
+/// Fewest readings for a column to be judged.
 const MIN_READINGS: u32 = 20;
-/// Every so many pixels are counted in columns.
+/// Stride of the pixels counted in columns.
 const STRIDE: usize = 2;
 
-/// Place in a background plane: the plane's number and two coordinates.
+/// A square of a background plane: index of the plane and two coordinates.
 pub type Column = (usize, i32, i32);
 
-/// Surfaces before the background in one state.
+/// Surfaces that stand out from the background in one state.
 pub struct Support {
     /// Sorted cells.
     pub cells: Vec<Cell>,
@@ -41,16 +41,16 @@ pub struct Support {
 
 #[derive(Clone, Copy, Default)]
 struct ColumnReadings {
-    /// Too close to the plane to stand out.
+    /// Readings too close to the plane to stand out.
     background: u32,
-    /// Up to one cell above those.
+    /// Readings up to one cell above those.
     low: u32,
-    /// Behind the plane.
+    /// Readings behind the plane.
     below: u32,
 }
 
 impl ColumnReadings {
-    /// Whether they show no background.
+    /// Whether the readings show no background.
     fn are_solid(&self) -> bool {
         self.low >= MIN_READINGS && f64::from(self.below) <= BELOW_SHARE * f64::from(self.low)
     }
@@ -62,8 +62,8 @@ struct Readings {
     columns: FxHashMap<Column, ColumnReadings>,
 }
 
-/// Surfaces before the background in the frames of a state. `weights`: per frame, 0 for pixels at a depth
-/// edge, possibly between object and background.
+/// Surfaces that stand out in the frames of a state. `weights` per frame: 0 for pixels at depth edges, which
+/// may float between object and background.
 pub fn find_support(
     frames: &[RgbdFrame],
     weights: &[Vec<f32>],
@@ -76,7 +76,7 @@ pub fn find_support(
         .zip(weights)
         .map(|(frame, weights)| stop.check().map(|()| readings_of_frame(frame, weights, size_m, background)))
         .collect::<Result<_, Stopped>>()?;
-    // Frames and readings of a cell.
+    // Number of frames and of readings in a cell.
     let mut totals: FxHashMap<Cell, (usize, u32)> = FxHashMap::default();
     let mut columns: FxHashMap<Column, ColumnReadings> = FxHashMap::default();
     for r in &readings {
@@ -100,7 +100,7 @@ pub fn find_support(
             .filter_map(|p| columns.get(&column_of_point(p, &point, size_m, background)))
             .map(|n| n.background)
             .max();
-        // Columns count one pixel of so many, cells all.
+        // Columns count only every [`STRIDE`]th pixel and row, cells all.
         let behind = behind.map_or(0.0, |n| f64::from(n) * (STRIDE * STRIDE) as f64);
         if seen_by >= needed && f64::from(count) >= COLUMN_SHARE * behind {
             cells.push(cell);
@@ -136,7 +136,7 @@ fn readings_of_frame(frame: &RgbdFrame, weights: &[f32], size_m: f64, background
             continue;
         }
         let Some(plane) = background.nearest_plane(&point) else { continue };
-        // At the foot of its column: one cell lower it would not stand out.
+        // At the foot of its column: one cell lower, it would not stand out.
         let lowered = point - background.planes[plane].normal.into_inner() * size_m;
         if !above || !background.is_above(frame, p, &lowered) {
             let entry =
@@ -151,7 +151,7 @@ fn readings_of_frame(frame: &RgbdFrame, weights: &[f32], size_m: f64, background
 
 fn column_of_point(plane: usize, point: &Point3<f64>, size_m: f64, background: &Background) -> Column {
     let normal = background.planes[plane].normal;
-    // Any two directions in the plane will do, as long as they are always the same.
+    // Any fixed choice of axes in the plane works.
     let helper = if normal.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
     let a = normal.cross(&helper).normalize();
     let b = normal.cross(&a);

@@ -1,4 +1,4 @@
-//! Occupied cells of space, the number of frames with each, and their groups.
+//! Occupied cells of space, the number of frames that see them, and their groups.
 
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -8,14 +8,14 @@ use common::stop::{Stop, Stopped};
 
 /// Cell coordinates.
 pub type Cell = [i32; 3];
-/// Cells in no order.
+/// Unordered set of cells.
 pub type CellSet = FxHashSet<Cell>;
 
-/// Cell of a point; `None` far outside any scene.
+/// Cell of a point; `None` if it is far outside any scene.
 #[must_use]
 pub fn cell_of_point(point: &Point3<f64>, size_m: f64) -> Option<Cell> {
     let c = [point.x, point.y, point.z].map(|v| v / size_m);
-    // Sums with a reach must not overflow.
+    // Leaves room for adding a reach without overflow.
     c.iter().all(|v| v.abs() < 1e6).then(|| c.map(floor_to_integer))
 }
 
@@ -31,7 +31,7 @@ pub fn center_of_cell(cell: &Cell, size_m: f64) -> Point3<f64> {
     Point3::from(cell.map(|v| (f64::from(v) + 0.5) * size_m))
 }
 
-/// Cells of at least `frames_needed` frames, sorted, by the cells of each frame, each once.
+/// Sorted cells seen by at least `frames_needed` frames, from the distinct cells of each frame.
 #[must_use]
 pub fn supported_cells(frames: &[Vec<Cell>], frames_needed: usize) -> Vec<Cell> {
     let mut all: Vec<Cell> = frames.iter().flatten().copied().collect();
@@ -40,14 +40,14 @@ pub fn supported_cells(frames: &[Vec<Cell>], frames_needed: usize) -> Vec<Cell> 
     seen_by.filter(|same| same.len() >= frames_needed).map(|same| same[0]).collect()
 }
 
-/// Groups of sorted cells, each within `reach` cells of another (in the largest coordinate); each group
-/// sorted, groups in the order of their first cell.
+/// Connected groups of sorted cells: neighbors are within `reach` (maximum norm, in cells). Each group is
+/// sorted; groups are in order of their first cell.
 #[must_use]
 pub fn clusters_of_cells(cells: &[Cell], reach: i32) -> Vec<Vec<Cell>> {
     groups(cells, reach, &Stop::never()).unwrap_or_default()
 }
 
-/// [`clusters`] that can be asked to stop.
+/// [`clusters`] with a stop flag.
 pub(super) fn groups(cells: &[Cell], reach: i32, stop: &Stop) -> Result<Vec<Vec<Cell>>, Stopped> {
     let index: FxHashMap<Cell, usize> = cells.iter().enumerate().map(|(i, c)| (*c, i)).collect();
     let mut group = vec![usize::MAX; cells.len()];
@@ -76,7 +76,7 @@ pub(super) fn groups(cells: &[Cell], reach: i32, stop: &Stop) -> Result<Vec<Vec<
     Ok(groups)
 }
 
-/// The cells together with all within `reach` of them.
+/// The cells and all cells within `reach` of them.
 #[must_use]
 pub fn dilated_cells(cells: &[Cell], reach: i32) -> CellSet {
     cells.iter().flat_map(|c| cells_around(c, reach)).collect()
@@ -89,7 +89,7 @@ fn cells_around(c: &Cell, reach: i32) -> impl Iterator<Item = Cell> + use<> {
     range().flat_map(move |x| range().flat_map(move |y| range().map(move |z| [c[0] + x, c[1] + y, c[2] + z])))
 }
 
-/// Number of agreeing frames needed for a cell.
+/// Number of frames that must agree on a cell.
 pub fn frames_needed(frames: usize) -> usize {
     if frames >= 6 { 2 } else { 1 }
 }

@@ -1,40 +1,40 @@
-//! Whether image features shared by frames lie where the reported poses put them.
+//! Check of the reported poses against image features seen in several frames.
 //!
-//! Features are matched by their looks, without poses. Poses with errors too large for a comparison of
-//! surfaces leave them apart. Poses of another time bring them together at that time. See docs/method.md
-//! 2.13.
+//! Features are matched by appearance, without poses. If poses are too wrong for a comparison of surfaces,
+//! the matched features do not agree. If they were reported late, the features agree once the delay is
+//! removed. See docs/method.md 2.13.
 
 use serde::{Deserialize, Serialize};
 
 use super::{pairs::Matches, pose_noise::PoseNoise, surfels::Surfels, trajectory::Trajectory};
 use common::stop::{Stop, Stopped};
 
-/// Fewest matches of a state.
+/// Fewest matches of a state for a check.
 const LEAST_MATCHES: usize = 200;
-/// Poses contradict the images where fewer matches than this share agree with them: most say so. (0.9 and
-/// more agree with poses as a hand-held camera reports them.) chosen: a majority
+/// Poses contradict the images if a smaller share of the matches agrees with them. (With poses of a handheld
+/// camera, 0.9 and more agree.) chosen: a majority
 const LEAST_SHARE: f64 = 0.5;
-/// Tried delays, seconds: up to the first, in steps of the second. Within a step a hand at 0.3 m/s moves a
-/// camera by less than the gate of matches. chosen: beyond the delay of any driver
+/// Largest tried delay and its step, seconds. Within a step, a hand at 0.3 m/s moves the camera by less than
+/// the gate of matches. chosen: beyond the delay of any driver
 const MOST_DELAY_S: f64 = 1.0;
 const DELAY_STEP_S: f64 = 0.025;
-/// Poses are of another time if this many times as many matches agree then. Poses between those of kept
-/// frames are inexact: few may agree with them, too.
+/// Poses are late if this many times as many matches agree at another delay. Few matches may agree even then,
+/// since poses interpolated between kept frames are inexact.
 /// chosen: far beyond chance among hundreds of matches
 const EXPLAINED: f64 = 2.0;
 
-/// How far poses and images agree.
+/// How far the poses agree with the images.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PoseAgreement {
-    /// Share of the matched features in agreement with the poses.
+    /// Share of the matched features that agree with the poses.
     pub share: f64,
-    /// Apparent age of the poses against the images, seconds, and the agreeing share with it; where too few
-    /// agree otherwise.
+    /// Apparent delay of the poses against the images, seconds, and the share that agrees then; only where
+    /// too few agree without it.
     pub delay: Option<[f64; 2]>,
 }
 
 impl PoseAgreement {
-    /// Of a state's frames; `None` where too few features match.
+    /// Checks the frames of a state; `None` where too few features match.
     pub(super) fn of_state(
         trajectory: &Trajectory,
         surfels: &[Surfels],
@@ -62,14 +62,14 @@ impl PoseAgreement {
         self.share < LEAST_SHARE
     }
 
-    /// The delay of most agreeing matches.
+    /// The delay, if a majority of the matches agrees at it, seconds.
     #[must_use]
     pub fn certain_delay_s(&self) -> Option<f64> {
         self.delay.filter(|d| d[1] > LEAST_SHARE).map(|d| d[0])
     }
 }
 
-/// Share of the matches in agreement with poses later by `delay_s`; `None` where too few features match.
+/// Share of the matches that agree with the poses read `delay_s` later; `None` where too few features match.
 fn agreeing_share(
     trajectory: &Trajectory,
     surfels: &[Surfels],

@@ -1,4 +1,4 @@
-//! The correction of a state's poses, and whether it is used.
+//! The correction of a state's camera poses, and the decision to use it.
 
 use std::fmt;
 
@@ -15,37 +15,37 @@ use super::{
 use common::stop::Stopped;
 use geometry::Pose;
 
-/// The held-out distances must fall by this share ...
+/// A correction is used if the held-out residuals fall by this share ...
 /// chosen: docs/method.md 2.7 calls it tuned, and names no recordings
 const LEAST_GAIN: f64 = 0.05;
-/// ... and the frames gain by so many standard errors in the mean.
+/// ... and the mean gain of the frames exceeds this many standard errors.
 /// chosen: docs/method.md 2.7 calls it tuned, and names no recordings
 const GAIN_SIGMAS: f64 = 4.0;
-/// The correction of a state's poses.
+/// The correction of a state's camera poses.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PoseCorrection {
     /// Whether it is used.
     pub used: bool,
-    /// Root mean square of the corrections' lengths, meters.
+    /// Root mean square translation of the corrections, meters.
     pub translation_rms_m: f64,
-    /// Root mean square of their angles, radians.
+    /// Root mean square rotation of the corrections, radians.
     pub rotation_rms_rad: f64,
-    /// Robust standard deviation of the distances between surfaces of two frames, held out, before and after,
+    /// Robust standard deviation of the held-out distances between surfaces of two frames, before and after,
     /// meters.
     pub residual_m: [f64; 2],
-    /// Mean gain of the frames in its standard errors.
+    /// Mean gain of the frames, in standard errors.
     pub gain_sigmas: f64,
-    /// Size of independent errors of poses with the same mean.
+    /// Size of independent pose errors that would give the same error of the mean.
     pub noise: PoseNoise,
-    /// Sizes of the errors along time.
+    /// Estimated jitter and drift of the poses.
     pub errors: PoseErrors,
-    /// Whether the poses came from the frames themselves, not from a report.
+    /// Whether the poses were tracked in these frames instead of reported.
     #[serde(default)]
     pub tracked: bool,
 }
 
 impl PoseCorrection {
-    /// Whether poses were moved by more than errors of poses are expected to be.
+    /// Whether poses were corrected by more than the expected pose errors.
     #[must_use]
     pub fn beyond_expected(&self) -> bool {
         self.used && !self.tracked && self.errors.are_at_most()
@@ -75,16 +75,16 @@ impl fmt::Display for PoseCorrection {
     }
 }
 
-/// The poses of a state as they were found.
+/// The corrected poses of a state.
 pub(super) struct Refined {
     pub poses: Vec<Pose>,
-    /// Draws of their remaining errors, of each frame.
+    /// By draw, the remaining error of each frame's pose.
     pub draws: Vec<Vec<Vector6<f64>>>,
     pub correction: PoseCorrection,
 }
 
 impl Refined {
-    /// Without regard to the sensor, of one state alone.
+    /// Corrects the poses of one state alone, with the sensor as it is.
     pub fn of_state_alone(problem: &Problem<'_>) -> Result<Option<Self>, Stopped> {
         let Some(solution) = most_likely_poses(&[problem], None)? else { return Ok(None) };
         let draws = solution.draws.into_iter().filter_map(|d| d.poses.into_iter().next()).collect();
@@ -92,12 +92,12 @@ impl Refined {
         let refined = Self::new(problem, poses, draws, &solution.errors[0], None)?;
         let Some(mut refined) = refined else { return Ok(None) };
         let PoseCorrection { gain_sigmas, residual_m, .. } = refined.correction;
-        // Of tracked poses none is better for having been there first.
+        // Tracked poses have no prior claim over the corrected ones.
         refined.correction.used = problem.tracked || is_clear(&Gain { sigmas: gain_sigmas, residual_m });
         Ok(Some(refined))
     }
 
-    /// Poses for corrected readings; used.
+    /// The poses that go with corrected depth; marked as used.
     pub fn new(
         problem: &Problem<'_>,
         poses: Vec<Pose>,
@@ -120,7 +120,7 @@ impl Refined {
             rotation_rms_rad: rms(1),
             residual_m,
             gain_sigmas: sigmas,
-            // Stated as independent errors of each pose with the same mean; drift makes it worse.
+            // As independent errors of each pose with the same error of the mean; drift increases it.
             noise: errors.of_mean(count).scaled_by((count as f64).sqrt()),
             errors: *errors,
             tracked: problem.tracked,
@@ -129,7 +129,7 @@ impl Refined {
     }
 }
 
-/// Whether held-out surfels agree clearly better.
+/// Whether the held-out surfels agree clearly better.
 pub(super) fn is_clear(gain: &Gain) -> bool {
     gain.sigmas > GAIN_SIGMAS && gain.residual_m[1] < (1.0 - LEAST_GAIN) * gain.residual_m[0]
 }

@@ -1,4 +1,4 @@
-//! Constant errors of a depth sensor's pixels: a smooth share of the range.
+//! Systematic depth errors of a sensor, per pixel: a smooth share of the range.
 //!
 //! True depth is a reading times `1 + c(u, v)`, where c is a cubic B-spline on a coarse grid over the image
 //! (Basso, Menegatti and Pretto 2018 call its map the undistortion map; Teichman, Miller and Thrun 2013 found
@@ -12,47 +12,47 @@ use serde::{Deserialize, Serialize};
 use crate::RgbdFrame;
 use geometry::Intrinsics;
 
-/// Intervals of the spline along the width of an image.
-/// chosen: about the distance of correlated errors
+/// Spline intervals along the image width.
+/// chosen: about the correlation length of the errors
 const INTERVALS: f64 = 8.0;
-/// Values in the support of the spline, along one side.
+/// Spline coefficients per axis that affect a pixel.
 pub(crate) const ORDER: usize = 4;
-/// Distance of correlated errors, as a share of the width: 90 pixels of 640 (residual errors of lens and
+/// Correlation length of the errors, share of the image width: 90 pixels of 640 (residual errors of lens and
 /// rectification: Teichman, Miller and Thrun 2013). chosen: between the values of these papers
 const CORRELATED: f64 = 0.14;
-/// Share of the variance of independent errors; it keeps the prior invertible.
-/// chosen: small against the common part
+/// Independent share of the coefficients' variance; it keeps the prior invertible.
+/// chosen: small against the correlated part
 const OWN: f64 = 1e-4;
 
-/// The smooth error of a depth sensor.
+/// The smooth depth error of a sensor: a spline over the image.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DepthWarp {
-    /// Pixels from one value to the next; the first lies one step outside the image.
+    /// Distance of neighboring coefficients, pixels; the first lies one step outside the image.
     pub step_px: f64,
-    /// Values in a row, and rows.
+    /// Number of coefficients in a row, and of rows.
     pub shape: [usize; 2],
-    /// Shares of the range, positive for readings too short, row by row.
+    /// Coefficients row by row: shares of the range, positive where readings are too short.
     pub values: Vec<f64>,
 }
 
-/// Weights of the values about a pixel.
+/// The coefficients that affect a pixel, and their weights.
 #[derive(Clone, Copy)]
 pub(crate) struct SplineSupport {
-    /// The first of them; the others follow in four rows of four.
+    /// Index of the first one; the others follow in four rows of four.
     first: usize,
     columns: usize,
     weights: [[f64; ORDER]; 2],
 }
 
 impl SplineSupport {
-    /// Of each row of values the index of the first, and the weights of all.
+    /// For each of the four rows, the index of the first coefficient and the weights.
     pub fn weighted_rows(&self) -> [(usize, [f64; ORDER]); ORDER] {
         std::array::from_fn(|row| {
             (self.first + row * self.columns, self.weights[0].map(|across| across * self.weights[1][row]))
         })
     }
 
-    /// Indices of the values, and their weights.
+    /// Indices and weights of the coefficients.
     pub fn iter(&self) -> impl Iterator<Item = (usize, f64)> {
         self.weighted_rows().into_iter().flat_map(|(first, weights)| {
             weights.into_iter().enumerate().map(move |(i, weight)| (first + i, weight))
@@ -61,7 +61,7 @@ impl SplineSupport {
 }
 
 impl DepthWarp {
-    /// None, for images of a size.
+    /// No error, for images of this size.
     pub fn without_errors(intrinsics: &Intrinsics) -> Self {
         let step_px = intrinsics.width as f64 / INTERVALS;
         let shape = [intrinsics.width, intrinsics.height]
@@ -69,39 +69,39 @@ impl DepthWarp {
         Self { step_px, shape, values: vec![0.0; shape[0] * shape[1]] }
     }
 
-    /// First of the values about a coordinate, of `count`, and their weights.
+    /// Index of the first of four coefficients along an axis of `count`, and their weights.
     fn interval_weights(&self, pixel: f64, count: usize) -> (usize, [f64; ORDER]) {
         let at = (pixel / self.step_px).max(0.0);
-        // The last pixel may lie on the end of the last interval.
+        // The last pixel may lie at the end of the last interval.
         let cell = (at as usize).min(count - ORDER);
         (cell, cubic_spline_weights(at - cell as f64))
     }
 
-    /// The values about a pixel, with their weights.
+    /// The coefficients that affect a pixel, with their weights.
     pub(crate) fn support_at(&self, [u, v]: [f64; 2]) -> SplineSupport {
         let (column, across) = self.interval_weights(u, self.shape[0]);
         let (row, down) = self.interval_weights(v, self.shape[1]);
         SplineSupport { first: row * self.shape[0] + column, columns: self.shape[0], weights: [across, down] }
     }
 
-    /// Share of the range, positive for a reading too short.
+    /// Error at a pixel, share of the range; positive where readings are too short.
     #[must_use]
     pub fn relative_error_at(&self, pixel: [f64; 2]) -> f64 {
         self.support_at(pixel).iter().map(|(k, weight)| weight * self.values[k]).sum()
     }
 
-    /// Its slopes along the image, 1/pixel.
+    /// Slopes of the error along the image, 1/pixel.
     pub(crate) fn slopes_at(&self, [u, v]: [f64; 2]) -> [f64; 2] {
         /// derived: half a pixel to either side
         const STEP: f64 = 0.5;
-        // The spline bends over tens of pixels: the difference over one is its slope.
+        // The spline varies over tens of pixels, so a difference over one pixel gives its slope.
         [
             self.relative_error_at([u + STEP, v + 0.0]) - self.relative_error_at([u - STEP, v + 0.0]),
             self.relative_error_at([u + 0.0, v + STEP]) - self.relative_error_at([u + 0.0, v - STEP]),
         ]
     }
 
-    /// Share of each value in the mean over the image.
+    /// Weight of each coefficient in the mean over the image.
     pub(crate) fn mean_weights(&self, intrinsics: &Intrinsics) -> DVector<f64> {
         let mut mean = DVector::zeros(self.values.len());
         let mut count = 0.0;
@@ -112,14 +112,14 @@ impl DepthWarp {
         mean / count
     }
 
-    /// Root mean square over the image of the difference from the mean.
+    /// Root mean square deviation from the mean over the image.
     pub(crate) fn spread_about_mean(&self, intrinsics: &Intrinsics) -> f64 {
         let all: Vec<f64> = some_pixels(intrinsics).map(|pixel| self.relative_error_at(pixel)).collect();
         let mean = all.iter().sum::<f64>() / all.len() as f64;
         (all.iter().map(|c| (c - mean).powi(2)).sum::<f64>() / all.len() as f64).sqrt()
     }
 
-    /// Covariance of the values for errors of unit size, with the distance of correlation.
+    /// Prior covariance of the coefficients, for correlated errors of unit size.
     pub(crate) fn smooth_covariance(&self) -> DMatrix<f64> {
         let width = self.step_px * INTERVALS;
         let place =
@@ -132,13 +132,13 @@ impl DepthWarp {
         })
     }
 
-    /// Puts every reading of the frames right.
+    /// Corrects all depth readings of the frames.
     pub(crate) fn correct_frames<'a>(&self, frames: impl Iterator<Item = &'a mut RgbdFrame>) {
         let mut factors: Vec<f32> = Vec::new();
         for frame in frames {
             let width = frame.intrinsics.width;
             let height = frame.intrinsics.height;
-            // All frames have one camera: one table serves them.
+            // All frames share one camera, and so one table.
             if factors.is_empty() {
                 let rows = (0..height).into_par_iter();
                 let pixels = rows.flat_map_iter(|v| (0..width).map(move |u| [u as f64, v as f64]));
@@ -149,7 +149,7 @@ impl DepthWarp {
     }
 }
 
-/// Pixels all over an image, row by row: enough for means of a spline over tens of them.
+/// Sampled pixels, row by row: enough for means of a spline that varies over tens of pixels.
 fn some_pixels(intrinsics: &Intrinsics) -> impl Iterator<Item = [f64; 2]> {
     const EVERY: usize = 8;
     let width = intrinsics.width;
@@ -157,26 +157,26 @@ fn some_pixels(intrinsics: &Intrinsics) -> impl Iterator<Item = [f64; 2]> {
     (0..height).step_by(EVERY).flat_map(move |v| (0..width).step_by(EVERY).map(move |u| [u as f64, v as f64]))
 }
 
-/// The warp at a pixel.
+/// The error at a pixel and its slopes.
 #[derive(Clone, Copy)]
 pub(crate) struct Bend {
-    /// Share of the range, positive for a reading too short.
+    /// Share of the range, positive where readings are too short.
     share: f64,
-    /// Its slopes along the image, 1/pixel.
+    /// Slopes along the image, 1/pixel.
     slopes: [f64; 2],
 }
 
 impl Bend {
-    /// Of a warp at a pixel.
+    /// The warp's error at a pixel.
     pub fn of_warp_at(warp: &DepthWarp, pixel: [f64; 2]) -> Self {
         Self { share: warp.relative_error_at(pixel), slopes: warp.slopes_at(pixel) }
     }
 
-    /// Inverse depth and its slopes there, put right.
+    /// The corrected inverse depth and slopes of a plane.
     pub fn corrected_plane(&self, plane: Vector3<f64>) -> Vector3<f64> {
         let factor = 1.0 + self.share;
         let slopes = self.slopes;
-        // The inverse depth is divided by 1 + c: the quotient rule.
+        // The inverse depth is divided by 1 + c; its slopes follow by the quotient rule.
         let bent = plane.x / (factor * factor);
         Vector3::new(
             plane.x / factor,
@@ -186,7 +186,7 @@ impl Bend {
     }
 }
 
-/// Uniform cubic B-splines at a place in their interval.
+/// Weights of the uniform cubic B-spline at a position in its interval.
 fn cubic_spline_weights(t: f64) -> [f64; ORDER] {
     let s = 1.0 - t;
     [

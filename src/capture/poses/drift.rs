@@ -1,7 +1,7 @@
-//! Errors of a camera's poses along time: odometry drifts, and every pose jitters.
+//! Model of pose errors over time: the drift of odometry, and the jitter of every pose.
 //!
-//! The drift of a pose is the one before it, carried along, and a step of its own (a random walk of motions
-//! in the camera's frame); the jitter is each pose's own. Sizes of both have the largest marginal likelihood.
+//! Drift is a random walk of motions in the camera's frame: each pose carries on the drift of the previous
+//! one plus a step. Jitter is independent for each pose. The sizes of both maximize the marginal likelihood.
 //! See docs/method.md (2.15).
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix6};
@@ -10,36 +10,35 @@ use serde::{Deserialize, Serialize};
 use super::{inverse::inverse_by_factor, pose_noise::PoseNoise};
 use geometry::Pose;
 
-/// Sizes of the errors.
+/// Sizes of the pose errors.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PoseErrors {
-    /// Of each pose on its own.
+    /// Independent error of each pose.
     pub jitter: PoseNoise,
-    /// Of the step from one pose to the next.
+    /// Step of the drift from one pose to the next.
     pub walk: PoseNoise,
 }
 
 impl PoseErrors {
-    /// Before anything is known: jitter of a hand-held camera, and drift of odometry, as large after ten
-    /// views.
+    /// Prior sizes: jitter of a handheld camera, and drift of odometry, which is as large after ten views.
     pub const EXPECTED: Self =
         Self { jitter: PoseNoise::EXPECTED, walk: PoseNoise { translation_m: 0.001, rotation_rad: 0.0015 } };
-    /// The same of a camera without drift, such as one on an arm.
+    /// Prior sizes for a camera without drift, such as one on an arm.
     pub const WITHOUT_DRIFT: Self = Self { walk: PoseNoise::LEAST, ..Self::EXPECTED };
 
-    /// Of the mean of so many poses in a row, with drift from the first one on.
+    /// Error of the mean of `count` poses in a row, with drift from the first one on.
     pub(super) fn of_mean(&self, count: usize) -> PoseNoise {
         let drift = (count as f64 / 3.0).sqrt();
         self.jitter.of_mean(count).of_difference(&self.walk.scaled_by(drift))
     }
 
-    /// Whether poses err by as much as is looked for at most.
+    /// Whether the sizes have reached the largest ones considered.
     pub(super) fn are_at_most(&self) -> bool {
         self.jitter.reaches_expected() || self.walk.reaches_expected()
     }
 
-    /// Variances of the steps, and of the jitter. Views do not depend on the place of all frames as a whole:
-    /// the first pose holds them, but for a step and its jitter.
+    /// Variances of the steps and of the jitter. The views do not show the common pose of all frames, so the
+    /// first pose is held up to one step and its jitter.
     fn variances_of_steps(&self, size: usize) -> [DVector<f64>; 2] {
         [self.walk, self.jitter].map(|noise| {
             DVector::from_fn(size, |k, _| {
@@ -49,19 +48,20 @@ impl PoseErrors {
     }
 }
 
-/// How the errors of the poses of a state hang together.
+/// The correlation of a state's pose errors by drift.
 pub(super) struct Drift {
-    /// Takes the steps of the walk to the drift of every pose, in its camera's frame.
+    /// Matrix from the steps of the walk to the drift of each pose in its camera's frame.
     from_steps: DMatrix<f64>,
 }
 
 impl Drift {
-    /// Of poses in the order of time.
+    /// For reported poses in order of time.
     pub fn along_poses(reported: &[Pose]) -> Self {
         let size = 6 * reported.len();
         let mut from_steps = DMatrix::zeros(size, size);
         for (i, to) in reported.iter().enumerate() {
-            // L of docs/method.md 2.7: a step stays with all later poses, seen from where their cameras are.
+            // L of docs/method.md 2.7: a step persists in all later poses, expressed in their cameras'
+            // frames.
             for (k, from) in reported.iter().enumerate().take(i + 1) {
                 from_steps.fixed_view_mut::<6, 6>(6 * i, 6 * k).copy_from(&adjoint(&(to.inverse() * from)));
             }
@@ -69,11 +69,10 @@ impl Drift {
         Self { from_steps }
     }
 
-    /// Information about all corrections, and half the logarithm of its determinant; `None` where it is not
-    /// finite.
+    /// Prior information about all corrections, and half its log determinant; `None` where it is not finite.
     pub fn information(&self, errors: &PoseErrors) -> Option<(DMatrix<f64>, f64)> {
         let [walk, jitter] = errors.variances_of_steps(self.from_steps.nrows());
-        // L Q L^T as a product of one matrix with its transpose stays positive under rounding.
+        // As the product of a matrix with its transpose, L Q L^T stays positive under rounding.
         let mut scaled = self.from_steps.clone();
         scaled.column_iter_mut().zip(walk.iter()).for_each(|(mut column, square)| column *= square.sqrt());
         let mut covariance = &scaled * scaled.transpose();
@@ -82,7 +81,8 @@ impl Drift {
         Some((inverse_by_factor(&factor), -half_log_determinant(&factor)))
     }
 
-    /// Sizes nearer to the most likely ones, by the corrections and their covariance; as expected at most.
+    /// One update of the sizes towards the maximum of the likelihood, from the corrections and their
+    /// covariance; at most the expected sizes.
     pub fn likelier_sizes(
         &self,
         errors: &PoseErrors,
@@ -90,8 +90,7 @@ impl Drift {
         corrections: &DVector<f64>,
         covariance: &DMatrix<f64>,
     ) -> PoseErrors {
-        // Of the distances between the frames' surfaces, as information about corrections: docs/method.md
-        // (2.15).
+        // Information of the residuals about the corrections: docs/method.md (2.15).
         let marginal = information - information * covariance * information;
         let pull = information * corrections;
         let carried = &marginal * &self.from_steps;
@@ -99,7 +98,7 @@ impl Drift {
         for k in 0..corrections.len() {
             let kind = usize::from(k % 6 >= 3);
             let column = self.from_steps.column(k);
-            // The diagonal of L^T M L alone is wanted.
+            // Only the diagonal of L^T M L is needed.
             for (noise, found, expected) in
                 [(0, column.dot(&pull), column.dot(&carried.column(k))), (1, pull[k], marginal[(k, k)])]
             {
@@ -120,19 +119,19 @@ impl Drift {
     }
 }
 
-/// Factor of a standard deviation by a found sum of squares and the expected one (Harville 1977; MacKay
-/// 1992): where both agree, the marginal likelihood is stationary.
+/// Factor for a standard deviation, from the estimated and the expected sum of squares (Harville 1977; MacKay
+/// 1992). Where both agree, the marginal likelihood is stationary.
 pub(super) fn growth_of_deviation(found: f64, expected: f64) -> f64 {
-    // Directions without surface have neither.
+    // Both are zero in directions that no surface determines.
     if expected > 0.0 { (found / expected).sqrt() } else { 1.0 }
 }
 
-/// Half the logarithm of the determinant of a matrix.
+/// Half the log determinant of a matrix, from its Cholesky factor.
 pub(super) fn half_log_determinant(factor: &Cholesky<f64, Dyn>) -> f64 {
     factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum()
 }
 
-/// Takes a small motion in one frame to the same in another (the adjoint of a rigid motion).
+/// Matrix that transforms small motions between two frames (the adjoint of a rigid motion).
 pub(crate) fn adjoint(target_from_source: &Pose) -> Matrix6<f64> {
     let rotation = target_from_source.rotation.to_rotation_matrix();
     let mut carried = Matrix6::zeros();

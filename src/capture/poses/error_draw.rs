@@ -1,7 +1,7 @@
-//! Remaining errors of corrected poses and depth, as draws from their distribution.
+//! Random draws of the errors that remain in corrected poses and depth.
 //!
-//! Such errors run through all readings of a frame. All results follow each draw, and their spread is their
-//! covariance (an ensemble: Evensen 2003). See docs/method.md 2.12.
+//! Such errors are common to all readings of a frame. Every result is computed for each draw, and the spread
+//! over the draws gives its covariance (an ensemble: Evensen 2003). See docs/method.md 2.12.
 
 use nalgebra::{DMatrix, DVector, Point3, Vector3, Vector6};
 use rand_core::Rng;
@@ -11,28 +11,29 @@ use super::{RgbdFrame, depth_warp::DepthWarp};
 use geometry::Pose;
 use numeric::random::{stage_rng, standard_normal};
 
-/// Draws of all errors: a covariance of them has a standard error of an eighth.
+/// Number of draws; a standard deviation estimated from them has a relative error of an eighth.
 ///
 /// derived: one over the root of twice their number
 const DRAWS: usize = 32;
 
-/// One draw of the errors left in the corrected poses and the corrected depth.
+/// One draw of the remaining errors of poses and depth.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ErrorDraw {
-    /// Of every frame of every state: a motion from the right, translation, meters, and rotation, radians.
+    /// By state and frame: a motion in the camera's frame, translation, meters, and rotation, radians.
     pub poses: Vec<Vec<Vector6<f64>>>,
-    /// Of the depth sensor, where it was corrected.
+    /// Error of depth, where it was corrected.
     pub warp: Option<DepthWarp>,
 }
 
 impl ErrorDraw {
-    /// Whether it has an error of each of so many frames of a state.
+    /// Whether the draw has an error for each of a state's `frames` frames.
     #[must_use]
     pub fn covers(&self, state: usize, frames: usize) -> bool {
         self.poses.get(state).is_some_and(|poses| poses.len() == frames)
     }
 
-    /// Error of a point in a frame, meters, in the world: of a point in the camera's frame, at a pixel.
+    /// World displacement by the errors of pose and depth, meters, of a point in the camera's frame, seen at
+    /// a pixel.
     #[must_use]
     pub fn displacement_m(
         &self,
@@ -45,13 +46,13 @@ impl ErrorDraw {
         world_from_camera.rotation * (self.moved_by_pose([state, frame], point) + share * point)
     }
 
-    /// The same by the pose alone, in the camera's frame.
+    /// Displacement by the pose error alone, in the camera's frame, meters.
     pub(super) fn moved_by_pose(&self, [state, frame]: [usize; 2], point: &Vector3<f64>) -> Vector3<f64> {
         let error = &self.poses[state][frame];
         error.fixed_rows::<3>(0) + error.fixed_rows::<3>(3).cross(point)
     }
 
-    /// Means over the frames of state 0: motion of a point of the world, meters, and turn, radians.
+    /// Mean motion of a world point, meters, and mean rotation, radians, over the frames of state 0.
     pub(super) fn mean_motion_of_first_state(
         &self,
         frames: &[RgbdFrame],
@@ -68,17 +69,18 @@ impl ErrorDraw {
     }
 }
 
-/// A draw of the poses of one state and of the sensor.
+/// One draw of the poses of several states and of their sensor.
 #[derive(Clone, Debug)]
 pub(super) struct Drawn {
-    /// Of each state.
+    /// Pose errors, by state and frame.
     pub poses: Vec<Vec<Vector6<f64>>>,
-    /// Values of the sensor's errors.
+    /// Errors of the sensor's parameters.
     pub sensor: DVector<f64>,
 }
 
-/// Draws of poses, of each state their covariance with a known sensor and their derivative by the sensor's
-/// errors, and of the sensor; `None` where a covariance is not positive. See docs/method.md (2.24).
+/// Draws of the errors of poses and sensor. Each state gives the covariance of its poses for a known sensor
+/// and their derivative by the sensor's errors; `None` where a covariance is not positive. See docs/method.md
+/// (2.24).
 pub(super) fn drawn_errors(states: &[[DMatrix<f64>; 2]], sensor: &DMatrix<f64>) -> Option<Vec<Drawn>> {
     let rng = &mut stage_rng(0, "errors of poses and depth", 0);
     let roots: Vec<DMatrix<f64>> =
@@ -97,7 +99,7 @@ pub(super) fn drawn_errors(states: &[[DMatrix<f64>; 2]], sensor: &DMatrix<f64>) 
     Some(draws)
 }
 
-/// Lower Cholesky factor of a covariance, possibly without rows.
+/// Lower Cholesky factor of a covariance; it may be empty.
 fn covariance_root(covariance: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     match covariance.nrows() {
         0 => Some(DMatrix::zeros(0, 0)),
@@ -105,7 +107,7 @@ fn covariance_root(covariance: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     }
 }
 
-/// A draw from a normal distribution of mean zero by the root of its covariance.
+/// A draw from a zero-mean normal distribution, from the root of its covariance.
 fn normal_draw(root: &DMatrix<f64>, rng: &mut impl Rng) -> DVector<f64> {
     root * DVector::from_fn(root.nrows(), |_, _| standard_normal(rng))
 }

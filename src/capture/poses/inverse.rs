@@ -1,19 +1,19 @@
-//! The inverse of a large matrix from its Cholesky factor, by products of matrices: nalgebra's solves for one
-//! column after the other, several times as long.
+//! Inverse of a large matrix from its Cholesky factor by matrix products; nalgebra solves column by column,
+//! which takes several times as long.
 
 use nalgebra::{Cholesky, DMatrix, Dyn};
 
-/// Most rows of a triangle inverted column by column.
+/// Largest triangle inverted column by column.
 const SMALL: usize = 24;
 
-/// The inverse of a matrix by its factor.
+/// The inverse of a matrix from its Cholesky factor.
 pub(super) fn inverse_by_factor(factor: &Cholesky<f64, Dyn>) -> DMatrix<f64> {
     let triangle = triangle_inverse(&factor.l());
-    // Transposed first: the product of two matrices is the fast one.
+    // Transposed first: matrix products are fast.
     triangle.transpose() * triangle
 }
 
-/// The inverse of a lower triangle, by halves: [A 0; B C] has [a 0; -c B a, c], where a and c are the
+/// The inverse of a lower triangle, by halves: for [A 0; B C] it is [a 0; -c B a, c] with a and c the
 /// inverses of A and C.
 fn triangle_inverse(lower: &DMatrix<f64>) -> DMatrix<f64> {
     let n = lower.nrows();

@@ -1,7 +1,8 @@
-//! Common image features of frames.
+//! Image features matched between frames, with depth (landmarks).
 //!
-//! Surfaces compared along their normals leave open the motions along them: a floor and the top of an object
-//! do not show how far a camera slid over both. Texture does (bundle adjustment). See docs/method.md 2.7.
+//! Distances along surface normals leave motions along the surfaces undetermined: a floor and the top of an
+//! object do not show how far a camera slid over both. Texture does (bundle adjustment). See docs/method.md
+//! 2.7.
 
 use std::sync::Arc;
 
@@ -17,7 +18,7 @@ use common::{
     stop::{Stop, Stopped},
 };
 
-/// Frames matched with every frame: those seen from nearest by.
+/// Number of frames matched with each frame, nearest views first.
 const NEIGHBORS: usize = 8;
 /// Lowe's ratio. derived: the published one (Lowe 2004)
 const RATIO: f32 = 0.8;
@@ -25,15 +26,15 @@ const RATIO: f32 = 0.8;
 /// The features of a frame.
 pub(crate) struct FrameLandmarks {
     features: Arc<Vec<Feature>>,
-    /// Number of each among the landmarks of the frame's surfels, where its depth is known.
+    /// For each feature the index of its landmark among the frame's surfels; `None` without depth.
     numbers: Vec<Option<u32>>,
 }
 
-/// The features of all frames of all states, by state and frame.
+/// The features of all frames, by state and frame.
 pub(super) struct Landmarks(Vec<Vec<FrameLandmarks>>);
 
 impl FrameLandmarks {
-    /// Finds features, under a mask or not, and gives them to the surfels of their frame.
+    /// Finds the features of a frame, with or without its mask, and adds them to its surfels as landmarks.
     pub fn find_in_frame(
         frame: &RgbdFrame,
         surfels: &mut Surfels,
@@ -45,12 +46,12 @@ impl FrameLandmarks {
         Self { features, numbers }
     }
 
-    /// Features.
+    /// Number of features.
     pub fn count(&self) -> usize {
         self.features.len()
     }
 
-    /// Similar landmarks of this frame and of another, by their numbers.
+    /// Index pairs of matching landmarks of two frames.
     pub fn matches_with(&self, other: &Self) -> Vec<[u32; 2]> {
         let matches = mutual_matches(&self.features, &other.features, RATIO).into_iter();
         matches.filter_map(|(m, n)| Some([self.numbers[m]?, other.numbers[n]?])).collect()
@@ -58,7 +59,7 @@ impl FrameLandmarks {
 }
 
 impl Landmarks {
-    /// Those of all frames, given to the surfels of their frames.
+    /// Finds the features of all frames and adds them to the frames' surfels.
     pub fn find_in_states(
         states: &[Vec<RgbdFrame>],
         surfels: &mut [Vec<Surfels>],
@@ -88,7 +89,7 @@ impl Landmarks {
         self.matches_of_pairs([state, state], pairs.into_iter().filter(|(i, j)| i < j).collect(), 0, stop)
     }
 
-    /// Matches between the frames of two states; those of the second are counted behind those of the first.
+    /// Matches between the frames of two states; frames of the second are numbered after those of the first.
     pub fn matches_between(
         &self,
         states: [usize; 2],

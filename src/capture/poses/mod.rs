@@ -1,15 +1,15 @@
-//! Errors of the camera poses, found by the common surfaces of frames. See docs/method.md (2.13).
+//! Correction of camera pose errors by surfaces seen in several frames. See docs/method.md (2.13).
 //!
-//! All poses of all states, and the smooth errors of their depth sensor, are solved for together: distances
-//! between small flat patches of surface (surfels) in one frame and the planes of another frame in their
-//! place (projective association: Blais and Levine 1995; point to plane: Chen and Medioni 1992) are made
-//! small by Gauss-Newton with Tukey's weights, and every correction is held near zero by the size of the
-//! errors, found from the corrections (marginal likelihood). A motion without evidence (along a wall, say) is
-//! left as reported, and the mean correction stays near zero. Within a state everything stands still, the
-//! surroundings of the object included. Held-out surfels decide whether a correction is used.
+//! All poses of all states, and the smooth errors of the depth sensor, are solved for jointly. Residuals are
+//! the distances of small flat patches (surfels) of one frame from the planes at their place in another frame
+//! (projective association: Blais and Levine 1995; point to plane: Chen and Medioni 1992). Gauss-Newton with
+//! Tukey's weights minimizes them, and a prior with the size of the pose errors keeps corrections small; the
+//! size is estimated too (marginal likelihood). Undetermined motions (along a wall, say) remain as reported,
+//! and the mean correction stays near zero. The whole scene is assumed to be static within a state. Held-out
+//! surfels decide whether a correction is used.
 //!
-//! The mean error of a state's poses is then left; surfaces still between the states show it, as one motion
-//! of a world.
+//! There remains the mean error of a state's poses. Surfaces static across states determine it as one motion
+//! of the world.
 
 mod agreement;
 mod correction;
@@ -60,33 +60,33 @@ use common::{
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RefinePoses {
-    /// Where held-out readings agree clearly better afterwards.
+    /// Where the held-out readings agree clearly better afterwards.
     #[default]
     Auto,
-    /// Poses are used as reported.
+    /// Poses remain as reported.
     Never,
 }
 
-/// Fewest frames for a decision.
+/// Fewest frames of a state for a correction.
 const LEAST_FRAMES: usize = 3;
 
-/// The corrections of all states' poses.
+/// The corrections of all states' poses and of the sensor.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PoseFindings {
-    /// Of each state; `None` where it was not looked for, or too little is seen to decide.
+    /// Pose correction of each state; `None` where none was computed, or too little is seen.
     pub states: Vec<Option<PoseCorrection>>,
-    /// How far the poses of each state agree with its images; `None` where too few features match.
+    /// Per state, how far the poses agree with the images; `None` where too few features match.
     pub agreement: Vec<Option<PoseAgreement>>,
-    /// Of the depth sensor; `None` where it was not looked for, or too little is seen to decide.
+    /// Calibration of the depth sensor; `None` where none was computed, or too little is seen.
     pub sensor: Option<SensorCalibration>,
-    /// Of the mean error of every other state against state 0, where poses were corrected.
+    /// World correction of every further state against state 0, where poses were corrected.
     pub worlds: Vec<Option<WorldCorrection>>,
-    /// Draws of the remaining errors of poses and depth; none where nothing was corrected.
+    /// Draws of the remaining errors of poses and depth; empty where nothing was corrected.
     pub draws: Vec<ErrorDraw>,
 }
 
 impl PoseFindings {
-    /// Expected errors of the mean pose of a state.
+    /// Expected error of the mean pose of a state.
     fn mean_noise(&self, state: usize, states: &[Vec<RgbdFrame>]) -> PoseNoise {
         let noise = self.states[state].as_ref().map_or(PoseNoise::EXPECTED, |c| c.noise);
         noise.of_mean(states[state].len())
@@ -98,8 +98,8 @@ impl PoseFindings {
         self.states.iter().flatten().any(|s| s.used)
     }
 
-    /// Error of state 0 as a whole about a point of the world, root mean square: meters, and radians; `None`
-    /// where nothing was corrected. Reported poses have no other frame: nothing in the recording shows it.
+    /// Root mean square error of state 0 as a whole at a world point: meters and radians. `None` where
+    /// nothing was corrected: reported poses define the world frame, and the recording shows no error of it.
     #[must_use]
     pub fn frame_deviation(&self, frames: &[RgbdFrame], middle: &Point3<f64>) -> Option<[f64; 2]> {
         let covered = self.draws.iter().all(|d| d.covers(0, frames.len()));
@@ -115,19 +115,19 @@ impl PoseFindings {
     }
 }
 
-/// The correction of each state by its poses alone; `None` of a state without a problem or without a gain.
+/// The correction of each state by its poses alone; `None` without a problem to solve or without a gain.
 fn refined_alone(problems: &[Option<Problem<'_>>]) -> Result<Vec<Option<Refined>>, Stopped> {
     let refined =
         problems.par_iter().map(|problem| problem.as_ref().map_or(Ok(None), Refined::of_state_alone));
     refined.collect()
 }
 
-/// Corrects the poses of every state, and the depth of all, where held-out surfels then agree clearly better.
-/// Poses that were `tracked` come from the frames themselves: they are taken to where the frames agree best,
-/// with the remaining uncertainty as their error. Features found `ahead` are not searched again.
+/// Corrects the poses of every state and the depth of all, where held-out surfels then agree clearly better.
+/// `tracked` poses come from the same frames, so the best fit is always used, and its uncertainty is their
+/// error. Features found `ahead` are not searched again.
 ///
 /// # Errors
-/// [`Stopped`]; the frames are of no use then.
+/// [`Stopped`]; the frames are then only partly corrected.
 pub fn refine_poses(
     states: &mut [Vec<RgbdFrame>],
     noise: &NoiseConfig,
@@ -146,7 +146,7 @@ pub fn refine_poses(
         .enumerate()
         .map(|(s, f)| landmarks.matches_within(s, f, stop))
         .collect::<Result<_, Stopped>>()?;
-    // 0. Poses of another time, or of another scene, are beyond correction by the rest.
+    // 0. Late poses, or poses of another scene, cannot be corrected by the next steps.
     let agreement = pose_agreements(states, &surfels, &within, stop)?;
     let problems: Vec<Option<Problem<'_>>> = states
         .par_iter()
@@ -154,7 +154,7 @@ pub fn refine_poses(
         .zip(within)
         .map(|((frames, surfels), matches)| problem_of_state(frames, surfels, matches, tracked, stop))
         .collect();
-    // 1. Each state by itself: the sensor must beat the best by poses alone.
+    // 1. Each state alone: the sensor must improve on the best poses alone.
     // 2. All states with their sensor.
     let (alone, together) =
         rayon::join(|| refined_alone(&problems), || sensor::solve_together(states, &problems));
@@ -170,7 +170,7 @@ pub fn refine_poses(
         other => (alone, other.map(|c| c.calibration), Vec::new()),
     };
     drop(problems);
-    // 3. Readings, poses and surfels change together, as each was found with the others.
+    // 3. Depth, poses and surfels are replaced together, since they were estimated together.
     let camera = states.iter().flatten().next().map(|f| f.intrinsics);
     if let (Some(used), Some(camera)) = (calibration.as_ref().filter(|c| c.used), camera) {
         let errors = used.sensor_errors(&camera);
@@ -190,13 +190,13 @@ pub fn refine_poses(
         frames.iter_mut().zip(refined.poses.drain(..)).for_each(|(f, pose)| f.world_from_camera = pose);
     }
     let found = found.into_iter().map(|r| r.map(|r| r.correction)).collect();
-    // Poses without need of correction are taken to be right in the mean, too.
+    // Poses that need no correction have no mean error either.
     let mut findings =
         PoseFindings { states: found, agreement, sensor: calibration, worlds: Vec::new(), draws };
     if !findings.has_changes() {
         return Ok(findings);
     }
-    // 4. The mean error of each state against state 0.
+    // 4. The mean error of each state relative to state 0.
     for s in 1..states.len() {
         let expected = findings.mean_noise(0, states).of_difference(&findings.mean_noise(s, states));
         let matches = landmarks.matches_between([0, s], [&states[0], &states[s]], stop)?;
@@ -216,8 +216,7 @@ pub fn refine_poses(
     Ok(findings)
 }
 
-/// How far the poses of each state agree with its images; certainly late poses are moved to the images'
-/// times.
+/// How far the poses of each state agree with its images; corrects the delay of clearly late poses.
 fn pose_agreements(
     states: &mut [Vec<RgbdFrame>],
     surfels: &[Vec<Surfels>],
@@ -241,7 +240,7 @@ fn pose_agreements(
     Ok(agreement)
 }
 
-/// Draws of the remaining errors of all corrected poses, and of depth.
+/// Draws of the remaining errors of corrected poses and of depth.
 fn error_draws(
     states: &[Vec<RgbdFrame>],
     found: &[Option<Refined>],
@@ -253,7 +252,7 @@ fn error_draws(
     for d in 0..count {
         let mut poses = Vec::with_capacity(states.len());
         for (refined, frames) in used().zip(states) {
-            // Reported poses left as they are have no errors.
+            // Uncorrected poses are taken as exact.
             let own = refined.and_then(|r| r.draws.get(d).cloned());
             poses.push(own.unwrap_or_else(|| vec![Vector6::zeros(); frames.len()]));
         }
@@ -262,7 +261,7 @@ fn error_draws(
     draws
 }
 
-/// The poses of one state to be found; `None` where too little is seen to decide.
+/// The pose problem of one state; `None` where too little is seen.
 fn problem_of_state<'a>(
     frames: &[RgbdFrame],
     surfels: &'a [Surfels],
@@ -270,7 +269,7 @@ fn problem_of_state<'a>(
     tracked: bool,
     stop: &Stop,
 ) -> Option<Problem<'a>> {
-    // Errors smaller than a pixel cannot be distinguished from the steps of a coarse image.
+    // In a coarse image, pose errors below a pixel are lost in its steps.
     let mut focal_px = frames.iter().map(|f| f.intrinsics.fx.min(f.intrinsics.fy));
     let has_coarse = focal_px.any(|focal_px| focal_px * PoseNoise::EXPECTED.rotation_rad < 1.0);
     (frames.len() >= LEAST_FRAMES && !has_coarse)

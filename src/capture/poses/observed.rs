@@ -1,28 +1,28 @@
-//! Motions determined by surfaces.
+//! Motions that the surfaces determine.
 
 use nalgebra::{Matrix6, Vector6};
 
-/// A direction counts as observed with this share of the information about the best one, at least.
-/// chosen: less is the noise of normals
+/// Least information about a direction that counts as observed, relative to the best one.
+/// chosen: less may come from the noise of normals
 const OBSERVED: f64 = 0.03;
 
-/// Information along the directions determined by the surfaces (solution remapping: Zhang, Kaess and Singh
-/// 2016). The others have little, only from the noise of normals. Turns are compared with shifts at the
-/// distance of equal information.
+/// Information restricted to directions that the surfaces determine (solution remapping: Zhang, Kaess and
+/// Singh 2016). The other directions get a little from the noise of normals. Rotations are scaled to
+/// translations at the distance where both have the same information.
 pub(crate) struct Observed {
-    /// About those directions alone.
+    /// Information about the observed directions.
     pub information: Matrix6<f64>,
-    /// The part of a gradient along these directions.
+    /// Projects a gradient onto these directions.
     pub projector: Matrix6<f64>,
 }
 
 impl Observed {
-    /// Of all information.
+    /// The observed part of an information matrix.
     pub fn of_information(information: &Matrix6<f64>) -> Self {
         Self::above_share(information, OBSERVED)
     }
 
-    /// The same, with a least share of the information about the best direction.
+    /// The same with another least share.
     pub fn above_share(information: &Matrix6<f64>, share: f64) -> Self {
         let trace = |from: usize| (from..from + 3).map(|k| information[(k, k)]).sum::<f64>();
         let lever_m = (trace(3) / trace(0).max(f64::MIN_POSITIVE)).sqrt().max(f64::MIN_POSITIVE);

@@ -1,4 +1,4 @@
-//! Pairs of frames with common surface: sums for the normal equations, and how well the frames agree.
+//! Pairs of frames with surface in common: normal equations, and the agreement of the frames.
 
 use std::collections::BTreeMap;
 
@@ -17,75 +17,75 @@ use common::stop::{Stop, Stopped};
 use geometry::Pose;
 use numeric::statistics::{SIGMAS_PER_MAD, median};
 
-/// Surfels compared in a round, all pairs together, and least of a pair.
+/// Surfels compared per round over all pairs, and the least number per pair.
 const COMPARED: usize = 200_000;
 const LEAST_OF_PAIR: usize = 60;
-/// Of many frames a round compares this part of them while poses are loose.
+/// With many frames, one in this many surfels is compared in early rounds.
 /// measured: shared/bags/laptop: files of the same bytes; other parts were not tried
 const COARSE: usize = 4;
-/// Blocks of surfels, a side; every third one is held out.
+/// Side of the blocks of surfels; every third block is held out.
 const BLOCK: usize = 4;
 const HELD_OUT: usize = 3;
-/// Cut of Tukey's biweight, in robust standard deviations.
-/// derived: 95 % of the efficiency of least squares where errors are normal
+/// Cutoff of Tukey's biweight, in robust standard deviations.
+/// derived: 95 % efficiency for normal errors
 const CUT: f64 = 4.685;
-/// A frame has no more than so many independent readings: errors of depth run together over an image.
-/// chosen: an image has no more independent regions of depth
+/// Most independent readings of a frame: depth errors are correlated across the image.
+/// chosen: at most this many independent regions of depth
 const INDEPENDENT: f64 = 200.0;
 /// Fewest held-out surfels for a comparison.
 const LEAST_SURFELS: usize = 200;
 
-/// Surfels of frames, and their cameras.
+/// Surfels of frames, and the poses of their cameras.
 #[derive(Clone, Copy)]
 pub(crate) struct Views<'a> {
     pub surfels: &'a [Surfels],
     pub world_from_camera: &'a [Pose],
 }
 
-/// Compared surfels of frames.
+/// The surfels and landmarks to compare between frames.
 pub(crate) struct Comparison {
-    /// Of each frame and way to face: fitted surfels, and held-out ones.
+    /// Per frame and facing: fitted surfels, and held-out ones.
     sets: [Vec<[Vec<u32>; FACINGS]>; 2],
     /// Ordered pairs of frames.
     pairs: Vec<[usize; 2]>,
-    /// Matching landmarks, by pair of frames.
+    /// Matching landmarks by frame pair.
     matches: Matches,
     noise: PoseNoise,
-    /// Surfels compared in a round, all pairs together.
+    /// Surfels compared per round over all pairs.
     compared: usize,
-    /// One in so many is enough while poses are loose.
+    /// One in this many is enough in early rounds.
     coarse: usize,
-    /// Asked before every frame.
+    /// Checked before every frame.
     stop: Stop,
 }
 
-/// Matching landmarks of two frames, by their numbers; of every ordered pair of frames.
+/// For each ordered pair of frames, the index pairs of matching landmarks.
 pub(crate) type Matches = BTreeMap<[usize; 2], Vec<[u32; 2]>>;
 
-/// Compared surfels.
+/// Which surfels are compared.
 #[derive(Clone, Copy)]
 pub(crate) enum Subset {
-    /// The fitted ones.
+    /// Those used in the fit.
     Fitted,
-    /// The others.
+    /// Those held out to judge it.
     HeldOut,
 }
 
-/// How poses are fitted in a round.
+/// How a round is fitted.
 #[derive(Clone, Copy)]
 pub(crate) struct Fit {
-    /// While poses are far off, this share of their expected displacement counts as noise: no surfel is left
-    /// out too early.
+    /// Share of the expected displacement by pose errors that counts as noise, so that no surfel is rejected
+    /// too early.
     pub loose: f64,
-    /// Whether a part of the surfels is enough, as later rounds fit all of them.
+    /// Whether a part of the surfels suffices, as later rounds use all of them.
     pub is_rough: bool,
 }
 
 impl Fit {
-    /// As close as it gets.
+    /// A final round.
     pub const CLOSE: Self = Self { loose: 0.0, is_rough: false };
 
-    /// A round with this share; close at zero.
+    /// A round with this share; zero gives [`Self::CLOSE`].
     pub fn loose(share: f64) -> Self {
         Self { loose: share, is_rough: share > 0.0 }
     }
@@ -93,15 +93,15 @@ impl Fit {
 
 /// Normal equations of all pairs.
 pub(crate) struct Sums {
-    /// Of each, in their order.
+    /// Per pair, in order of the pairs.
     pub pairs: Vec<PairSums>,
-    /// Of the sensor's errors, where they are wanted.
+    /// For the sensor's errors, where requested.
     pub sensor: Option<SensorSums>,
-    /// Robust standard deviation of the residuals in expected ones, at least 1.
+    /// Robust standard deviation of the normalized residuals, at least 1.
     pub scale: f64,
 }
 
-/// Normal equations of one pair: of the compared frame (first) and its partner.
+/// Normal equations of one pair: first the compared frame, then its partner.
 #[derive(Clone, Copy)]
 pub(crate) struct PairSums {
     pub frames: [usize; 2],
@@ -109,7 +109,7 @@ pub(crate) struct PairSums {
     pub gradient: [Vector6<f64>; 2],
 }
 
-/// The residuals of a pair.
+/// Sums over the pairs of one frame.
 struct FrameSums {
     pairs: Vec<PairSums>,
     ratios: Vec<Ratios>,
@@ -119,28 +119,28 @@ struct FrameSums {
 struct Rows {
     surfels: Vec<Row>,
     landmarks: Vec<Row>,
-    /// Agreeing surfels, as shares of a reading each, and tried ones.
+    /// Sum of the surfels' weights, and number of surfels tried.
     agreeing: f64,
     tried: usize,
     ratios: Ratios,
 }
 
-/// Effect of a change of poses on held-out surfels.
+/// Improvement of the held-out surfels by a change of poses.
 pub(crate) struct Gain {
-    /// Mean of the frames' gains in its standard errors.
+    /// Mean gain of the frames, in standard errors.
     pub sigmas: f64,
     /// Robust standard deviation of the distances before and after, meters.
     pub residual_m: [f64; 2],
 }
 
-/// The same of one state's pairs.
+/// Change of the held-out residuals of one state.
 pub(crate) struct Changes {
     frames: usize,
     pairs: Vec<PairChange>,
 }
 
 impl Changes {
-    /// Mean gain of the surfels of one frame; `None` without any.
+    /// Mean gain of one frame's surfels; `None` without any.
     fn frame_gain(&self, frame: usize) -> Option<f64> {
         let mut gain = 0.0;
         let mut count = 0;
@@ -152,18 +152,18 @@ impl Changes {
     }
 }
 
-/// The same of one pair.
+/// Change of the residuals of one pair.
 struct PairChange {
     frame: usize,
-    /// Number of compared surfels, and the fall of their bounded cost.
+    /// Number of compared surfels, and the reduction of their robust cost.
     count: usize,
     gain: f64,
-    /// Distances before and after, meters, of some of them.
+    /// Sampled distances before and after, meters.
     distances_m: [Vec<f64>; 2],
 }
 
 impl Comparison {
-    /// Of ordered pairs of frames, the first ones in a row.
+    /// A comparison over ordered pairs, grouped by their first frame.
     pub fn new<'a>(
         surfels: impl Iterator<Item = &'a Surfels> + Clone,
         pairs: Vec<[usize; 2]>,
@@ -176,17 +176,17 @@ impl Comparison {
         Self { sets, pairs, matches, noise, compared: COMPARED, coarse: 1, stop: stop.clone() }
     }
 
-    /// The same with fewer surfels while poses are loose: of many frames they are enough to come near.
+    /// Compares fewer surfels in early rounds; with many frames this is accurate enough.
     pub fn coarse_while_loose(self) -> Self {
         Self { coarse: COARSE, ..self }
     }
 
-    /// The same with about so many surfels in a round, all pairs together.
+    /// Compares about `surfels` surfels per round, over all pairs.
     pub fn with_surfels(self, surfels: usize) -> Self {
         Self { compared: surfels, ..self }
     }
 
-    /// Robust standard deviation of the residuals in expected ones, at least 1.
+    /// Robust standard deviation of the normalized residuals, at least 1.
     pub fn residual_scale(&self, views: Views<'_>) -> Result<f64, Stopped> {
         let ratios = self.pairs.par_iter().map(|pair| {
             self.stop.check()?;
@@ -197,8 +197,8 @@ impl Comparison {
         Ok(robust_scale(ratios.collect::<Result<_, Stopped>>()?))
     }
 
-    /// Normal equations about poses, and about the sensor's errors, where some are given; `scale` is the one
-    /// before.
+    /// Normal equations for the poses and, if given, the sensor's errors; `scale` is the residual scale of
+    /// the previous round.
     pub fn normal_equations(
         &self,
         views: Views<'_>,
@@ -206,7 +206,7 @@ impl Comparison {
         scale: f64,
         fit: Fit,
     ) -> Result<Sums, Stopped> {
-        // By first frames: the sensor's sums are large, and a task has them once.
+        // By first frame, as each task holds one copy of the large sensor sums.
         let frames: Vec<&[[usize; 2]]> = self.pairs.chunk_by(|a, b| a[0] == b[0]).collect();
         let all: Vec<FrameSums> = frames
             .par_iter()
@@ -215,7 +215,7 @@ impl Comparison {
         let mut pairs = Vec::new();
         let mut ratios = Vec::new();
         let mut sensor_sums = None;
-        // In the order of the frames, as sums of floats depend on it.
+        // In fixed order, since floating-point sums depend on it.
         for frame in all {
             pairs.extend(frame.pairs);
             ratios.extend(frame.ratios);
@@ -227,7 +227,7 @@ impl Comparison {
         Ok(Sums { pairs, sensor: sensor_sums.map(SensorSums::completed), scale: robust_scale(ratios) })
     }
 
-    /// Normal equations of the pairs of one first frame.
+    /// Normal equations of the pairs with one first frame.
     fn frame_sums(
         &self,
         pairs: &[[usize; 2]],
@@ -292,9 +292,9 @@ impl Comparison {
         Rows { surfels, landmarks, agreeing, tried, ratios }
     }
 
-    /// Gain of held-out surfels `after`.
+    /// Change of the held-out residuals from `before` to `after`.
     pub fn changes_between(&self, before: Views<'_>, after: Views<'_>) -> Result<Changes, Stopped> {
-        // One scale for both: a scale of its own would forgive the worse poses their residuals.
+        // One scale for both; otherwise worse poses would get a larger scale.
         let scale = self.residual_scale(after)?;
         let pairs = self.pairs.par_iter().map(|p| {
             self.stop.check()?;
@@ -312,11 +312,11 @@ impl Comparison {
         });
         let mut first = first.into_iter().peekable();
         self.visit_residuals(frames, after, Subset::HeldOut, |r, place| {
-            // Both are in one order.
+            // Both are in the same order.
             while first.peek().is_some_and(|t| t.0 < place) {
                 first.next();
             }
-            // Only surfels compared before and after, or poses would gain by losing sight of some.
+            // Only surfels compared both before and after; otherwise poses would gain by losing some.
             let Some((_, before_m, sigma_m)) = first.next_if(|t| t.0 == place) else { return };
             change.gain +=
                 bounded_cost(before_m / (sigma_m * scale)) - bounded_cost(r.distance_m / (r.sigma_m * scale));
@@ -329,7 +329,7 @@ impl Comparison {
         change
     }
 
-    /// Visits residuals of a pair and their places in a fixed order.
+    /// Visits the residuals of a pair, with their positions in a fixed order.
     fn visit_residuals(
         &self,
         pair: [usize; 2],
@@ -342,14 +342,13 @@ impl Comparison {
         self.compare_landmarks(pair, views, subset, |r, place| visit(r, surfels + place));
     }
 
-    /// Most compared surfels of a pair.
+    /// Most surfels compared per pair.
     fn most_surfels(&self) -> usize {
         (self.compared / self.pairs.len().max(1)).max(LEAST_OF_PAIR)
     }
 
-    /// Visits `most` surfels at most, about as many for every facing (normal-space sampling: Rusinkiewicz and
-    /// Levoy 2001), since the larger surfaces show the same again and again. Returns the number of tried
-    /// ones.
+    /// Visits at most `most` surfels, about equally many of every facing (normal-space sampling: Rusinkiewicz
+    /// and Levoy 2001), since large surfaces are redundant. Returns the number of surfels tried.
     fn compare_surfels(
         &self,
         [i, j]: [usize; 2],
@@ -359,14 +358,14 @@ impl Comparison {
         mut visit: impl FnMut(&Residual, usize),
     ) -> usize {
         let most = (most / FACINGS).max(1);
-        // A matrix turns many points sooner than a quaternion.
+        // For many points a matrix is faster than a quaternion.
         let other_from_this: IsometryMatrix3<f64> =
             nalgebra::convert(world_from_camera[j].inverse() * world_from_camera[i]);
         let mut before = 0;
         let mut tried = 0;
         for cells in &self.sets[subset as usize][i] {
             let stride = cells.len().div_ceil(most).max(1);
-            // Every pair begins elsewhere: together they use all.
+            // Every pair starts at another offset, so that together they use all surfels.
             for (at, &cell) in cells.iter().enumerate().skip((7 * i + 3 * j) % stride).step_by(stride) {
                 tried += 1;
                 if let Some(r) = surfels[i].surfel_residual(cell, &surfels[j], &other_from_this, &self.noise)
@@ -379,7 +378,7 @@ impl Comparison {
         tried
     }
 
-    /// Visits landmarks: two residuals each.
+    /// Visits the landmarks, with two residuals each.
     fn compare_landmarks(
         &self,
         [i, j]: [usize; 2],
@@ -404,7 +403,7 @@ impl Comparison {
 }
 
 impl Gain {
-    /// Of all frames of so many states; `None` where too few surfels are held out. See docs/method.md (2.16).
+    /// The gain over several states; `None` for too few held-out surfels. See docs/method.md (2.16).
     pub fn of_changes(states: &[Changes]) -> Option<Self> {
         let pairs = || states.iter().flat_map(|s| &s.pairs);
         if pairs().map(|c| c.count).sum::<usize>() < LEAST_SURFELS {
@@ -415,7 +414,7 @@ impl Gain {
             let distances = pairs().flat_map(|c| c.distances_m[k].iter().copied());
             *residual_m = SIGMAS_PER_MAD * median(distances.collect())?;
         }
-        // Every frame is one observation: its surfels share its pose.
+        // Each frame is one observation, since its surfels share its pose.
         let gains: Vec<f64> =
             states.iter().flat_map(|s| (0..s.frames).filter_map(|frame| s.frame_gain(frame))).collect();
         let count = gains.len() as f64;
@@ -425,7 +424,7 @@ impl Gain {
     }
 }
 
-/// The held-out surfels of a frame, or the others, by their facing.
+/// The held-out surfels of a frame, or the others, by facing.
 fn surfel_subset(surfels: &Surfels, held_out: bool) -> [Vec<u32>; FACINGS] {
     surfels.cells_by_facing().each_ref().map(|cells| {
         let blocks = cells.iter().map(|cell| surfels.block_of_cell(*cell, BLOCK).iter().sum::<usize>());
@@ -434,21 +433,22 @@ fn surfel_subset(surfels: &Surfels, held_out: bool) -> [Vec<u32>; FACINGS] {
     })
 }
 
-/// A row of the normal equations with the weight of its residual; `None` for another surface.
+/// A row of the normal equations with its weight; `None` if the residual is an outlier.
 #[inline]
 fn weighted_row(r: &Residual, sensor: Option<&SensorErrors>, scale: f64, loose: f64) -> Option<(f64, Row)> {
     let variance_m2 = (r.sigma_m * scale).powi(2) + (loose * r.displacement_m).powi(2);
-    // Tukey's biweight: surfels of other surfaces have no say at all.
+    // Tukey's biweight: outliers have no weight.
     let share = (1.0 - r.distance_m.powi(2) / (variance_m2 * CUT * CUT)).max(0.0).powi(2);
     let sensor = sensor.map_or_else(BySensor::default, |errors| by_sensor(r, errors));
     let weight = share / variance_m2;
     (share > 0.0).then(|| (share, Row { poses: by_poses(r), sensor, distance_m: r.distance_m, weight }))
 }
 
-/// Derivatives of the distance by small motions (translation, rotation) of both cameras in their own frames.
+/// Derivatives of the distance by small motions (translation, rotation) of both cameras, each in its own
+/// frame.
 pub(crate) fn by_poses(r: &Residual) -> [f64; 12] {
-    // A motion of the first camera moves the point of docs/method.md (2.13), one of the other the plane, as
-    // if the point moved back.
+    // A motion of the first camera moves the point of docs/method.md (2.13). A motion of the other moves the
+    // plane, as if the point moved the opposite way.
     let own = r.point.coords.cross(&r.normal);
     let other = r.other_point.coords.cross(&r.other_normal);
     let mut row = [0.0; 12];
@@ -463,7 +463,7 @@ pub(crate) fn by_poses(r: &Residual) -> [f64; 12] {
 
 /// Normal equations of the poses of a pair.
 fn pair_sums(frames: [usize; 2], rows: &[Row]) -> PairSums {
-    // Half of a symmetric matrix; `block` mirrors it.
+    // Upper half of a symmetric matrix; `block` mirrors it.
     let mut upper = [[0.0; 12]; 12];
     let mut gradient = [0.0; 12];
     for row in rows {
@@ -483,7 +483,7 @@ fn pair_sums(frames: [usize; 2], rows: &[Row]) -> PairSums {
     }
 }
 
-/// Tukey's cost of a residual in robust standard deviations, from 0 to 1.
+/// Tukey's cost of a normalized residual, from 0 to 1.
 fn bounded_cost(z: f64) -> f64 {
     let u = 1.0 - (z / CUT).powi(2).min(1.0);
     1.0 - u * u * u

@@ -1,45 +1,45 @@
-//! How far camera poses are off.
+//! Size of camera pose errors.
 
 use serde::{Deserialize, Serialize};
 
-/// Errors of a pose along and about each axis, one standard deviation.
+/// Standard deviation of a pose error along and about each axis.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PoseNoise {
-    /// Meters.
+    /// Translation per axis, meters.
     pub translation_m: f64,
-    /// Radians.
+    /// Rotation per axis, radians.
     pub rotation_rad: f64,
 }
 
 impl PoseNoise {
-    /// Of a hand-held camera, or of one on a calibrated arm: 5 mm and 0.5 degrees in all.
+    /// Error of a handheld camera or of one on a calibrated arm: 5 mm and 0.5 degrees in total.
     pub const EXPECTED: Self = Self { translation_m: 0.003, rotation_rad: 0.005 };
 
-    /// The smallest of interest: a micrometer, and a microradian.
+    /// Smallest size considered: a micrometer, and a microradian.
     pub(crate) const LEAST: Self = Self { translation_m: 1e-6, rotation_rad: 1e-6 };
 
-    /// By how much a point at some depth is off, one standard deviation, meters.
+    /// Standard deviation of the displacement of a point at some depth, meters.
     #[must_use]
     pub fn displacement_m(&self, depth_m: f64) -> f64 {
         self.translation_m.hypot(self.rotation_rad * depth_m)
     }
 
-    /// Whether it is as large as expected errors, along or about an axis.
+    /// Whether translation or rotation is as large as expected.
     pub(crate) fn reaches_expected(&self) -> bool {
         self.translation_m >= Self::EXPECTED.translation_m || self.rotation_rad >= Self::EXPECTED.rotation_rad
     }
 
-    /// Of the mean of so many poses.
+    /// Error of the mean of `count` poses.
     pub(crate) fn of_mean(&self, count: usize) -> Self {
         self.scaled_by(1.0 / (count.max(1) as f64).sqrt())
     }
 
-    /// So many times as large.
+    /// Both parts multiplied by `factor`.
     pub(crate) fn scaled_by(&self, factor: f64) -> Self {
         Self { translation_m: factor * self.translation_m, rotation_rad: factor * self.rotation_rad }
     }
 
-    /// No larger than another.
+    /// Both parts limited to those of `most`.
     pub(crate) fn at_most(&self, most: &Self) -> Self {
         Self {
             translation_m: self.translation_m.min(most.translation_m),
@@ -47,7 +47,7 @@ impl PoseNoise {
         }
     }
 
-    /// No smaller than [`Self::LEAST`].
+    /// Both parts at least [`Self::LEAST`].
     pub(crate) fn at_least(&self) -> Self {
         Self {
             translation_m: self.translation_m.max(Self::LEAST.translation_m),
@@ -55,7 +55,7 @@ impl PoseNoise {
         }
     }
 
-    /// Of the difference of two.
+    /// Error of the difference of two independent poses.
     pub(crate) fn of_difference(&self, other: &Self) -> Self {
         Self {
             translation_m: self.translation_m.hypot(other.translation_m),

@@ -1,8 +1,8 @@
-//! Weight of a frame's reading in each of its pairs.
+//! Weight of a reading in each frame pair it enters.
 //!
-//! A reading shared by n - 1 other frames is compared with each of them, both ways, but is one reading. By
-//! weights of 1/n the means of all frames have the information of n readings (pairwise likelihood: Lindsay
-//! 1988). See docs/method.md 2.7.
+//! A reading that n - 1 other frames share is compared with each of them in both directions, but is still one
+//! reading. With weights 1/n the mean over all frames has the information of n readings (pairwise likelihood:
+//! Lindsay 1988). See docs/method.md 2.7.
 
 use std::collections::BTreeSet;
 
@@ -13,7 +13,7 @@ pub(super) struct ReadingWeights {
 }
 
 impl ReadingWeights {
-    /// Of a frame with surfels shared by so many others, in the mean, and landmarks matched as listed.
+    /// For a frame with surfels shared by `others` frames on average, and landmarks matched as listed.
     pub fn of_frame(others: f64, matched: impl Iterator<Item = u32>) -> Self {
         let mut landmarks = BTreeSet::new();
         let mut matches = 0usize;
@@ -34,7 +34,7 @@ mod tests {
     fn what_two_frames_share_counts_by_half() {
         let weights = ReadingWeights::of_frame(1.0, [3, 4, 7].into_iter());
         assert_eq!([weights.of_surfels, weights.of_landmarks], [0.5; 2]);
-        // One landmark in three others, one in one: two in the mean.
+        // One landmark matched in three other frames, one in one: two on average.
         let weights = ReadingWeights::of_frame(0.0, [3, 3, 3, 5].into_iter());
         assert_eq!([weights.of_surfels, weights.of_landmarks], [1.0, 1.0 / 3.0]);
     }

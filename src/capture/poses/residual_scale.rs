@@ -1,12 +1,12 @@
-//! The scale of residuals: their robust standard deviation in expected ones.
+//! Scale of residuals: their robust standard deviation after normalization.
 
 use super::surfels::Residual;
 use numeric::statistics::{SIGMAS_PER_MAD, median};
 
-/// Of this many residuals one goes into the median.
+/// One in this many residuals enters the median.
 pub(super) const MEDIAN_EVERY: usize = 4;
 
-/// Some of a pair's distances in standard deviations.
+/// Sampled normalized residuals of a pair.
 #[derive(Default)]
 pub(super) struct Ratios {
     seen: usize,
@@ -23,7 +23,7 @@ impl Ratios {
     }
 }
 
-/// Robust standard deviation of residuals in expected ones, at least 1.
+/// Robust standard deviation of the normalized residuals, at least 1.
 pub(super) fn robust_scale(ratios: Vec<Ratios>) -> f64 {
     (SIGMAS_PER_MAD * median(ratios.into_iter().flat_map(|r| r.kept).collect()).unwrap_or(0.0)).max(1.0)
 }

@@ -1,4 +1,4 @@
-//! The depth sensor's own errors, found together with the poses of all recorded states.
+//! Calibration of a sensor's systematic errors, jointly with the poses of all states.
 
 use std::fmt;
 
@@ -19,49 +19,51 @@ use geometry::Intrinsics;
 /// The calibration of the depth sensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SensorCalibration {
-    /// Whether depth is corrected by it.
+    /// Whether depth was corrected by it.
     pub used: bool,
-    /// The error of every pixel, as a share of the range.
+    /// Depth error per pixel, share of the range.
     pub warp: DepthWarp,
-    /// Covariance of the warp's values, row by row.
+    /// Covariance of the warp's coefficients, row by row.
     pub covariance: Vec<f64>,
-    /// Mean of the error over the image, and its standard deviation: readings are too short by this share.
+    /// Mean depth error over the image and its standard deviation, shares of the range; positive where
+    /// readings are too short.
     pub scale: [f64; 2],
-    /// Difference from it, root mean square over the image.
+    /// Root mean square deviation of the error from this mean.
     pub warp_rms: f64,
-    /// Offset of color against depth, and standard deviations, pixels.
+    /// Along each image axis: offset of color against depth, and its standard deviation, pixels.
     pub color_shift_px: [[f64; 2]; 2],
-    /// By how much the reported poses are older than the images, and its standard deviation, seconds.
+    /// Delay of the reported poses against the images, and its standard deviation, seconds.
     pub pose_lag_s: [f64; 2],
-    /// Robust standard deviation of the distances between surfaces of two frames, held out, by corrected
-    /// poses alone and with corrected depth, meters.
+    /// Robust standard deviation of held-out distances between surfaces of two frames, meters: with corrected
+    /// poses alone, and with corrected depth too.
     pub residual_m: [f64; 2],
-    /// Mean gain of the frames in its standard errors.
+    /// Mean gain of the frames, in standard errors.
     pub gain_sigmas: f64,
 }
 
-/// Synchronized clocks leave milliseconds; more than this is reported, seconds: an image at 30 a second.
-/// chosen: a shift shown by any pose
+/// Least reported delay of poses, seconds: one image at 30 a second, as synchronized clocks leave
+/// milliseconds.
+/// chosen: a delay that any pose shows
 const LATE_S: f64 = 1.0 / 30.0;
-/// Data sheets of depth cameras allow this share of the range.
-/// derived: the accuracy at 2 m in data sheets of Intel's D400 family
+/// Depth accuracy in data sheets, share of the range.
+/// derived: accuracy at 2 m in data sheets of Intel's D400 family
 const DATA_SHEET: f64 = 0.02;
 
 impl SensorCalibration {
-    /// Whether the sensor errs by more than data sheets allow.
+    /// Whether the depth error exceeds the data sheets'.
     #[must_use]
     pub fn beyond_data_sheets(&self) -> bool {
         self.used && self.scale[0].abs().max(self.warp_rms) > DATA_SHEET
     }
 
-    /// Whether poses are late by more than the error of synchronized clocks.
+    /// Whether poses are delayed by more than synchronized clocks explain.
     #[must_use]
     pub fn has_late_poses(&self) -> bool {
         let [lag_s, sigma_s] = self.pose_lag_s;
         self.used && lag_s.abs() > LATE_S && lag_s.abs() > 3.0 * sigma_s
     }
 
-    /// The found correction.
+    /// The errors to be corrected.
     pub(super) fn sensor_errors(&self, intrinsics: &Intrinsics) -> SensorErrors {
         let [u, v] = self.color_shift_px[0];
         SensorErrors {
@@ -71,7 +73,7 @@ impl SensorCalibration {
         }
     }
 
-    /// Moves the color of frames to where its depth is.
+    /// Shifts the color of frames into alignment with depth.
     pub(super) fn move_color<'a>(&self, frames: impl Iterator<Item = &'a mut RgbdFrame>) {
         let [du, dv] = self.color_shift_px[0];
         for frame in frames {
@@ -82,7 +84,7 @@ impl SensorCalibration {
         }
     }
 
-    /// Standard deviations of the warp's values.
+    /// Standard deviations of the warp's coefficients.
     #[must_use]
     pub fn warp_sigmas(&self) -> Vec<f64> {
         let count = self.warp.values.len();
@@ -116,17 +118,17 @@ impl fmt::Display for SensorCalibration {
     }
 }
 
-/// Results with one sensor.
+/// Results of the joint calibration.
 pub(super) struct Calibrated {
     pub calibration: SensorCalibration,
-    /// The poses of all states.
+    /// The poses of each state.
     pub states: Vec<Option<Refined>>,
-    /// Draws of the remaining error of depth.
+    /// Draws of the remaining depth error.
     pub warps: Vec<DepthWarp>,
 }
 
-/// The poses of all states together with the errors of their sensor; `None` without states to correct, or for
-/// several cameras.
+/// Solves for the poses of all states jointly with the sensor's errors; `None` without states to correct, or
+/// if they have several cameras.
 pub(super) fn solve_together(
     states: &[Vec<RgbdFrame>],
     problems: &[Option<Problem<'_>>],
@@ -140,7 +142,7 @@ pub(super) fn solve_together(
     }
 }
 
-/// Color at a place of the image, bilinear; the border repeats.
+/// Color at an image position, bilinear; the border is repeated.
 fn color_at(frame: &RgbdFrame, u: f64, v: f64) -> [u8; 3] {
     let width = frame.intrinsics.width;
     let height = frame.intrinsics.height;
@@ -160,8 +162,7 @@ fn color_at(frame: &RgbdFrame, u: f64, v: f64) -> [u8; 3] {
     })
 }
 
-/// The sensor's errors, with the poses of all states; `None` for several cameras, or where too little is
-/// seen.
+/// The sensor's errors with the poses of all states; `None` for several cameras, or where too little is seen.
 pub(super) fn calibrated_sensor(
     states: &[Vec<RgbdFrame>],
     problems: &[Option<Problem<'_>>],
@@ -180,7 +181,7 @@ pub(super) fn calibrated_sensor(
             Refined::new(problem, poses, draws, errors, Some(&sensor))
         })
         .collect::<Result<_, Stopped>>()?;
-    // Against the best by poses alone.
+    // Relative to the best poses alone.
     let changes: Vec<Changes> = problems
         .par_iter()
         .zip(alone)
@@ -195,7 +196,7 @@ pub(super) fn calibrated_sensor(
             Some(problem.comparison().changes_between(before, after))
         })
         .collect::<Result<_, Stopped>>()?;
-    // All frames of all states decide together, since they have one sensor.
+    // All frames of all states decide together, since they share the sensor.
     let Some(gain) = Gain::of_changes(&changes) else { return Ok(None) };
     let count = sensor.first_of_shift();
     let focal_px = [intrinsics.fx, intrinsics.fy];

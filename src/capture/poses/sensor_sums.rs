@@ -1,42 +1,42 @@
-//! Normal equations of the sensor's errors, and their residuals.
+//! Normal equations of the sensor's parameters.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::{depth_warp::ORDER, sensor_errors::SensorErrors, surfels::Residual};
 use numeric::vectorized;
 
-/// Pieces of the sensor's values in a residual: rows of the warp's support at both ends.
+/// Contiguous pieces of parameters per residual: the rows of spline support at both pixels.
 const PIECES: usize = 2 * ORDER;
 
-/// Normal equations of the sensor's errors.
+/// Normal equations of the sensor's parameters.
 #[derive(Clone)]
 pub(crate) struct SensorSums {
     pub information: DMatrix<f64>,
-    /// Between the poses (six rows each) and the sensor.
+    /// Cross terms between the poses (six rows each) and the sensor.
     pub between: DMatrix<f64>,
     pub gradient: DVector<f64>,
 }
 
-/// One residual in the normal equations.
+/// One residual with its derivatives.
 pub(super) struct Row {
-    /// Derivatives by small motions of both cameras.
+    /// By small motions of both cameras.
     pub poses: [f64; 12],
     pub sensor: BySensor,
     pub distance_m: f64,
     pub weight: f64,
 }
 
-/// Derivatives of a residual by the sensor's values, in contiguous pieces.
+/// Derivatives of a residual by the sensor's parameters, in contiguous pieces.
 #[derive(Clone, Copy, Default)]
 pub(super) struct BySensor {
-    /// Index of the first value of a piece, and the derivatives.
+    /// Per piece, the index of its first parameter and the derivatives.
     warp: [(usize, [f64; ORDER]); PIECES],
     color_shift: (usize, [f64; 2]),
 }
 
 #[cfg(test)]
 impl BySensor {
-    /// Indices of values, and the derivatives by them.
+    /// Parameter indices with their derivatives.
     pub fn iter(&self) -> impl Iterator<Item = (usize, f64)> {
         let warp = self.warp.iter().flat_map(|(first, piece)| (*first..).zip(piece.iter().copied()));
         warp.chain((self.color_shift.0..).zip(self.color_shift.1))
@@ -44,7 +44,7 @@ impl BySensor {
 }
 
 impl SensorSums {
-    /// Of no residuals; the poses lie along columns until it is `whole`: sums are contiguous.
+    /// Empty sums. Until `completed`, poses run along columns, so that sums are contiguous in memory.
     pub fn of_no_residuals(poses: usize, values: usize) -> Self {
         Self {
             information: DMatrix::zeros(values, values),
@@ -74,7 +74,7 @@ impl SensorSums {
         }
         for (k, x) in piece.iter().enumerate() {
             let column = &mut self.information.as_mut_slice()[(first + k) * values..][..values];
-            // Half of the products; `whole` makes the other half, and of a piece with itself both are here.
+            // Half of each product, as `completed` adds the transpose; a piece with itself has both halves.
             let half = 0.5 * row.weight * x;
             column[first..first + N].iter_mut().zip(piece).for_each(|(sum, y)| *sum += half * y);
             for (other, piece) in rest {
@@ -84,7 +84,7 @@ impl SensorSums {
         }
     }
 
-    /// Completes the sums from their halves.
+    /// Adds the mirrored halves.
     pub fn completed(mut self) -> Self {
         self.information = &self.information + self.information.transpose();
         self.between = self.between.transpose();
@@ -115,8 +115,8 @@ fn add_all(sums: &mut SensorSums, frames: [usize; 2], rows: &[Row]) {
     }
 }
 
-/// Derivatives of the distance by the sensor's errors about the pixel of the point, and about its pixel in
-/// the other frame: a point moves along its ray, and so does the plane. Features move with the color.
+/// Derivatives of the distance by the sensor's parameters, at the pixel of the point and its pixel in the
+/// other frame: a point moves along its ray, and so does the plane. Features move with the color.
 pub(super) fn by_sensor(r: &Residual, errors: &SensorErrors) -> BySensor {
     // docs/method.md (2.21).
     let [this, other] = r.pixels.map(|pixel| errors.warp.support_at(pixel).weighted_rows());

@@ -1,6 +1,6 @@
-//! The poses of all states and the errors of their sensor by Gauss-Newton, and the sizes of both.
+//! Gauss-Newton for the poses of all states and the errors of their sensor, with the sizes of both.
 //!
-//! The states share the sensor alone: the poses of each are eliminated (Schur complement), and the states'
+//! The states share only the sensor: each state's poses are eliminated (Schur complement), and its
 //! information about the sensor is added up.
 
 use std::borrow::Cow;
@@ -21,80 +21,80 @@ use super::{
 use common::stop::{Stop, Stopped};
 use geometry::{Pose, log_so3};
 
-/// Rounds of association and Gauss-Newton with each size of the errors, at most.
+/// Most rounds of association and Gauss-Newton, by update of the error sizes.
 const ROUNDS: [usize; 3] = [10, 3, 3];
-/// Rounds for the sizes of the errors between them.
+/// Most rounds per update of the error sizes.
 const SIZES: usize = 12;
-/// Share of the expected displacement of the poses, counted as noise in the first rounds.
-/// chosen: it falls slowly enough for matches to follow
+/// Share of the expected displacement that counts as noise, in the first rounds.
+/// chosen: falls slowly enough for associations to follow
 pub(super) const LOOSE: [f64; 5] = [1.0, 0.5, 0.3, 0.2, 0.1];
-/// Rounds end with a smaller motion of all cameras, meters (radians times one meter).
+/// Rounds end when all camera motions are smaller, meters (radians times one meter).
 /// chosen: far below the error of poses
 const STEP_M: f64 = 5e-5;
-/// Smooth errors of a depth sensor, one standard deviation, before the recording shows more: see
-/// `sensor_errors`; ... chosen: of the order left by calibrations (docs/method.md 2.11)
+/// Prior standard deviation of the smooth depth errors (see `sensor_errors`) ... chosen: of the order that
+/// calibrations leave (docs/method.md 2.11)
 const WARP: f64 = 0.004;
-/// ... and at least, as no variance may be zero. chosen: far below any sensor's
+/// ... and its lower bound, as no variance may be zero. chosen: far below any sensor's
 const LEAST_WARP: f64 = 1e-6;
 
-/// A state with unknown poses.
+/// A state with poses to be solved for.
 pub(super) struct Problem<'a> {
     comparison: Comparison,
-    /// As read.
+    /// Surfels of its frames, as read.
     pub surfels: &'a [Surfels],
     pub reported: Vec<Pose>,
-    /// Whether these were found from the same frames: residuals between the frames then do not show the size
-    /// of their errors, and it stays as expected.
+    /// Whether the poses were tracked in the same frames: then the residuals do not show the size of their
+    /// errors, and it stays at the prior.
     pub tracked: bool,
     drift: Drift,
-    /// By how much the corrections grow with the lag of the poses: the cameras' velocities in their own
-    /// frames, meters and radians a second.
+    /// Derivative of the corrections by the delay of the poses: the camera velocities in their own frames,
+    /// m/s and rad/s.
     velocities: DVector<f64>,
     stop: Stop,
 }
 
 /// The solution.
 pub(super) struct Solution {
-    /// Of each state.
+    /// Poses by state.
     pub poses: Vec<Vec<Pose>>,
     pub errors: Vec<PoseErrors>,
     pub sensor: Option<Sensor>,
-    /// Draws of their remaining errors.
+    /// Draws of the remaining errors.
     pub draws: Vec<Drawn>,
 }
 
-/// The errors of the sensor.
+/// The sensor's estimated errors.
 pub(super) struct Sensor {
     pub errors: SensorErrors,
-    /// Of their values.
+    /// Covariance of their parameters.
     pub covariance: DMatrix<f64>,
 }
 
-/// Sizes of all errors.
+/// Sizes of pose and sensor errors.
 #[derive(Clone)]
 struct Sizes {
     poses: Vec<PoseErrors>,
     warp: f64,
 }
 
-/// A step, and the covariance of its result.
+/// A Gauss-Newton step with its covariance.
 struct Step {
     poses: Vec<DVector<f64>>,
-    /// Covariances of the corrections without the lag's part.
+    /// By state, covariance of the corrections without the part of the delay.
     pose_covariances: Vec<DMatrix<f64>>,
-    /// Of the poses with a known sensor, and their derivative by it.
+    /// By state, covariance of the poses for a known sensor, and their derivative by it.
     own: Vec<[DMatrix<f64>; 2]>,
     sensor: DVector<f64>,
     sensor_covariance: DMatrix<f64>,
-    /// Of the prior.
+    /// By state, information of the prior.
     pose_information: Vec<DMatrix<f64>>,
     sensor_information: DMatrix<f64>,
-    /// Logarithm of the marginal likelihood of the sizes, up to a constant.
+    /// Log marginal likelihood of the sizes, up to a constant.
     log_likelihood: f64,
 }
 
 impl<'a> Problem<'a> {
-    /// Of a state's frames in the order of time.
+    /// For the frames of a state, in order of time.
     pub fn new(
         surfels: &'a [Surfels],
         matches: Matches,
@@ -119,7 +119,7 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Surfels of its frames, as read and reported.
+    /// Its surfels and poses as reported.
     pub fn as_reported(&self) -> Views<'_> {
         Views { surfels: self.surfels, world_from_camera: &self.reported }
     }
@@ -128,13 +128,13 @@ impl<'a> Problem<'a> {
         &self.comparison
     }
 
-    /// Its surfels by corrected readings: those as read, where nothing is corrected.
+    /// Its surfels with depth corrected by the sensor; as read without one.
     pub fn corrected_surfels(&self, sensor: Option<&SensorErrors>) -> Cow<'a, [Surfels]> {
         sensor
             .map_or(Cow::Borrowed(self.surfels), |errors| Surfels::all_corrected(self.surfels, errors).into())
     }
 
-    /// Corrections so far, six values a camera.
+    /// Corrections so far, six values per camera.
     fn corrections(&self, poses: &[Pose]) -> DVector<f64> {
         let all = self.reported.iter().zip(poses).flat_map(|(reported, pose)| {
             let [moved, turned] = correction_of_pose(reported, pose);
@@ -144,8 +144,8 @@ impl<'a> Problem<'a> {
     }
 }
 
-/// The poses of best agreement of all states' fitted surfels, and the sizes of the errors of the reported
-/// ones; with those of the sensor, if given as a start.
+/// The most likely poses of all states, and the sizes of the errors of the reported ones; with the sensor's
+/// errors if they are given as a start.
 ///
 /// # Errors
 /// [`Stopped`].
@@ -170,7 +170,7 @@ pub(super) fn most_likely_poses(
         for _ in 0..rounds {
             let loose = loosened.next();
             let known = sensor.as_ref().map(|s| &s.errors);
-            // In parallel: no state waits for the last frame of another.
+            // In parallel, so that no state waits for another.
             let sums: Vec<Sums> = problems
                 .par_iter()
                 .zip(&poses)
@@ -191,7 +191,7 @@ pub(super) fn most_likely_poses(
             let mut longest = 0.0f64;
             for (poses, step) in poses.iter_mut().zip(&step.poses) {
                 for (pose, s) in poses.iter_mut().zip(step.as_slice().chunks_exact(6)) {
-                    // From the right, as corrections are in the cameras' own frames.
+                    // Applied from the right, since corrections are in the cameras' frames.
                     *pose *= Pose::new(Vector3::new(s[0], s[1], s[2]), Vector3::new(s[3], s[4], s[5]));
                 }
                 longest = longest.max(step.amax());
@@ -202,7 +202,7 @@ pub(super) fn most_likely_poses(
                 longest = longest.max(step.sensor.amax());
             }
             last = Some((sums, at, step));
-            // While the cut is still loose the next round solves other equations.
+            // With a loose gate, the next round solves different equations.
             if loose.is_none() && longest < STEP_M {
                 break;
             }
@@ -220,13 +220,13 @@ pub(super) fn most_likely_poses(
     Ok(draws.map(|draws| Solution { poses, errors: sizes.poses, sensor, draws }))
 }
 
-/// No solution: too little is seen, or it was asked to stop.
+/// No solution: too little is seen, or it was stopped.
 fn unsolved(problems: &[&Problem<'_>]) -> Result<Option<Solution>, Stopped> {
     problems.iter().try_for_each(|p| p.stop.check())?;
     Ok(None)
 }
 
-/// The step by the normal equations of all states; `None`, too, where it was asked to stop.
+/// The step from the normal equations of all states; `None` also when stopped.
 fn likeliest_step(
     problems: &[&Problem<'_>],
     sums: &[Sums],
@@ -245,8 +245,8 @@ fn likeliest_step(
     let mut gradient = &sensor_information * &values;
     let mut log_likelihood = half_log - 0.5 * values.dot(&gradient);
     let mut whole_gradient = gradient.clone();
-    // Of each state: covariance of the poses with a known sensor, their derivative by the sensor, their own
-    // step, and the gradient.
+    // By state: covariance of the poses for a known sensor, their derivative by the sensor, their own step,
+    // and the gradient.
     let mut eliminated = Vec::new();
     let mut pose_information = Vec::new();
     for (((problem, sums), at), errors) in problems.iter().zip(sums).zip(at).zip(&sizes.poses) {
@@ -254,7 +254,7 @@ fn likeliest_step(
         let (prior, half_log) = problem.drift.information(errors)?;
         let (mut own, mut own_gradient) = pose_equations(&sums.pairs, at.len() / 6);
         own += &prior;
-        // The prior pulls towards the reported poses at the images' time.
+        // The prior is centered on the reported poses at the image times.
         let away = at - &problem.velocities * lag_s;
         let pull = &prior * &away;
         own_gradient += &pull;
@@ -267,7 +267,7 @@ fn likeliest_step(
                 let SensorSums { information: of_state, between, gradient: of_sensor } =
                     with_lag(of_state, lag?, &problem.velocities, &prior, &pull);
                 let follow = &covariance * &between;
-                // Schur complement: the state's information about the sensor with its poses following.
+                // Schur complement: the state's information about the sensor once its poses are eliminated.
                 information += of_state - between.transpose() * &follow;
                 gradient += &of_sensor - between.transpose() * &own_step;
                 whole_gradient += of_sensor;
@@ -286,13 +286,13 @@ fn likeliest_step(
         information
     };
     let sensor = -(&sensor_covariance * gradient);
-    // Half of the fall of the sum of squares by the step, plus those of every state below.
+    // Half of the reduction of the squares by the step; each state's part is added below.
     log_likelihood -= 0.5 * whole_gradient.dot(&sensor);
     let mut poses = Vec::new();
     let mut pose_covariances = Vec::new();
     let mut own = Vec::new();
     for ((covariance, follow, own_step, own_gradient), problem) in eliminated.into_iter().zip(problems) {
-        // Back substitution. Uncertainty of the sensor is uncertainty of the poses, too.
+        // Back substitution: the sensor's uncertainty adds to the poses'.
         let step = -own_step - &follow * &sensor;
         log_likelihood -= 0.5 * own_gradient.dot(&step);
         poses.push(step);
@@ -312,7 +312,7 @@ fn likeliest_step(
     })
 }
 
-/// Derivative by the sensor of the corrections beside the lag's, the value of a given number.
+/// Derivative of the corrections by the sensor, without the part of the delay at index `lag`.
 fn beside_lag(follow: &DMatrix<f64>, lag: Option<usize>, velocities: &DVector<f64>) -> DMatrix<f64> {
     let mut rest = follow.clone();
     if let Some(lag) = lag {
@@ -322,7 +322,8 @@ fn beside_lag(follow: &DMatrix<f64>, lag: Option<usize>, velocities: &DVector<f6
     rest
 }
 
-/// The sums of a state with those of the lag, seen through the poses' prior alone: docs/method.md (2.23).
+/// The sums of a state with those of the delay, which enters only by the prior of the poses: docs/method.md
+/// (2.23).
 fn with_lag(
     sums: &SensorSums,
     lag: usize,
@@ -357,15 +358,14 @@ fn pose_equations(pairs: &[PairSums], poses: usize) -> (DMatrix<f64>, DVector<f6
     (information, gradient)
 }
 
-/// Prior information about the sensor's errors: one of scale, and smooth ones. With half the logarithm of its
-/// determinant.
+/// Prior information about the sensor's errors (scale and smooth errors), and half its log determinant.
 fn sensor_information(errors: &SensorErrors, size: f64) -> Option<(DMatrix<f64>, f64)> {
     let factor = errors.expected_covariance(size).cholesky()?;
     Some((inverse_by_factor(&factor), -half_log_determinant(&factor)))
 }
 
-/// The most likely sizes of the errors by the last equations, about their place: with drift of the poses
-/// where that is likelier than jitter alone by docs/method.md (1.6). See docs/method.md (2.15).
+/// The most likely error sizes at the last linearization: with drift of the poses where it is likelier than
+/// jitter alone by docs/method.md (1.6). See docs/method.md (2.15).
 fn most_likely(
     problems: &[&Problem<'_>],
     sums: &[Sums],
@@ -379,18 +379,18 @@ fn most_likely(
     );
     let (still, likelihood_of_still) = still?;
     let (drifting, likelihood_of_drifting) = drifting?;
-    // Drift has two sizes in each state, shown by three values of every pose.
+    // Drift has two sizes per state; each pose gives three values of either.
     let price: f64 = at.iter().map(|at| (at.len() as f64 / 2.0).ln()).sum();
     Some(if likelihood_of_drifting > likelihood_of_still + price { drifting } else { still })
 }
 
-/// Sizes of the errors of poses to start from.
+/// Start values for the sizes of the pose errors.
 fn starting_sizes(problems: &[&Problem<'_>], errors: PoseErrors) -> Vec<PoseErrors> {
     problems.iter().map(|p| if p.tracked { PoseErrors::WITHOUT_DRIFT } else { errors }).collect()
 }
 
-/// Sizes found from a start, and the logarithm of their likelihood. Partners and weights stay: such a round
-/// costs a factor and no search.
+/// Sizes estimated from a start, and their log likelihood. Associations and weights stay fixed, so a round
+/// costs a factorization and no search.
 fn settled_sizes(
     problems: &[&Problem<'_>],
     sums: &[Sums],
@@ -416,7 +416,7 @@ fn settled_sizes(
     Some((sizes, likelihood))
 }
 
-/// Sizes by the estimates and their covariance. See docs/method.md (2.15).
+/// Update of the sizes from the estimates and their covariance. See docs/method.md (2.15).
 fn resized_errors(
     problems: &[&Problem<'_>],
     at: &[DVector<f64>],
@@ -435,7 +435,7 @@ fn resized_errors(
     Sizes { poses, warp: sensor.map_or(sizes.warp, |errors| resized_warp(sizes.warp, errors, step)) }
 }
 
-/// As in docs/method.md (2.15), with one size for all values of the warp.
+/// As in docs/method.md (2.15), with a single size for all coefficients of the warp.
 fn resized_warp(size: f64, errors: &SensorErrors, step: &Step) -> f64 {
     let mean = errors.values() + &step.sensor;
     let information = &step.sensor_information;

@@ -1,4 +1,4 @@
-//! Surfels: small flat patches of surface in a frame, where averaging leaves the depth with least noise.
+//! Surfels: small flat patches of surface in a frame; depth averaged over a patch has least noise.
 
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use rayon::prelude::*;
@@ -15,32 +15,32 @@ use crate::{
 };
 use geometry::{Intrinsics, Pose};
 
-/// Fewest pixels from one surfel to the next, along both sides, and most surfels in a row.
+/// Least distance of neighboring surfels, pixels, and most surfels in a row.
 const LEAST_STEP: usize = 4;
 const COLUMNS: usize = 160;
-/// Independent readings of a window: stereo noise is correlated over about two pixels.
-/// chosen: a patch of two by two pixels is one
+/// Independent readings in a window: stereo noise is correlated over about two pixels.
+/// chosen: two by two pixels count as one
 const INDEPENDENT: f64 = READINGS as f64 / 4.0;
-/// Expected error of a feature's place, pixels.
+/// Standard deviation of a feature's position, pixels.
 /// tuned: shared/bags, as in the lift of matches (docs/method.md 4.4)
 const PLACE_PX: f64 = 0.6;
-/// Least cosine between normals of one surface.
-/// chosen: 37 deg, beyond the error of any used normal
+/// Least cosine between the normals of one surface.
+/// chosen: 37 deg, more than the error of any normal
 const SAME_COSINE: f64 = 0.8;
 
-/// Facings of a surfel: the camera, left, right, up, down.
+/// Number of facings of a surfel: to the camera, left, right, up, down.
 pub(crate) const FACINGS: usize = 5;
-/// A surfel faces aside where its normal has a larger component along the image. chosen: 24 deg
+/// Least component of a normal along the image for a surfel to face sideways. chosen: 24 deg
 const ASIDE: f32 = 0.4;
 
 /// A flat patch of surface in the camera's optical frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Surfel {
-    /// Inverse depth in its middle, 1/meter, and slopes along the image, 1/(meter pixel), as read.
+    /// Inverse depth at its center, 1/meter, and slopes along the image, 1/(meter pixel), as read.
     plane: Vector3<f32>,
-    /// Its middle, meters.
+    /// Its center, meters.
     pub point: Point3<f32>,
-    /// Unit normal, away from the camera.
+    /// Unit normal, pointing away from the camera.
     pub normal: Vector3<f32>,
     /// Standard deviation along the normal, meters.
     pub sigma_m: f32,
@@ -54,40 +54,40 @@ pub(crate) struct Surfels {
     columns: usize,
     rows: usize,
     cells: Vec<Option<Surfel>>,
-    /// Cells with a surfel, by its facing.
+    /// Cells with a surfel, by facing.
     facing: [Vec<u32>; FACINGS],
-    /// Image features with known depth; see [`Self::with_landmarks`].
+    /// Image features with depth; see [`Self::with_landmarks`].
     landmarks: Vec<Landmark>,
 }
 
 /// An image feature with its depth.
 #[derive(Clone, Copy, Debug)]
 struct Landmark {
-    /// Of the color image.
+    /// Position in the color image.
     pixel: [f64; 2],
-    /// Inverse depth there as read, 1/meter, and slopes along the image, 1/(meter pixel).
+    /// Inverse depth there, 1/meter, and slopes along the image, 1/(meter pixel), as read.
     read: Vector3<f64>,
     /// Standard deviation of its depth, meters.
     sigma_m: f64,
-    /// In the camera's optical frame, meters.
+    /// Position in the camera's optical frame, meters.
     point: Point3<f64>,
-    /// By how much the point moves where color is shifted along either side of the image, meters.
+    /// Derivative of the point by a shift of color along either image axis, meters.
     by_shift: [Vector3<f64>; 2],
 }
 
-/// A frame's view of another's surfels.
+/// Counts of one frame's surfels seen by another frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Overlap {
     /// Number of tried surfels.
     pub tried: usize,
-    /// Those seen in place by the other frame.
+    /// Number of surfels at which the other frame sees the same surface.
     pub agreeing: usize,
-    /// Those looked through by the other frame: its surface lies behind them.
+    /// Number of surfels that the other frame sees through: its surface lies behind them.
     pub seen_through: usize,
 }
 
 impl Overlap {
-    /// Of two frames' surfels.
+    /// The sum of two counts.
     pub fn added_to(self, other: Self) -> Self {
         Self {
             tried: self.tried + other.tried,
@@ -96,34 +96,34 @@ impl Overlap {
         }
     }
 
-    /// Share of the judged surfels seen in place by the other frame.
+    /// Agreeing share of the surfels that the other frame can judge.
     pub fn agreement(&self) -> f64 {
         self.agreeing as f64 / (self.agreeing + self.seen_through).max(1) as f64
     }
 
-    /// Share of all seen in place by the other frame.
+    /// Agreeing share of all surfels tried.
     pub fn share(&self) -> f64 {
         self.agreeing as f64 / self.tried.max(1) as f64
     }
 }
 
-/// Distance of a surfel from the surfel of another frame.
+/// Distance of a surfel from another frame's surface.
 pub(crate) struct Residual {
-    /// Distance from the other's plane, meters.
+    /// Distance from the other surfel's plane, meters.
     pub distance_m: f64,
-    /// By how much errors of poses displace it, one standard deviation, meters.
+    /// Standard deviation of the distance by pose errors, meters.
     pub displacement_m: f64,
-    /// Its standard deviation by the noise of both, meters.
+    /// Standard deviation of the distance by the noise of both, meters.
     pub sigma_m: f64,
-    /// The other's normal in this frame, and this point.
+    /// The other surfel's normal, and this one's point, in this camera's frame.
     pub normal: Vector3<f64>,
     pub point: Point3<f64>,
-    /// The same in the other frame.
+    /// The same in the other camera's frame.
     pub other_normal: Vector3<f64>,
     pub other_point: Point3<f64>,
-    /// The pixels where both frames see it.
+    /// Its pixel in either frame.
     pub pixels: [[f64; 2]; 2],
-    /// Derivatives of the distance by the shift of color; none where color was not looked at.
+    /// Derivatives of the distance by the shift of color; zero for surfels.
     pub by_color_shift: [f64; 2],
 }
 
@@ -141,7 +141,7 @@ impl Surfel {
 }
 
 impl Surfels {
-    /// Of the wanted pixels of a frame.
+    /// The surfels of a frame at the wanted pixels.
     pub fn of_frame(frame: &RgbdFrame, noise: &NoiseConfig, wanted: impl Fn(usize) -> bool) -> Self {
         let k = frame.intrinsics;
         let step = (k.width / COLUMNS).max(LEAST_STEP);
@@ -167,8 +167,7 @@ impl Surfels {
         Self { intrinsics: k, step, columns, rows, cells, facing, landmarks: Vec::new() }
     }
 
-    /// Takes the features of the frame at these pixels; gives of each its number among the landmarks, where
-    /// its depth is known.
+    /// Stores the features at these pixels as landmarks; returns the index of each one, `None` without depth.
     pub fn set_landmarks(
         &mut self,
         frame: &RgbdFrame,
@@ -182,8 +181,8 @@ impl Surfels {
         numbers.collect()
     }
 
-    /// A landmark against its match in `other`: its distances from the match's ray, along two directions
-    /// across it. Distances beyond three standard deviations do not count. See docs/method.md (2.14).
+    /// Residuals of a landmark and its match in `other`: distances from the match's ray along two directions
+    /// across it. Distances beyond three standard deviations are rejected. See docs/method.md (2.14).
     pub fn landmark_residuals(
         &self,
         [this, that]: [u32; 2],
@@ -201,7 +200,7 @@ impl Surfels {
         [right, ray.cross(&right)].map(|across| {
             let distance_m = across.dot(&(other_point - that.point));
             let ends = this.place_m(&self.intrinsics).hypot(that.place_m(&other.intrinsics));
-            // The depth along the point's ray moves it aside in the other frame.
+            // Depth errors along the point's own ray move it sideways in the other frame.
             let sigma_m = ends.hypot(this.sigma_m * across.dot(&own_ray));
             (distance_m.abs() <= 3.0 * sigma_m.hypot(displacement_m)).then(|| Residual {
                 distance_m,
@@ -219,14 +218,14 @@ impl Surfels {
         })
     }
 
-    /// Where a landmark is: in the camera's frame, meters, with the standard deviations of its depth and of
-    /// its place across the ray, meters.
+    /// Position of a landmark in the camera's frame, meters, with standard deviations of its depth and across
+    /// the ray, meters.
     pub fn landmark_point(&self, number: u32) -> (Point3<f64>, [f64; 2]) {
         let landmark = &self.landmarks[number as usize];
         (landmark.point, [landmark.sigma_m, landmark.place_m(&self.intrinsics)])
     }
 
-    /// The view of `other` at every so many of the surfels.
+    /// Counts how `other` sees every so many of these surfels.
     pub fn overlap_with(
         &self,
         other: &Self,
@@ -249,7 +248,7 @@ impl Surfels {
             let turned = other_from_this.rotation * this.normal.cast::<f64>();
             if distance_m.abs() <= gate_m {
                 overlap.agreeing += usize::from(turned.dot(&normal) >= SAME_COSINE);
-            // A surface turned away is hidden by itself.
+            // A surface that faces away occludes itself.
             } else if distance_m < 0.0 && turned.dot(&point.coords) > 0.0 {
                 overlap.seen_through += 1;
             }
@@ -257,9 +256,9 @@ impl Surfels {
         overlap
     }
 
-    /// The same of several frames by corrected readings.
+    /// The surfels of several frames with corrected depth.
     pub fn all_corrected(all: &[Self], errors: &SensorErrors) -> Vec<Self> {
-        // All frames have one camera: one table serves them.
+        // All frames share one camera, and so one table.
         let Some(first) = all.first() else { return Vec::new() };
         let bends: Vec<Bend> =
             (0..first.cells.len()).map(|i| Bend::of_warp_at(&errors.warp, first.pixel_of_cell(i))).collect();
@@ -272,7 +271,7 @@ impl Surfels {
         corrected.collect()
     }
 
-    /// The same by the bend of the sensor's errors at each cell.
+    /// The surfels with depth corrected by the error at each cell.
     fn corrected_by(&self, errors: &SensorErrors, bend: impl Fn(usize) -> Bend) -> Self {
         let mut corrected = self.clone();
         for (i, cell) in corrected.cells.iter_mut().enumerate() {
@@ -280,7 +279,7 @@ impl Surfels {
             let pixel = self.pixel_of_cell(i);
             let plane = bend(i).corrected_plane(surfel.plane.cast());
             let ray = self.intrinsics.ray_at(pixel[0], pixel[1]);
-            // Deviations and facings stay, since corrections are of percents.
+            // Deviations and facings remain: corrections are a few percent.
             surfel.point = Point3::from(ray / plane.x).cast();
             surfel.normal =
                 normal_of_plane(&self.intrinsics, &ray, &plane).map_or(surfel.normal, |n| n.cast());
@@ -289,29 +288,29 @@ impl Surfels {
         corrected
     }
 
-    /// Camera of the frame.
+    /// Camera intrinsics of the frame.
     pub fn intrinsics(&self) -> &Intrinsics {
         &self.intrinsics
     }
 
-    /// Pixel in the middle of a cell.
+    /// Pixel at the center of a cell.
     fn pixel_of_cell(&self, cell: usize) -> [f64; 2] {
         [R + cell % self.columns * self.step, R + cell / self.columns * self.step].map(|i| i as f64)
     }
 
-    /// Indices of the cells with a surfel, rising for each facing.
+    /// Indices of the cells with a surfel, increasing within each facing.
     pub fn cells_by_facing(&self) -> &[Vec<u32>; FACINGS] {
         &self.facing
     }
 
-    /// Sum of the surfels' middles, and their number.
+    /// Sum of the surfels' centers, and their number.
     pub fn sum_of_points(&self) -> (Vector3<f64>, f64) {
         let sum =
             self.cells.iter().flatten().fold(Vector3::zeros(), |sum, s| sum + s.point.coords.cast::<f64>());
         (sum, self.facing.iter().map(Vec::len).sum::<usize>() as f64)
     }
 
-    /// Every so many of the surfels' middles, with their unit normals away from the camera.
+    /// Every so many of the surfels: center, and unit normal pointing away from the camera.
     pub fn points(&self, every: usize) -> impl Iterator<Item = (Point3<f64>, Vector3<f64>)> {
         self.cells.iter().flatten().step_by(every).map(|s| (s.point.cast(), s.normal.cast()))
     }
@@ -322,8 +321,8 @@ impl Surfels {
         [cell % self.columns / side, cell / self.columns / side]
     }
 
-    /// The surfel of a cell against the one of `other` in its place; `None` without one, or for another
-    /// surface. Distances beyond three standard deviations by the noise of depth and `poses` do not count.
+    /// Distance of a surfel from the surface in `other`; `None` without one, or if it is another surface.
+    /// Distances beyond three standard deviations of depth noise and `poses` are rejected.
     pub fn surfel_residual(
         &self,
         cell: u32,
@@ -340,7 +339,7 @@ impl Surfels {
         let distance_m = other_normal.dot(&(other_point - there.point.cast::<f64>()));
         let variance_m2 = f64::from(this.sigma_m).powi(2) + f64::from(there.sigma_m).powi(2);
         let displacement_m = poses.displacement_m(other_point.z);
-        // Beyond noise and poses it is another surface.
+        // Larger than noise and pose errors explain: another surface.
         if distance_m.powi(2) > 9.0 * (variance_m2 + displacement_m.powi(2)) {
             return None;
         }
@@ -369,7 +368,7 @@ impl Surfels {
         self.cells[row * self.columns + column].as_ref()
     }
 
-    /// The cell nearest to a coordinate, of `count` in a row or column.
+    /// The cell nearest to a pixel coordinate, among `count` along the axis.
     fn nearest_cell(&self, pixel: f64, count: usize) -> Option<usize> {
         let at = (pixel - R as f64) / self.step as f64 + 0.5;
         (at >= 0.0 && at < count as f64).then_some(at as usize)
@@ -377,7 +376,7 @@ impl Surfels {
 }
 
 impl Landmark {
-    /// A feature at a pixel; `None` where its depth is not of a plane.
+    /// The feature at a pixel; `None` if the depth there is not flat.
     fn at_pixel(frame: &RgbdFrame, noise: &NoiseConfig, [u, v]: [f64; 2]) -> Option<Self> {
         let k = frame.intrinsics;
         let [x, y] = [u, v].map(|c| c.round().max(0.0) as usize);
@@ -399,11 +398,11 @@ impl Landmark {
         Some(landmark)
     }
 
-    /// Puts its point where it is with the errors of the sensor.
+    /// Corrects its point by the errors of the sensor.
     fn correct(&mut self, k: &Intrinsics, errors: &SensorErrors) {
         let focal_px = [k.fx, k.fy];
         let shift_px = [0, 1].map(|i| errors.color_shift[i] * focal_px[i]);
-        // Depth has the color's point beside the pixel.
+        // The depth of a color pixel lies beside it, shifted.
         let [u, v] = [0, 1].map(|i| self.pixel[i] - shift_px[i]);
         let inverse = self.read.x - self.read.y * shift_px[0] - self.read.z * shift_px[1];
         let ray = k.ray_at(u, v);
@@ -417,7 +416,7 @@ impl Landmark {
         });
     }
 
-    /// Standard deviation of its place across the ray, meters.
+    /// Standard deviation of its position across the ray, meters.
     fn place_m(&self, k: &Intrinsics) -> f64 {
         PLACE_PX * self.point.z / k.fx.min(k.fy)
     }
@@ -439,7 +438,7 @@ fn surfel_of_plane(
     if along < GRAZING_COSINE * ray.norm() {
         return None;
     }
-    // A window with little scatter by chance must not weigh more for it.
+    // A window with little scatter by chance must not get more weight.
     let sigma_m = along * reading_m.max(plane.reading_sigma_m()) / INDEPENDENT.sqrt();
     Some(Surfel {
         plane: inverse.cast(),

@@ -5,7 +5,7 @@ use nalgebra::DVector;
 use crate::RgbdFrame;
 use geometry::{Pose, shift_and_turn};
 
-/// Reported poses and their stamps, in the order of time.
+/// Reported poses and their stamps, in order of time.
 pub(super) struct Trajectory {
     pub poses: Vec<Pose>,
     stamps_s: Vec<f64>,
@@ -20,8 +20,8 @@ impl Trajectory {
         }
     }
 
-    /// Velocities of the cameras in their own frames, six values each, meters and radians a second: by the
-    /// poses before and after; zero where stamps do not rise.
+    /// Camera velocities in their own frames, six values each, m/s and rad/s, by central differences; zero
+    /// where stamps do not increase.
     pub fn velocities(&self) -> DVector<f64> {
         let last = self.poses.len().saturating_sub(1);
         let mut all = DVector::zeros(6 * self.poses.len());
@@ -38,7 +38,7 @@ impl Trajectory {
         all
     }
 
-    /// The poses at other times: later than the stamps by `delay_s`; beyond either end they go on as there.
+    /// The poses `delay_s` after their stamps; constant beyond either end.
     pub fn delayed_poses(&self, delay_s: f64) -> Vec<Pose> {
         self.stamps_s.iter().map(|stamp_s| self.pose_at(stamp_s + delay_s)).collect()
     }

@@ -1,17 +1,17 @@
-//! Planes about the pixels of a grid of cells.
+//! Planes fitted around the pixels of a grid.
 
 use nalgebra::{Matrix3, Vector3};
 
 use crate::{NoiseConfig, RgbdFrame, window::WindowPlane};
 
-/// Largest scatter of a plane's readings, in standard deviations of the noise.
-/// chosen: four times the variance is beyond chance
+/// Largest scatter of the readings about a plane, in standard deviations of the noise.
+/// chosen: four times the variance, beyond chance
 const MISFIT: f64 = 2.0;
-/// Cells on each side for the normal of one, and the least number of them.
+/// Reach of the neighborhood used for a normal, cells, and the fewest cells in it.
 const AROUND: i64 = 2;
 const LEAST_AROUND: usize = 8;
 
-/// The plane about a pixel; `None` where its readings scatter.
+/// The plane around a pixel; `None` if its readings scatter too much.
 pub(super) fn plane_about_pixel(
     frame: &RgbdFrame,
     noise: &NoiseConfig,
@@ -33,8 +33,8 @@ pub(super) struct WindowPlanes {
 }
 
 impl WindowPlanes {
-    /// Slopes of inverse depth at a cell, by the cells about it on its plane, 1/(meter pixel). Slopes of one
-    /// window are noisy, and noise of normals looks like information about undetermined motions.
+    /// Slopes of inverse depth at a cell, smoothed over neighbors on the same plane, 1/(meter pixel). The
+    /// noise of single windows' normals would look like information about undetermined motions.
     pub fn smoothed_slopes(&self, cell: usize) -> Option<[f64; 2]> {
         let own = self.all[cell].as_ref()?;
         let x = (cell % self.columns) as i64;
@@ -51,7 +51,7 @@ impl WindowPlanes {
             }
             let Some(there) = &self.all[row as usize * self.columns + column as usize] else { continue };
             let at = Vector3::new(1.0, (dx * self.step as i64) as f64, (dy * self.step as i64) as f64);
-            // Neighbors on another plane would tilt this one.
+            // Neighbors on another plane would tilt the fit.
             let residual = there.inverse - own.inverse - own.slopes[0] * at.y - own.slopes[1] * at.z;
             if residual.abs() <= 3.0 * gate {
                 moments += at * at.transpose();
@@ -59,7 +59,7 @@ impl WindowPlanes {
                 count += 1;
             }
         }
-        // A few cells, or cells in a row, give no better normal than the window.
+        // A few cells, or cells in a line, give no better normal than the window.
         let change = if count > LEAST_AROUND {
             moments.try_inverse().map_or_else(Vector3::zeros, |m| m * right)
         } else {

@@ -1,4 +1,4 @@
-//! The motion between the world frames of two states by still surfaces.
+//! Motion between the world frames of two states, from surfaces that are static across them.
 
 use std::fmt;
 
@@ -22,26 +22,26 @@ use crate::{NoiseConfig, RgbdFrame};
 use common::stop::{Stop, Stopped};
 use geometry::{Pose, log_so3, shift_and_turn};
 
-/// Rounds of association and Gauss-Newton at most.
+/// Most rounds of association and Gauss-Newton.
 const ROUNDS: usize = 12;
 /// Rounds end with a smaller motion of the world, meters (radians times one meter).
 /// chosen: far below the error of the world's pose
 const STEP_M: f64 = 1e-5;
 
-/// A correction of state 1's world frame by still surfaces.
+/// Correction of state 1's world frame by static surfaces.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WorldCorrection {
-    /// To be applied to state 1's poses from the left.
+    /// Multiplies the poses of state 1 from the left.
     pub corrected_from_reported: Pose,
-    /// Motion of the middle of the seen surface, meters.
+    /// Displacement of the center of the observed surface, meters.
     pub moved_m: f64,
-    /// By how much it turns, radians.
+    /// Angle of the rotation, radians.
     pub turned_rad: f64,
-    /// Robust standard deviation of the distances between surfaces of frames of both states, held out, before
-    /// and after, meters.
+    /// Robust standard deviation of held-out distances between surfaces of both states, before and after,
+    /// meters.
     pub residual_m: [f64; 2],
-    /// Covariance of a left perturbation (translation 3, rotation 3) of `corrected_from_reported`, square
-    /// meters and radians; `None` where frames are too few.
+    /// Covariance of a perturbation of `corrected_from_reported` from the left (translation, rotation),
+    /// meters and radians squared; `None` for too few frames.
     pub covariance: Option<Matrix6<f64>>,
 }
 
@@ -59,8 +59,8 @@ impl fmt::Display for WorldCorrection {
     }
 }
 
-/// The correction of the second state's world frame, with an error of size `expected`, by still surfaces;
-/// `only_object`: of the object alone. `None` where held-out surfels do not gain.
+/// The correction of the second state's world frame by static surfaces, with prior `expected`; `only_object`
+/// restricts it to surfaces of the object. `None` if held-out surfels do not agree better.
 ///
 /// # Errors
 /// [`Stopped`].
@@ -80,7 +80,7 @@ pub fn align_worlds(
     Ok(found.map(|(world, _)| world))
 }
 
-/// Surfels of every frame of a state; `only_object`: of the object alone.
+/// Surfels of each frame; `only_object` restricts them to the object.
 fn surfels_of(
     frames: &[RgbdFrame],
     noise: &NoiseConfig,
@@ -101,13 +101,13 @@ pub(super) fn poses_of(frames: &[RgbdFrame]) -> Vec<Pose> {
     frames.iter().map(|f| f.world_from_camera).collect()
 }
 
-/// Poses of both states, those from `first` on moved about a center.
+/// Poses of both states, with those from `first` on moved about a center.
 fn second_state_moved(reported: &[Pose], first: usize, from_center: &Pose, moved: &Pose) -> Vec<Pose> {
     let world = from_center * moved * from_center.inverse();
     reported.iter().enumerate().map(|(i, p)| if i < first { *p } else { world * p }).collect()
 }
 
-/// See [`align_worlds`]; of the reported poses of both states.
+/// The same from surfels and poses of both states; see [`align_worlds`].
 pub(crate) fn corrected_world(
     states: [&[Pose]; 2],
     surfels: [&[Surfels]; 2],
@@ -117,7 +117,7 @@ pub(crate) fn corrected_world(
 ) -> Result<Option<(WorldCorrection, Follow)>, Stopped> {
     let first = states[0].len();
     let count = states[0].len() + states[1].len();
-    // Pairs across the states alone: within one the motion changes nothing.
+    // Pairs across the states only, as the motion changes nothing within a state.
     let pairs = (0..count)
         .flat_map(|i| (0..count).filter(move |j| (i < first) != (*j < first)).map(move |j| [i, j]))
         .collect();
@@ -129,7 +129,7 @@ pub(crate) fn corrected_world(
     let reported: Vec<Pose> = states.concat();
     let Some(center) = middle_of_surfels(&reported[first..], surfels[1]) else { return Ok(None) };
     let from_center = Pose::from_parts(center.coords.into(), nalgebra::UnitQuaternion::identity());
-    // A motion about the middle; undetermined motions stay small there.
+    // Motion about the center, so that undetermined motions stay small there.
     let mut moved = Pose::identity();
     let mut scale = comparison.residual_scale(seen_from(&all, &reported))?;
     for round in 0..ROUNDS {
@@ -154,14 +154,14 @@ pub(crate) fn corrected_world(
     if sigmas <= 0.0 {
         return Ok(None);
     }
-    // Both states have one sensor, with the same error for all readings at one pixel.
+    // Both states share the sensor and its error at each pixel.
     let Some(of_first) = surfels[0].first() else { return Ok(None) };
     let sensor = SensorErrors::without_errors(of_first.intrinsics());
     let sums = comparison.normal_equations(seen_from(&all, &poses), Some(&sensor), scale, Fit::CLOSE)?;
     let pairs: Vec<PairInformation> =
         sums.pairs.iter().map(|s| PairInformation::of_pair(s, &poses, first, &from_center)).collect();
     let covariance = world_covariance(&pairs, [first, count - first], expected).map(|about_center| {
-        // Callers work with motions about the world's origin.
+        // Callers use motions about the world's origin.
         let at_origin = adjoint(&from_center);
         at_origin * about_center * at_origin.transpose()
     });
@@ -176,14 +176,14 @@ pub(crate) fn corrected_world(
     Ok(follow.map(|follow| (world, follow)))
 }
 
-/// Derivatives of state 1's world by errors of poses and depth, as it is brought to rest by these frames. See
-/// docs/method.md 2.12.
+/// Derivatives of state 1's world correction by the errors of poses and depth in the frames it was computed
+/// from. See docs/method.md 2.12.
 pub(crate) struct Follow {
-    /// Motion about the middle by a motion of each frame.
+    /// Derivatives of the motion about the center by a motion of each frame ...
     by_frame: Vec<Matrix6<f64>>,
     /// ... and by the sensor's errors.
     by_sensor: Matrix6xX<f64>,
-    /// A motion about the middle, in the frame of each camera of state 1.
+    /// Motion about the center, expressed in the frame of each camera of state 1.
     carried: Vec<Matrix6<f64>>,
 }
 
@@ -212,7 +212,7 @@ impl Follow {
         Some(Self { by_frame, by_sensor, carried })
     }
 
-    /// Lets the second of two states follow the errors of a draw. See docs/method.md (2.25).
+    /// Adds the resulting world motion to the second state's errors in a draw. See docs/method.md (2.25).
     pub fn apply_to_draw(&self, [first, second]: [usize; 2], draw: &mut ErrorDraw) {
         let of_frames = draw.poses[first].iter().chain(&draw.poses[second]);
         let mut world: Vector6<f64> = of_frames.zip(&self.by_frame).map(|(error, by)| by * error).sum();
@@ -227,8 +227,8 @@ impl Follow {
     }
 }
 
-/// Information of a pair of frames about the motion of state 1 about the middle: translation and rotation,
-/// from the left.
+/// Information of a frame pair about state 1's motion about the center: translation and rotation, from the
+/// left.
 struct PairInformation {
     frames: [usize; 2],
     information: Matrix6<f64>,
@@ -239,9 +239,9 @@ struct PairInformation {
 
 impl PairInformation {
     fn of_pair(sums: &PairSums, poses: &[Pose], first: usize, from_center: &Pose) -> Self {
-        // The camera of state 1 among the two.
+        // Index of the camera of state 1 in the pair.
         let which = usize::from(sums.frames[0] < first);
-        // The motion of the world, in the frame of the camera carried along.
+        // The world's motion, in the frame of the camera it moves.
         let carried = adjoint(&(poses[sums.frames[which]].inverse() * from_center));
         let [own, between, other] = sums.information;
         let by_frame = if which == 0 { [own, between] } else { [between.transpose(), other] };
@@ -254,7 +254,7 @@ impl PairInformation {
     }
 }
 
-/// One step of the motion about the middle: translation and rotation, from the left.
+/// One step of the motion about the center: translation and rotation, from the left.
 fn world_step(
     sums: &[PairSums],
     poses: &[Pose],
@@ -271,14 +271,14 @@ fn world_step(
     }
     let Observed { information, projector } = Observed::of_information(&information);
     let expected = expected_information(expected);
-    // Along undetermined directions the prior alone pulls.
+    // Only the prior acts along undetermined directions.
     let gradient = projector * gradient + expected * shift_and_turn(moved);
     Some(-(information + expected).cholesky()?.solve(&gradient))
 }
 
-/// Covariance of the motion about the middle. Errors of depth and pose run together over an image: each frame
-/// of either state is one observer (cluster-robust: Liang and Zeger 1986); `None` for no more frames of a
-/// state than parameters. See docs/method.md (2.17).
+/// Covariance of the motion about the center. Depth and pose errors are correlated within a frame, so each
+/// frame is one observation (cluster-robust: Liang and Zeger 1986); `None` if a state has no more frames than
+/// parameters. See docs/method.md (2.17).
 fn world_covariance(
     pairs: &[PairInformation],
     frames: [usize; 2],
@@ -292,7 +292,7 @@ fn world_covariance(
         pair.frames.iter().for_each(|&f| by_frame[f] += projector * pair.gradient);
     }
     let expected = expected_information(expected);
-    // The prior is one more observer, independent of the frames.
+    // The prior counts as one more, independent observation.
     let mut spread = expected;
     for (state, count) in frames.into_iter().enumerate() {
         let small_sample = count as f64 / count.checked_sub(PARAMETERS).filter(|n| *n > 0)? as f64;
@@ -303,7 +303,7 @@ fn world_covariance(
     Some(inverse * spread * inverse)
 }
 
-/// Prior information about a motion about the middle.
+/// Information of the prior about the motion.
 fn expected_information(expected: &PoseNoise) -> Matrix6<f64> {
     Matrix6::from_diagonal(&Vector6::from_fn(|k, _| {
         let sigma = if k < 3 { expected.translation_m } else { expected.rotation_rad };
@@ -311,7 +311,7 @@ fn expected_information(expected: &PoseNoise) -> Matrix6<f64> {
     }))
 }
 
-/// Middle of the seen surfels, in the world; `None` without any.
+/// Mean center of the surfels in the world; `None` without any.
 fn middle_of_surfels(world_from_camera: &[Pose], surfels: &[Surfels]) -> Option<Point3<f64>> {
     let mut sum = Vector3::zeros();
     let mut count = 0.0;

@@ -1,4 +1,4 @@
-//! Where several views find the same depth.
+//! Consistency of the depth found in several views.
 
 use nalgebra::Point3;
 
@@ -6,26 +6,25 @@ use super::{cells::Cells, likeness::Side, planes::Planes};
 use common::stop::{Stop, Stopped};
 use numeric::statistics::{SIGMAS_PER_MAD, median};
 
-/// Largest cost of a confirmed plane: a correlation of 0.6.
-/// chosen: two more views must find the same place.
+/// Largest cost of an accepted plane: a correlation of 0.6.
+/// chosen: two more views must find the same point
 const LARGEST_COST: f32 = 0.4;
-/// Largest difference of agreeing depths, a share.
-/// chosen: a cell of disparity between views 15 degrees apart at the focal length of a usual camera.
+/// Largest relative difference of agreeing depths.
+/// chosen: a cell of disparity between views 15 degrees apart at the focal length of a usual camera
 const SAME: f32 = 0.01;
-/// Least number of other views with the same.
+/// Fewest other views that must agree.
 const WITNESSES: usize = 2;
 
-/// The verdict of another view on a place.
+/// What another view says about a point.
 enum Word {
-    /// Found there, relative difference of depth.
+    /// It finds the same point, with this relative difference of depth.
     Same(f32),
-    /// Sees through it.
+    /// It sees through the point.
     Through,
     Nothing,
 }
 
-/// Whether the plane of each cell is found by at least two other views as well, and by more than see through
-/// it.
+/// By cell, whether at least two other views find the same point, and more find it than see through it.
 pub(super) fn agreed_cells(views: &[Cells], planes: &[Planes], reference: usize) -> Vec<bool> {
     let view = &views[reference];
     let mut agreed = vec![false; view.hole.len()];
@@ -45,7 +44,7 @@ pub(super) fn agreed_cells(views: &[Cells], planes: &[Planes], reference: usize)
     agreed
 }
 
-/// Relative standard deviation of agreed depths: of differences between two views, over the root of two.
+/// Relative standard deviation of agreed depths: of the differences between two views, over the root of two.
 pub(super) fn relative_spread(
     views: &[Cells],
     planes: &[Planes],
@@ -55,7 +54,7 @@ pub(super) fn relative_spread(
     let mut differences = Vec::new();
     for (reference, view) in views.iter().enumerate() {
         stop.check()?;
-        // Every few cells: neighbors share their patch.
+        // A stride, since neighboring cells share their patch.
         for cell in (0..view.hole.len()).step_by(7).filter(|&c| agreed[reference][c]) {
             let Some(point) = confirmed_point(view, &planes[reference], cell) else { continue };
             for other in (0..views.len()).filter(|&o| o != reference) {
@@ -68,13 +67,13 @@ pub(super) fn relative_spread(
     Ok(SIGMAS_PER_MAD * median(differences).unwrap_or(0.0) / 2f64.sqrt())
 }
 
-/// The world point of a cell with a confirmed plane.
+/// The world point of a cell, if its plane is accepted.
 fn confirmed_point(view: &Cells, planes: &Planes, cell: usize) -> Option<Point3<f64>> {
     let inverse = borne_out(view, planes, cell)?;
     Some(view.world_from_camera * Point3::from((view.ray_of_cell(cell) / inverse).cast::<f64>()))
 }
 
-/// The inverse depth of a cell of a hole with a confirmed plane.
+/// The inverse depth of a cell in a hole, if its plane is accepted.
 fn borne_out(view: &Cells, planes: &Planes, cell: usize) -> Option<f32> {
     let inverse = planes.at[cell].dot(&view.ray_of_cell(cell));
     (view.hole[cell] && planes.cost[cell] <= LARGEST_COST && inverse > 0.0).then_some(inverse)

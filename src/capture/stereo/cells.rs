@@ -1,4 +1,4 @@
-//! A view at half its size: brightness, depth, and where depth is missing on the object.
+//! A view at half size: brightness, depth, and the holes in depth on the object.
 
 use nalgebra::Vector3;
 
@@ -6,30 +6,30 @@ use crate::{NoiseConfig, RgbdFrame, dilated_mask, luma};
 use geometry::{Intrinsics, Pose};
 use numeric::statistics::{SIGMAS_PER_MAD, median};
 
-/// Readings of a cell further apart than this share of their depth are of two surfaces.
-/// chosen: a surface at 75 degrees to the ray falls by as much over two pixels of a usual camera.
+/// Readings of a cell further apart than this share of their depth belong to two surfaces.
+/// chosen: the depth change of a surface at 75 degrees to the ray over two pixels of a usual camera
 const STEP: f32 = 0.02;
-/// Cells from the mask's border with pixels of either side.
+/// Border of the mask in which a cell may be on either side, cells.
 const GUARD: usize = 1;
 
 /// A view in cells of 2 x 2 pixels, row-major.
 pub(super) struct Cells {
-    /// Camera of the cells.
+    /// Camera at this size.
     pub camera: Intrinsics,
     pub world_from_camera: Pose,
     /// Brightness in `[0, 1]`.
     pub luma: Vec<f32>,
-    /// Standard deviation of its noise.
+    /// Standard deviation of the brightness noise.
     pub luma_sigma: f32,
-    /// Depth read, meters; 0 where it is unknown or jumps.
+    /// Measured depth, meters; 0 where it is unknown or discontinuous.
     pub depth_m: Vec<f32>,
     /// Expected standard deviation of the depth, meters.
     pub sigma_m: Vec<f32>,
-    /// Whether a cell shows the object alone.
+    /// Whether a cell shows only the object.
     pub on_object: Vec<bool>,
-    /// Whether a cell is surely off the object.
+    /// Whether a cell is certainly off the object.
     pub off_object: Vec<bool>,
-    /// Whether a cell shows the object and has no depth.
+    /// Whether a cell is on the object without depth.
     pub hole: Vec<bool>,
 }
 
@@ -43,7 +43,7 @@ impl Cells {
             height,
             fx: 0.5 * full.fx,
             fy: 0.5 * full.fy,
-            // The middle of a cell's first two pixels has the coordinate 0.5.
+            // The center between the first two pixels has the coordinate 0.5.
             cx: 0.5 * (full.cx - 0.5),
             cy: 0.5 * (full.cy - 0.5),
         };
@@ -83,7 +83,7 @@ impl Cells {
         cells
     }
 
-    /// Cells on the object, and those among them without a reading of it within a patch's reach.
+    /// Number of cells on the object, and of those with no reading within `reach`.
     pub fn unread_counts(&self, reach: usize) -> [usize; 2] {
         let w = self.camera.width;
         let h = self.camera.height;
@@ -108,8 +108,8 @@ impl Cells {
         self.camera.ray_at(x as f64, y as f64).cast()
     }
 
-    /// Noise of the brightness by the residuals of planes in 3 x 3 cells (Immerkaer 1996, by the median, to
-    /// count texture less).
+    /// Brightness noise from the residuals of planes in 3 x 3 cells (Immerkaer 1996; by the median, to be
+    /// robust to texture).
     fn noise_of_luma(&self) -> f32 {
         let w = self.camera.width;
         let h = self.camera.height;
@@ -123,7 +123,7 @@ impl Cells {
                 left.push((corners - 2.0 * sides + 4.0 * at(x, y)).abs() / 6.0);
             }
         }
-        // No less than the steps of 8 bits.
+        // At least the quantization of 8 bits.
         (SIGMAS_PER_MAD * median(left).unwrap_or(0.0)).max(1.0 / (255.0 * 12f64.sqrt())) as f32
     }
 }

@@ -1,4 +1,4 @@
-//! How alike two views look if a patch of one lies on a plane.
+//! Photo-consistency: how similar other views look if a patch of one view lies on a plane.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -6,40 +6,43 @@ use super::cells::Cells;
 use crate::common_focus;
 use geometry::Intrinsics;
 
-/// Samples of a patch along each side, and cells between them: the patch is 9 cells wide.
-/// assumed: 18 pixels, between the windows of denoising (15 and 25).
+/// Samples per side of a patch, and their step in cells: the patch is 9 cells wide.
+/// chosen: 18 pixels, between the windows of denoising (15 and 25)
 const SIDE: i32 = 5;
 const STRIDE: i32 = 2;
 const SAMPLES: usize = (SIDE * SIDE) as usize;
-/// Reach of a patch to each side, cells: a hole no wider is one of shadows and edges.
+/// Half the width of a patch, cells: narrower holes come from shadows and edges.
 pub(super) const REACH: i32 = STRIDE * (SIDE / 2);
 const CORNERS: [(i32, i32); 4] = [(-REACH, -REACH), (REACH, -REACH), (-REACH, REACH), (REACH, REACH)];
-/// Other views compared with one, and the number of the most alike with a weight.
-/// derived: the best half (Galliani 2015): half of the views may be blocked.
+/// Other views compared with a view, and how many of the most similar count.
+/// derived: the best half (Galliani 2015), so that half of the views may be occluded
 const VIEWS: usize = 6;
 const BEST: usize = 3;
-/// Angles between two views of a pair, radians: below, depth hardly shows; above, patches change.
+/// Least and largest angle between two compared views, radians: a small one hardly shows depth, a large one
+/// changes the look of patches.
 /// chosen: 4 and 34 deg
 const ANGLES: [f64; 2] = [0.07, 0.6];
-/// The best angle, radians. chosen: 14 deg
+/// Preferred angle, radians. chosen: 14 deg
 const BEST_ANGLE: f64 = 0.25;
-/// Cost of a view through the place. chosen: a quarter of the cost of the most unlike views
+/// Extra cost per view that sees through the point. chosen: a quarter of the cost of the most dissimilar
+/// views
 const SEEN_THROUGH: f32 = 0.5;
-/// Cost of an unknown plane; the most unlike views cost 2. chosen: twice that
+/// Cost of an unknown plane; the most dissimilar views cost 2. chosen: twice that
 pub(super) const UNKNOWN: f32 = 4.0;
-/// Deviations of a depth for a place on its surface, and the share of the depth at least.
-/// chosen: beyond chance, and the share of two agreeing views
+/// Largest depth difference of a point on its surface, in standard deviations, and at least this share of the
+/// depth.
+/// chosen: beyond chance, and the share for two agreeing views
 const ON_SURFACE: (f32, f32) = (4.0, 0.01);
 
-/// Another view as a view of reference sees it: a cell at `p` with inverse depth `w` is seen at
-/// `turn p + shift w`, homogeneous: docs/method.md (2.30).
+/// Another view relative to the reference view: a cell at `p` with inverse depth `w` projects to `turn p +
+/// shift w`, homogeneous: docs/method.md (2.30).
 pub(super) struct Eye<'a> {
     pub cells: &'a Cells,
     turn: Matrix3<f32>,
     shift: Vector3<f32>,
 }
 
-/// The views compared with one.
+/// The views to compare with a reference view.
 pub(super) fn compared_views(views: &[Cells], reference: usize) -> Vec<Eye<'_>> {
     let poses: Vec<_> = views.iter().map(|v| v.world_from_camera).collect();
     let Some(focus) = common_focus(&poses) else { return Vec::new() };
@@ -59,7 +62,7 @@ pub(super) fn compared_views(views: &[Cells], reference: usize) -> Vec<Eye<'_>> 
 impl<'a> Eye<'a> {
     fn of_view(reference: &Cells, cells: &'a Cells) -> Self {
         let motion = cells.world_from_camera.inverse() * reference.world_from_camera;
-        // A camera's matrix can always be inverted.
+        // A camera matrix is always invertible.
         let back = camera_matrix(&reference.camera).try_inverse().unwrap_or_else(Matrix3::identity);
         let matrix = camera_matrix(&cells.camera);
         let turn = matrix * motion.rotation.to_rotation_matrix().matrix() * back;
@@ -68,20 +71,20 @@ impl<'a> Eye<'a> {
     }
 }
 
-/// The patch of a view about a cell.
+/// The patch of a view around a cell.
 pub(super) struct Patch<'a> {
     view: &'a Cells,
     cell: usize,
-    /// Brightness less its mean; 0 off the object.
+    /// Brightness minus the mean; 0 off the object.
     values: [f32; SAMPLES],
-    /// Whether a sample is on the object.
+    /// 1 for samples on the object, else 0.
     weights: [f32; SAMPLES],
     count: f32,
     /// Sum of the squared values.
     square: f32,
 }
 
-/// Offsets of the samples, cells, row by row.
+/// Offsets of the samples in cells, row by row.
 fn sample_offsets() -> [(i32, i32); SAMPLES] {
     std::array::from_fn(|k| {
         let x = k as i32 % SIDE;
@@ -91,7 +94,7 @@ fn sample_offsets() -> [(i32, i32); SAMPLES] {
 }
 
 impl<'a> Patch<'a> {
-    /// The patch, where it has more texture than noise makes and enough of the object.
+    /// The patch; `None` without enough object or with no more texture than noise.
     pub fn about_cell(view: &'a Cells, cell: usize) -> Option<Self> {
         let w = view.camera.width as i32;
         let h = view.camera.height as i32;
@@ -110,7 +113,7 @@ impl<'a> Patch<'a> {
         let mean = values.iter().sum::<f32>() / count.max(1.0);
         values.iter_mut().zip(&weights).for_each(|(v, w)| *v = w * (*v - mean));
         let square: f32 = values.iter().map(|v| v * v).sum();
-        // Half of the patch; a spread beyond noise alone.
+        // At least half of the samples, and a spread beyond noise.
         let has_texture = square > 4.0 * count * view.luma_sigma.powi(2);
         (2.0 * count > SAMPLES as f32 && has_texture).then_some(Self {
             view,
@@ -122,9 +125,8 @@ impl<'a> Patch<'a> {
         })
     }
 
-    /// Cost of a plane, `n . x = 1` in the camera's frame: how unlike the patch looks in other views, 1 less
-    /// the normalized cross-correlation in the mean of the most alike ones, and more for each view that sees
-    /// through the place.
+    /// Cost of a plane `n . x = 1` in the camera's frame: 1 minus the normalized cross-correlation, averaged
+    /// over the most similar views, plus a cost for each view that sees through the point.
     pub fn plane_cost(&self, n: &Vector3<f32>, eyes: &[Eye<'_>]) -> f32 {
         let inverse = n.dot(&self.view.ray_of_cell(self.cell));
         if inverse <= 0.0 {
@@ -162,7 +164,7 @@ impl<'a> Patch<'a> {
         let across = eye.turn.column(0) + eye.shift * (n.x / camera.fx as f32);
         let down = eye.turn.column(1) + eye.shift * (n.y / camera.fy as f32);
         let at = |(dx, dy): (i32, i32)| middle + across * dx as f32 + down * dy as f32;
-        // A plane takes the patch to a convex quadrangle: where its corners are inside, all of it is.
+        // A plane maps the patch to a convex quadrangle: if its corners are inside, all of it is.
         if CORNERS.iter().any(|&corner| !eye.is_inside(&at(corner))) {
             return Look::Blocked;
         }
@@ -179,7 +181,7 @@ impl<'a> Patch<'a> {
             square += value * value;
             product += value * self.values[k];
         }
-        // The values have no mean: the other view's falls out of the product.
+        // The values have zero mean, so the other view's mean cancels in the product.
         let square = square - sum * sum / self.count;
         let floor = self.count * eye.cells.luma_sigma.powi(2);
         Look::Unlike(1.0 - product / (self.square * square.max(floor)).sqrt())
@@ -187,16 +189,16 @@ impl<'a> Patch<'a> {
 }
 
 enum Look {
-    /// 1 less the correlation.
+    /// Compared: 1 minus the correlation.
     Unlike(f32),
-    /// The view sees something behind the place.
+    /// The view sees a surface behind the point.
     Through,
-    /// Something stands before the place, or it is out of the image.
+    /// The point is occluded or outside the image.
     Blocked,
 }
 
 impl Eye<'_> {
-    /// The view's verdict on a place by its depth and mask; `None`: nothing speaks against comparing.
+    /// Verdict of the view by its depth and mask; `None` if neither prevents a comparison.
     fn verdict_on_place(&self, q: &Vector3<f32>, inverse: f32) -> Option<Look> {
         let Some(cell) = self.cell_at(q) else { return Some(Look::Blocked) };
         if self.cells.off_object[cell] {
@@ -220,21 +222,21 @@ impl Eye<'_> {
         (x >= 0.0 && y >= 0.0 && x < w as f32 && y < h as f32).then(|| y as usize * w + x as usize)
     }
 
-    /// Whether a homogeneous place is inside the image, with a cell to its right and one below.
+    /// Whether a homogeneous point projects into the image, with a cell to its right and one below.
     fn is_inside(&self, q: &Vector3<f32>) -> bool {
         let w = self.cells.camera.width;
         let h = self.cells.camera.height;
         q.z > 0.0 && q.x >= 0.0 && q.y >= 0.0 && q.x < (w - 1) as f32 * q.z && q.y < (h - 1) as f32 * q.z
     }
 
-    /// Brightness at a place, linear between cells.
+    /// Brightness at a position, bilinear.
     fn luma_at(&self, [x, y]: [f32; 2]) -> f32 {
         let w = self.cells.camera.width;
         let i = x as usize;
         let j = y as usize;
         let fx = x - i as f32;
         let fy = y - j as f32;
-        // Rounding may take a place inside to the last row or column.
+        // Rounding may move a point inside onto the last row or column.
         let Some(cells) = self.cells.luma.get(j * w + i..j * w + i + w + 2) else { return 0.0 };
         let top = cells[0] + fx * (cells[1] - cells[0]);
         let bottom = cells[w] + fx * (cells[w + 1] - cells[w]);
@@ -246,7 +248,7 @@ fn camera_matrix(k: &Intrinsics) -> Matrix3<f64> {
     Matrix3::new(k.fx, 0.0, k.cx, 0.0, k.fy, k.cy, 0.0, 0.0, 1.0)
 }
 
-/// Where a place is, seen from a view, against the depth read there.
+/// Position of a point relative to the depth measured there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Side {
     Before,
@@ -256,7 +258,7 @@ pub(super) enum Side {
 }
 
 impl Cells {
-    /// Side of a z-depth against the depth read at a cell.
+    /// Compares a z-depth with the depth measured at a cell.
     pub fn side_of_depth(&self, cell: usize, depth_m: f32) -> Side {
         let read_m = self.depth_m[cell];
         if read_m <= 0.0 {

@@ -1,9 +1,9 @@
-//! Depth from color where the sensor read none: dark, glossy and thin parts of the object.
+//! Multi-view stereo from color where the sensor read no depth: dark, glossy and thin parts of the object.
 //!
-//! In every view each cell (2 x 2 pixels) of a hole gets a plane, at first from the nearest reading. Planes
-//! pass from neighbor to neighbor and are perturbed, and the plane with the most alike other views stays
-//! (PatchMatch: Bleyer, Rhemann and Rother 2011; many views: Galliani, Lasinger and Schindler 2015). A depth
-//! counts where other views find the same. See docs/method.md 2.16.
+//! Each cell (2 x 2 pixels) of a hole in depth gets a plane, initially from the nearest reading. Planes are
+//! propagated between neighbors and perturbed; the plane with the best photo-consistency remains (PatchMatch:
+//! Bleyer, Rhemann and Rother 2011; multi-view: Galliani, Lasinger and Schindler 2015). A depth is used if
+//! other views find the same. See docs/method.md 2.16.
 
 mod agreement;
 mod cells;
@@ -22,33 +22,33 @@ use self::{
 use super::{NoiseConfig, RgbdFrame};
 use common::stop::{Stop, Stopped};
 
-/// Most and fewest readings of the sensor in place of a depth by color.
-/// chosen: neighbors share their patch of color, so one pixel is never worth more than a reading; the lower
-/// bound is that of [`RgbdFrame::sigma_m`].
+/// Least and largest weight of a depth from color, in sensor readings.
+/// chosen: neighbors share their color patch, so a pixel never counts more than one reading; the lower bound
+/// is that of [`RgbdFrame::sigma_m`]
 const READINGS: [f64; 2] = [1e-3, 1.0];
 
-/// Whether the sensor's missing depth on the object is taken from color.
+/// Whether missing depth on the object is filled from color.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum UseColorDepth {
-    /// Where holes are wider than shadows and edges make them.
+    /// Where holes are wider than shadows and edges cause.
     #[default]
     Auto,
     /// Wherever depth is missing.
     Always,
-    /// Depth is the sensor's alone.
+    /// Depth comes from the sensor only.
     Never,
 }
 
-/// Least share of the object's cells beyond a patch's reach of any reading for depth from color.
-/// measured: seven clean rendered objects have 2.3 % at most, four made ones with lacquer on three tenths
-/// 9.5 % at least (docs/figures.md).
+/// Least share of the object's cells far from any reading (beyond a patch's reach) for depth from color.
+/// measured: at most 2.3 % in seven clean rendered objects, at least 9.5 % in four with lacquer on three
+/// tenths (docs/figures.md)
 const MUCH_UNREAD: f64 = 0.05;
-/// Stride of views for this share.
-/// derived: neighbors in time show the same.
+/// Stride of the views that are sampled for this share.
+/// derived: consecutive views show the same
 const ASKED: usize = 5;
 
-/// Share of the object further than [`REACH`] from any reading of it, in some of the views.
+/// Share of the object's cells further than [`REACH`] from any reading of it, over sampled views.
 fn unread_share(frames: &[RgbdFrame], noise: &NoiseConfig, stop: &Stop) -> Result<f64, Stopped> {
     let asked: Vec<&RgbdFrame> = frames.iter().step_by(ASKED).collect();
     let counts: Vec<[usize; 2]> = asked
@@ -59,22 +59,23 @@ fn unread_share(frames: &[RgbdFrame], noise: &NoiseConfig, stop: &Stop) -> Resul
     Ok(sum(1) as f64 / sum(0).max(1) as f64)
 }
 
-/// Counts of filled pixels.
+/// Result of filling depth from color.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ColorDepth {
-    /// Share of the object far from any reading of it.
+    /// Share of the object's cells far from any reading.
     pub unread: f64,
-    /// Pixels of the object without depth.
+    /// Number of object pixels without depth.
     pub holes: usize,
-    /// ... with one now.
+    /// Number of them that were filled.
     pub filled: usize,
-    /// Relative standard deviation of such a depth, by how views differ; 0 where none was filled.
+    /// Relative standard deviation of a filled depth, from the differences between views; 0 where none was
+    /// filled.
     pub relative_sigma: f64,
 }
 
-/// Fills holes on the object by alike patches of the views of one state, and sets the `readings` of these
-/// pixels by the difference of views there. Read depth stays as it is. Masks must be the recording's:
-/// without, a pixel without depth may show anything. `None` where it is not due.
+/// Fills holes on the object by multi-view stereo over the views of one state, and sets these pixels'
+/// `readings` by the spread between views. Measured depth remains. The masks must come from the recording:
+/// otherwise pixels without depth may show anything. `None` where filling is not needed.
 ///
 /// # Errors
 /// [`Stopped`].
@@ -117,7 +118,7 @@ pub fn fill_from_color(
     Ok(Some(ColorDepth { unread, holes, filled, relative_sigma }))
 }
 
-/// Writes a view's agreed depths to the pixels without one.
+/// Writes the agreed depths of a view into pixels without depth.
 fn fill_from_view(
     frame: &mut RgbdFrame,
     view: &Cells,

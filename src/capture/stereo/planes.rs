@@ -1,4 +1,4 @@
-//! A plane for each cell of a hole, passed on from neighbor to neighbor.
+//! Search for a plane in each cell of a hole, by propagation between neighbors.
 
 use std::collections::VecDeque;
 
@@ -13,26 +13,26 @@ use super::{
 use common::stop::{Stop, Stopped};
 use numeric::random::{self, stage_rng};
 
-/// Rounds of passing planes on, each to one half of the cells and then to the other. assumed; faster
-/// narrowing steps changed no figure of one made object.
+/// Rounds of propagation, each over both halves of a checkerboard. chosen: faster narrowing changed no result
+/// on a synthetic object
 const ROUNDS: usize = 4;
-/// Neighbors with planes tried by a cell: beside it, and further off (Galliani 2015).
+/// Offsets of the neighbors with planes to try: adjacent and distant ones (Galliani 2015).
 const NEIGHBORS: [(i32, i32); 8] = [(-1, 0), (1, 0), (0, -1), (0, 1), (-5, 0), (5, 0), (0, -5), (0, 5)];
-/// Perturbations of a cell in a round.
+/// Perturbations per cell and round.
 const TRIES: usize = 3;
-/// Largest perturbation of the first round: share of the inverse depth, and of it across a ray's unit.
+/// Largest perturbation in the first round: relative to the inverse depth, and per unit across the ray.
 /// chosen: a wide first search
 const SPREAD: (f64, f64) = (0.02, 0.5);
-/// Cells on each side for the slope of read depth.
+/// Reach in cells for the slope of measured depth.
 const SLOPE: usize = 2;
 
-/// Planes `n . x = 1` of a view's cells in its optical frame, 1/m; `cost` says how unlike other views look.
+/// Planes `n . x = 1` of a view's cells in its optical frame, 1/m; `cost` is the photo-consistency cost.
 pub(super) struct Planes {
     pub at: Vec<Vector3<f32>>,
     pub cost: Vec<f32>,
 }
 
-/// The best confirmed planes of a view's holes.
+/// The best planes in a view's holes.
 pub(super) fn propagated_planes(
     view: &Cells,
     eyes: &[Eye<'_>],
@@ -55,7 +55,8 @@ pub(super) fn propagated_planes(
     holes.iter().zip(costs).for_each(|(&cell, cost)| planes.cost[cell] = cost);
     for round in 0..ROUNDS {
         for half in 0..2 {
-            // Cells of one color read those of the other alone: any number of threads gives the same.
+            // Cells of one color read only those of the other, so the result does not depend on the number of
+            // threads.
             let better: Vec<Option<(Vector3<f32>, f32)>> = holes
                 .par_iter()
                 .zip(&patches)
@@ -78,7 +79,7 @@ pub(super) fn propagated_planes(
     Ok(planes)
 }
 
-/// The best of a cell's plane, its neighbors' and some about them.
+/// The best among a cell's plane, its neighbors' planes and perturbations.
 fn best_plane_of_cell(
     view: &Cells,
     cell: usize,
@@ -114,7 +115,7 @@ fn best_plane_of_cell(
     (best, least)
 }
 
-/// A plane turned and moved along the ray, by less from round to round.
+/// A plane rotated and moved along the ray, by less in later rounds.
 fn perturbed_plane(
     plane: &Vector3<f32>,
     ray: &Vector3<f32>,
@@ -125,12 +126,12 @@ fn perturbed_plane(
     let inverse = plane.dot(ray);
     let mut draw = |size: f64| (size * scale * random::uniform_in(rng, -1.0, 1.0)) as f32;
     let mut next = plane + Vector3::new(draw(SPREAD.1) * inverse, draw(SPREAD.1) * inverse, 0.0);
-    // The turn alone would move the plane along the ray.
+    // The rotation alone would move the plane along the ray.
     next.z += inverse * (1.0 + draw(SPREAD.0)) - next.dot(ray);
     next
 }
 
-/// Planes of the read depth, and in holes those of the nearest reading on the object.
+/// Planes of the measured depth; cells in holes take the plane of the nearest reading on the object.
 fn extended_planes(view: &Cells) -> Planes {
     let count = view.hole.len();
     let mut planes = Planes { at: vec![Vector3::zeros(); count], cost: vec![UNKNOWN; count] };
@@ -143,7 +144,7 @@ fn extended_planes(view: &Cells) -> Planes {
     }
     let w = view.camera.width;
     let h = view.camera.height;
-    // Breadth first: nearest first.
+    // Breadth first, hence nearest first.
     while let Some(cell) = front.pop_front() {
         let x = cell % w;
         let y = cell / w;
@@ -163,13 +164,13 @@ fn extended_planes(view: &Cells) -> Planes {
     planes
 }
 
-/// Inverse depth read at a cell, 1/meter.
+/// Measured inverse depth of a cell, 1/meter.
 fn inverse_depth(view: &Cells, x: usize, y: usize) -> Option<f32> {
     let depth_m = *view.depth_m.get(y * view.camera.width + x)?;
     (x < view.camera.width && depth_m > 0.0).then(|| 1.0 / depth_m)
 }
 
-/// Slope between the readings on both sides, or beside the hole on one.
+/// Slope between the readings on both sides, or on one side next to a hole.
 fn slope_at(before: Option<f32>, here: f32, after: Option<f32>) -> Option<f32> {
     match (before, after) {
         (Some(a), Some(b)) => Some((b - a) / (2 * SLOPE) as f32),
@@ -179,7 +180,7 @@ fn slope_at(before: Option<f32>, here: f32, after: Option<f32>) -> Option<f32> {
     }
 }
 
-/// The plane of the depth read about a cell.
+/// The plane of the depth measured around a cell.
 fn plane_of_readings(view: &Cells, cell: usize) -> Option<Vector3<f32>> {
     let w = view.camera.width;
     let x = cell % w;

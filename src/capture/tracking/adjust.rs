@@ -1,7 +1,7 @@
-//! Poses of frames against each other: Gauss-Newton over the common surfels and landmarks of pairs.
+//! Joint adjustment of frame poses: Gauss-Newton over surfels and landmarks seen by pairs of frames.
 //!
-//! These are the equations of the refinement of reported poses (docs/method.md 2.7), without its prior:
-//! nothing was reported. Directions without surface and landmark stay as they began.
+//! The equations are those of the correction of reported poses (docs/method.md 2.7), without its prior.
+//! Undetermined directions keep their start values.
 
 use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
 
@@ -13,44 +13,44 @@ use crate::poses::{
 use common::stop::{Stop, Stopped};
 use geometry::Pose;
 
-/// Share of the expected displacement of the start, counted as noise, by round.
-/// chosen: it falls slowly enough for matches to follow
+/// By round, the share of the expected start error that counts as noise.
+/// chosen: falls slowly enough for associations to follow
 const LOOSE: [f64; 5] = [1.0, 0.5, 0.25, 0.1, 0.05];
-/// Rounds at most.
+/// Most rounds.
 const ROUNDS: usize = 10;
 /// Rounds end with a smaller motion, meters (radians times one meter).
-/// chosen: a fifth of the error of one pose by the surfels of a frame, 0.2 mm
+/// chosen: a fifth of the error of one pose from a frame's surfels, 0.2 mm
 const STEP_M: f64 = 4e-5;
-/// Surfels compared in a round about one frame.
-/// tuned: shared/bags; more of them changed no pose by a tenth of its deviation
+/// Surfels compared per round and frame.
+/// tuned: shared/bags; more changed no pose by a tenth of its deviation
 const COMPARED: usize = 16_000;
 
-/// Frames with compared poses.
+/// Frames and pairs to adjust.
 pub(super) struct Adjustment<'a> {
     pub surfels: &'a [Surfels],
-    /// So many frames in front stay where they are.
+    /// The first `fixed` frames keep their poses.
     pub fixed: usize,
-    /// Pairs with common surface, each once.
+    /// Pairs of frames with surface in common, each once.
     pub pairs: &'a [[usize; 2]],
-    /// Similar landmarks of those pairs.
+    /// Matching landmarks of these pairs.
     pub matches: &'a Matches,
-    /// How far the poses to start from may be off.
+    /// Error of the start poses.
     pub start: PoseNoise,
-    /// Asked in every round.
+    /// Checked in every round.
     pub stop: &'a Stop,
 }
 
-/// Agreeing poses.
+/// The adjusted poses.
 pub(super) struct Adjusted {
     pub poses: Vec<Pose>,
-    /// Normal equations of the ordered pairs about them.
+    /// Normal equations of the ordered pairs at these poses.
     pub sums: Vec<PairSums>,
-    /// Robust standard deviation of the residuals in expected ones, at least 1.
+    /// Robust standard deviation of the normalized residuals, at least 1.
     pub scale: f64,
 }
 
 impl Adjustment<'_> {
-    /// Agreeing poses near a start.
+    /// Adjusts the poses from a start; `None` if the equations cannot be solved.
     pub fn solve_near(&self, start: &[Pose]) -> Result<Option<Adjusted>, Stopped> {
         let mut pairs: Vec<[usize; 2]> = self.pairs.iter().flat_map(|[i, j]| [[*i, *j], [*j, *i]]).collect();
         pairs.sort_unstable();
@@ -86,7 +86,7 @@ impl Adjustment<'_> {
         Views { surfels: self.surfels, world_from_camera: poses }
     }
 
-    /// The step by the normal equations, six values a free frame.
+    /// The step from the normal equations, six values per free frame.
     fn step(&self, sums: &[PairSums], start: &[Pose], poses: &[Pose]) -> Option<DVector<f64>> {
         let count = poses.len() - self.fixed;
         let mut information = DMatrix::zeros(6 * count, 6 * count);
@@ -107,7 +107,7 @@ impl Adjustment<'_> {
                 }
             }
         }
-        // The start has an error of its own: along undetermined directions it alone decides.
+        // Only the prior at the start determines directions that the pairs leave undetermined.
         let known = Vector6::from_fn(|k, _| {
             let sigma = if k < 3 { self.start.translation_m } else { self.start.rotation_rad };
             (START_SPREAD * sigma).powi(-2)
@@ -126,17 +126,18 @@ impl Adjustment<'_> {
     }
 }
 
-/// The start counts with so many times the expected error: it holds only otherwise free directions.
-/// chosen: its weight is a hundredth of a reading's
+/// Factor on the expected error of the start in its prior, which then matters only in undetermined
+/// directions.
+/// chosen: a hundredth of the weight of a reading
 const START_SPREAD: f64 = 10.0;
 
 impl Adjusted {
-    /// Information of all pairs about the pose of one frame in its own camera's frame, the others held.
+    /// Information of all pairs about the pose of a frame, in its camera's frame, with the other poses fixed.
     pub fn pose_information(&self, frame: usize) -> Matrix6<f64> {
         self.sums.iter().map(|s| information_of(s, frame)).sum()
     }
 
-    /// The same by pairs with one other frame alone.
+    /// The same from the pairs with one other frame.
     pub fn information_with(&self, frame: usize, other: usize) -> Matrix6<f64> {
         let between = self.sums.iter().filter(|s| s.frames.contains(&other));
         between.map(|s| information_of(s, frame)).sum()
@@ -152,10 +153,10 @@ fn information_of(sums: &PairSums, frame: usize) -> Matrix6<f64> {
     }
 }
 
-/// Standard deviation of points at a depth before a camera, in the least known direction, meters. See
-/// docs/method.md (2.27).
+/// Standard deviation of points at a depth in front of a camera, in the least determined direction, meters.
+/// See docs/method.md (2.27).
 pub(super) fn least_known_m(information: &Matrix6<f64>, depth_m: f64) -> f64 {
-    // Turns as shifts of points at the depth.
+    // Rotations in terms of the displacement at this depth.
     let scale = Vector6::from_fn(|k, _| if k < 3 { 1.0 } else { 1.0 / depth_m });
     let unit = Matrix6::from_diagonal(&scale);
     let least = (unit * information * unit).symmetric_eigenvalues().min();

@@ -1,8 +1,8 @@
-//! The motion between the maps of two states by still surfaces.
+//! Motion between the maps of two states, from static surfaces.
 //!
-//! Similar landmarks of both states propose motions: one of the still surroundings, and those of parts. Most
-//! motions of parts are contradicted by the still surface; of the others, the motion followed by landmarks in
-//! the most places is the maps'.
+//! Matching landmarks of both states propose motions: of the static surroundings, and of moved parts. The
+//! static surfaces contradict most motions of parts. Of the remaining motions, the one with landmarks in the
+//! most places is taken.
 
 use std::collections::BTreeSet;
 
@@ -28,48 +28,47 @@ use common::stop::{Stop, Stopped};
 use geometry::Pose;
 use numeric::random::stage_rng;
 
-/// Compared keyframes of each state.
+/// Keyframes compared per state.
 /// derived: 144 pairs take a second
 const KEYFRAMES: usize = 12;
-/// Number of motions: the still surroundings and three parts.
-/// derived: recordings have few moving parts, and the largest come first
+/// Most proposed motions: the static surroundings and three parts.
+/// derived: recordings have few moving parts, and large ones are found first
 const MOTIONS: usize = 4;
-/// Views that differ by more are not compared, radians.
+/// Largest difference of views that are compared, radians.
 /// derived: twice the reach of features (`closure`), as surfaces are compared here
 const REACH_RAD: f64 = 1.0;
-/// Least agreement of the still surface, of the surface judged by both states, as a share of the best
-/// motion's.
-/// tuned: shared/bags: motions of parts contradicted by a floor have 0.83 and less, those of halves of
+/// Least agreement of surfaces after a motion, relative to the best motion.
+/// tuned: shared/bags: motions of parts contradicted by a floor have at most 0.83, motions of halves of
 /// scissors flat on a floor 1.0
 const POSSIBLE: f64 = 0.9;
-/// Least ratio between the cells of landmarks with the still motion and with the next possible one. derived:
-/// as between states with poses (docs/method.md 5)
+/// Least ratio of landmark cells between the best motion and the next possible one.
+/// derived: as between states with poses (docs/method.md 5)
 const CLEAR: f64 = 2.0;
-/// Side of the cells for the count of landmarks, as a share of the depth.
-/// derived: as between states with poses, where the object is as large as its depth
+/// Side of the cells in which landmarks are counted, share of the depth.
+/// derived: as between states with poses, for an object as large as its depth
 const CELL_SHARE: f64 = 0.05;
-/// Motions between maps are one if they take the seen surface no further apart than this share of its depth,
-/// and turn it by no more than as many radians.
-/// measured: motions of one floor by different landmarks of shared/bags/drawer were 0.012 apart
+/// Two motions count as one if they place the observed surface at most this share of its depth apart, and
+/// rotate it by at most as many radians from each other.
+/// measured: motions of one floor from different landmarks of shared/bags/drawer were 0.012 apart
 const SAME_SHARE: f64 = 0.03;
 
 /// Why two states have no common map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Unaligned {
-    /// Nothing looks alike in both.
+    /// No landmarks of the two states match.
     NothingAlike,
-    /// Two motions explain about as much.
+    /// Two motions explain the landmarks about equally well.
     Ambiguous {
-        /// Cells with landmarks of each.
+        /// Number of landmark cells of each motion.
         cells: [usize; 2],
     },
 }
 
-/// The motion from the second state's map to the first one's, and the agreeing share of the surfels in view
-/// of both.
+/// The motion from the second state's map to the first one's, and the agreeing share of the surfels that both
+/// can judge.
 ///
 /// # Errors
-/// [`Stopped`]; in the result, [`Unaligned`].
+/// [`Stopped`]; [`Unaligned`] is part of the result.
 pub fn align_tracks(
     first: &Track,
     second: &Track,
@@ -93,7 +92,7 @@ pub fn align_tracks(
     let mut found: Vec<Proposal> = proposed_motions(&sides, &pairs, &matches, depth_m, seed, stop)?;
     let best = found.iter().map(|p| p.overlap.agreement()).fold(0.0, f64::max);
     found.retain(|p| p.overlap.agreement() >= POSSIBLE * best);
-    // By cells; of equals the first.
+    // By number of cells; the first of equals.
     found.sort_by_key(|p| std::cmp::Reverse(p.cells));
     let Some(&Proposal { motion: coarse, cells, overlap }) = found.first() else {
         return Ok(Err(Unaligned::NothingAlike));
@@ -106,7 +105,7 @@ pub fn align_tracks(
     Ok(Ok((fine.inverse(), overlap.agreement())))
 }
 
-/// Some keyframes of a state.
+/// Sampled keyframes of a state.
 struct TrackSide<'a> {
     keyframes: Vec<usize>,
     poses: Vec<Pose>,
@@ -124,16 +123,16 @@ impl<'a> TrackSide<'a> {
     }
 }
 
-/// A motion from the first map to the second.
+/// A possible motion from the first map to the second.
 struct Proposal {
     motion: Pose,
-    /// Cells with its landmarks.
+    /// Number of cells with landmarks that follow it.
     cells: usize,
-    /// Views of both states of each other's surfels after it.
+    /// Agreement of both states' surfels after it.
     overlap: Overlap,
 }
 
-/// Motions followed by landmarks, the most followed first.
+/// Motions that landmarks follow, those with the most landmarks first.
 fn proposed_motions(
     sides: &[TrackSide<'_>; 2],
     pairs: &[[usize; 2]],
@@ -168,7 +167,7 @@ fn proposed_motions(
     Ok(motions)
 }
 
-/// Surfels in place by the other state, of both states.
+/// Agreement of both states' surfels after a motion.
 fn overlap_after_motion(sides: &[TrackSide<'_>; 2], pairs: &[[usize; 2]], motion: &Pose) -> Overlap {
     let overlaps = pairs.par_iter().map(|&[i, j]| {
         let moved = motion * sides[0].poses[i];
@@ -184,13 +183,13 @@ fn overlap_after_motion(sides: &[TrackSide<'_>; 2], pairs: &[[usize; 2]], motion
     overlaps.collect::<Vec<Overlap>>().into_iter().fold(Overlap::default(), Overlap::added_to)
 }
 
-/// Whether two motions of the first map take the view of its camera to about the same place.
+/// Whether two motions of the first map move what its camera sees to about the same place.
 fn is_same(a: &Pose, b: &Pose, camera: &Pose, depth_m: f64) -> bool {
     let seen = camera * nalgebra::Point3::from(Vector3::z() * depth_m);
     (a * seen - b * seen).norm() < SAME_SHARE * depth_m && (a.rotation.angle_to(&b.rotation)) < SAME_SHARE
 }
 
-/// The motion by surfaces and landmarks, where held-out ones gain by it.
+/// The motion refined by surfaces and landmarks, if held-out ones then agree better.
 fn refined_motion(
     sides: &[TrackSide<'_>; 2],
     pairs: &[[usize; 2]],

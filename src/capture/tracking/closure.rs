@@ -1,4 +1,5 @@
-//! Keyframes with common surface, not compared on the way: loops are closed, pieces are joined.
+//! Loop closure: pairs of keyframes with surface in common that tracking did not compare; also joins pieces
+//! of the track.
 
 use rayon::prelude::*;
 
@@ -11,13 +12,13 @@ use common::stop::{Stop, Stopped};
 use geometry::Pose;
 use numeric::random::stage_rng;
 
-/// Most keyframes compared with each, of those seen from near by.
-/// tuned: shared/bags; more change no trajectory by a tenth of its error
+/// Most keyframes compared with each one, nearest views first.
+/// tuned: shared/bags; more changed no trajectory by a tenth of its error
 const NEIGHBORS: usize = 6;
 /// Largest difference of views with common features, radians.
 /// chosen: as for keyframes (Mikolajczyk and Schmid 2005)
 const REACH_RAD: f64 = 0.5;
-/// Adds the pairs of keyframes of one piece with common surface; returns their number.
+/// Adds pairs of keyframes of one piece with surface in common; returns their number.
 pub(super) fn close_loops(keyframes: &mut Keyframes, seed: u64, stop: &Stop) -> Result<usize, Stopped> {
     let count = keyframes.all.len();
     let mut pairs: Vec<[usize; 2]> = Vec::new();
@@ -47,12 +48,12 @@ pub(super) fn close_loops(keyframes: &mut Keyframes, seed: u64, stop: &Stop) -> 
     Ok(keyframes.edges.len() - before)
 }
 
-/// Expected drift between keyframes with common surface, in errors of poses before refinement; landmarks may
-/// say more.
-/// chosen: landmarks are less exact than surfaces by a few times
+/// Expected drift between two keyframes, as a factor on the error of unrefined poses; landmarks may correct
+/// more.
+/// chosen: landmarks are a few times less accurate than surfaces
 const CLOSE: f64 = 4.0;
 
-/// Joins pieces with common surface, the largest first.
+/// Joins pieces with surface in common, largest first.
 pub(super) fn join_pieces(keyframes: &mut Keyframes, seed: u64, stop: &Stop) -> Result<(), Stopped> {
     let mut sizes: Vec<(usize, usize)> = Vec::new();
     for k in &keyframes.all {
@@ -65,7 +66,7 @@ pub(super) fn join_pieces(keyframes: &mut Keyframes, seed: u64, stop: &Stop) -> 
     let mut pieces: Vec<usize> = sizes.into_iter().map(|(_, piece)| piece).collect();
     let mut at = 0;
     while at < pieces.len() {
-        // Joined pieces may reach a piece out of reach of the largest.
+        // A joined piece may reach others that the largest did not.
         let mut joined = None;
         for k in at + 1..pieces.len() {
             if join_two_pieces(keyframes, [pieces[at], pieces[k]], seed, stop)? {
@@ -81,7 +82,7 @@ pub(super) fn join_pieces(keyframes: &mut Keyframes, seed: u64, stop: &Stop) -> 
     Ok(())
 }
 
-/// Joins the second piece to the first, if one of its keyframes has common surface with the first.
+/// Joins the second piece to the first, if a keyframe of it shows surface of the first.
 fn join_two_pieces(
     keyframes: &mut Keyframes,
     pieces: [usize; 2],
@@ -91,7 +92,7 @@ fn join_two_pieces(
     let [into, from] = pieces;
     let [of_into, of_from] = pieces.map(|piece| keyframes.of_piece(piece));
     for &j in of_from.iter().step_by(of_from.len().div_ceil(TRIED)) {
-        // Those nearest in time are likelier to see the same.
+        // Keyframes near in time are more likely to see the same surface.
         let mut candidates = of_into.clone();
         candidates.sort_by_key(|&i| (keyframes.all[i].view.abs_diff(keyframes.all[j].view), i));
         candidates.truncate(LOOKED_AT);
@@ -108,17 +109,17 @@ fn join_two_pieces(
     Ok(false)
 }
 
-/// Most keyframes of a piece tried to join it to another ...
-/// derived: those of its ends and two between
+/// Most keyframes of a piece tried in joining it ...
+/// derived: both ends and two between
 const TRIED: usize = 4;
-/// ... keyframes of the other compared with each by looks ...
+/// ... most keyframes of the other piece compared with each by appearance ...
 /// derived: a second of looking at pairs
 const LOOKED_AT: usize = 100;
-/// ... and those to place it by.
-/// derived: as while the camera is followed
+/// ... and most of them used to place it.
+/// derived: as in tracking
 const JOINED_BY: usize = 4;
 
-/// The edge between two keyframes; `None` for too little in common, or contradictions.
+/// The edge between two keyframes; `None` if they share too little surface or contradict each other.
 fn edge_between(
     keyframes: &Keyframes,
     [i, j]: [usize; 2],

@@ -1,5 +1,5 @@
-//! The direction of up, without reported poses: by accelerations, by the object's support plane, or by the
-//! images.
+//! The up direction without reported poses: from an accelerometer, the support plane of the object, or the
+//! image axes.
 
 use nalgebra::{Matrix3, Point3, Unit, UnitQuaternion, Vector3};
 
@@ -8,76 +8,79 @@ use crate::select::common_focus;
 use geometry::Pose;
 use numeric::statistics::median;
 
-/// Surfels looked at.
+/// Number of sampled surfels.
 const LOOKED_AT: usize = 8_000;
-/// Of those, one in so many proposes its plane.
+/// One in this many of them proposes its plane.
 const PROPOSING: usize = 20;
-/// A surfel within so many standard deviations lies on a plane.
+/// Largest distance of a surfel on a plane, standard deviations.
 /// chosen: 0.3 % of a normal distribution
 const GATE: f64 = 3.0;
-/// Depth of surfels errs by this share, warp included. chosen: the warp of a depth sensor, and a little more
+/// Depth error of surfels, share of the depth, warp included. chosen: the warp of a depth sensor, and a
+/// little more
 const DEPTH_SHARE: f64 = 0.005;
 /// Least cosine between the normals of a surfel and of its plane. chosen: 20 deg
 const SAME_COSINE: f64 = 0.94;
-/// A support looks up in the images by at least this sine. A wall looks down for a camera turned down.
+/// Least sine of the angle by which a support plane faces up in the images; a wall faces down if the camera
+/// is tilted down.
 /// chosen: 10 deg
 const LEAST_UP: f64 = 0.17;
-/// Least share of all surface on a support.
+/// Least share of the observed surface on a support plane.
 /// chosen: a smaller one may be a shelf or a step of the object
 const LEAST_SHARE: f64 = 0.05;
-/// Largest share of the surface below a support. derived: as for background planes (`isolate::plane`)
+/// Largest share of the observed surface below a support plane. derived: as for background planes
+/// (`isolate::plane`)
 const BELOW_SHARE: f64 = 0.05;
-/// Tilt of supports, one standard deviation, radians.
+/// Standard deviation of a support's tilt, radians.
 /// chosen: the feet of a table of 1 m differ by 1 cm; floors are better (DIN 18202: 4 mm on 1 m)
 const LEVEL_RAD: f64 = 0.01;
-/// Directions further apart than so many of their deviations contradict each other.
+/// Largest difference of two up directions that agree, standard deviations.
 /// chosen: 0.3 % of a normal distribution
 const APART: f64 = 3.0;
 
-/// Source of the direction of up.
+/// Source of the up direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UpBy {
-    /// The largest plane below everything, with its normal up in the images.
+    /// The largest plane with nothing below it, if its normal points up in the images.
     Support,
-    /// The images' own upright, for want of such a plane.
+    /// The images' own up axis, without such a plane.
     Images,
     /// A measured acceleration.
     Imu,
 }
 
-/// The world of a tracked thing.
+/// The upright world frame of a track.
 #[derive(Clone, Copy, Debug)]
 pub struct Upright {
-    /// From the map.
+    /// Pose of the map in the world.
     pub world_from_map: Pose,
-    /// Source of the direction of up.
+    /// Source of the up direction.
     pub by: UpBy,
-    /// Standard deviation of up, radians; `None` where only the images say so.
+    /// Standard deviation of the up direction, radians; `None` if it comes from the images only.
     pub sigma_rad: Option<f64>,
-    /// Angle between measured gravity and the support's normal, radians, where there are both.
+    /// Angle between measured gravity and the support's normal, radians; `None` unless both exist.
     pub apart_rad: Option<f64>,
-    /// Whether the angle is beyond the errors of both.
+    /// Whether this angle exceeds the errors of both.
     pub contradicted: bool,
 }
 
-/// Views with known places.
+/// Views with known poses.
 pub(super) struct Placed<'a> {
     pub observations: Vec<&'a Observation>,
     pub poses: &'a [Pose],
 }
 
-/// The plane below everything.
+/// A plane with nothing below it.
 struct SupportPlane {
     normal: Unit<Vector3<f64>>,
     offset_m: f64,
-    /// Standard deviation of up by it, radians.
+    /// Standard deviation of its normal, radians.
     sigma_rad: f64,
 }
 
-/// A piece of surface.
+/// A sampled patch of surface.
 struct SurfacePatch {
     point: Point3<f64>,
-    /// Towards the camera.
+    /// Unit normal, pointing towards the camera.
     normal: Vector3<f64>,
     /// Its area, up to a factor.
     weight: f64,
@@ -85,8 +88,8 @@ struct SurfacePatch {
 }
 
 impl Track {
-    /// The world of the twin: z up, x along the cameras' view, the origin on the support below their focus.
-    /// Up is from accelerations or the support, the better known of both.
+    /// The world frame of the twin: z up, x along the cameras' view, origin on the support below their focus.
+    /// Up comes from accelerations or the support, whichever is more accurate.
     #[must_use]
     pub fn upright_world(&self) -> Upright {
         let measured = self.measured_up.as_ref().and_then(|m| m.as_ref().ok());
@@ -100,8 +103,8 @@ impl Placed<'_> {
         let patches = self.surface_patches();
         let upright = self.images_upright();
         let by_images = support_plane(&patches, &upright);
-        // A camera held on its side sees walls below; axes mixed up make a wall of the floor. A plane in
-        // agreement with gravity is the support, if there is one.
+        // A camera held sideways sees walls below, and with swapped axes the floor looks like a wall. A plane
+        // that agrees with measured gravity is the support, if there is one.
         let support = match measured {
             None => by_images,
             Some(m) => {
@@ -137,7 +140,7 @@ impl Placed<'_> {
         let ahead = self.poses.iter().map(|p| p.rotation * Vector3::z()).sum::<Vector3<f64>>();
         let focus =
             common_focus(self.poses).unwrap_or_else(|| self.poses[0] * Point3::new(0.0, 0.0, self.depth_m()));
-        // Below the focus: on the support, or on the lowest tenth of the seen surface.
+        // Below the focus, at the height of the support or else of the lowest tenth of the surface.
         let height_m = |p: &Point3<f64>| normal.dot(&p.coords);
         let floor_m = match support {
             Some(plane) if plane.normal.dot(normal) > SAME_COSINE => {
@@ -148,7 +151,7 @@ impl Placed<'_> {
         };
         let origin = focus + normal.into_inner() * (floor_m - height_m(&focus));
         let flat = ahead - normal.into_inner() * normal.dot(&ahead);
-        // Cameras turned straight down have no direction ahead; any will do.
+        // Cameras looking straight down have no forward direction; any will do.
         let x = flat.try_normalize(1e-3 * ahead.norm().max(1e-12)).unwrap_or_else(|| {
             let aside = if normal.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
             normal.cross(&aside).normalize()
@@ -160,7 +163,7 @@ impl Placed<'_> {
         map_from_world.inverse()
     }
 
-    /// Mean direction of up in the images.
+    /// Mean up axis of the images.
     fn images_upright(&self) -> Unit<Vector3<f64>> {
         let up = self.poses.iter().map(|p| p.rotation * -Vector3::y()).sum::<Vector3<f64>>();
         Unit::try_new(up, 1e-9).unwrap_or_else(|| Unit::new_unchecked(-Vector3::y()))
@@ -176,7 +179,7 @@ impl Placed<'_> {
         let mut patches = Vec::new();
         for (observation, pose) in self.observations.iter().zip(self.poses) {
             patches.extend(observation.surfels.points(every).map(|(point, normal)| SurfacePatch {
-                // A surfel covers more where it is further away, and where it is seen from aside.
+                // A surfel covers more area if it is far away or seen at an angle.
                 weight: point.z.powi(2) / normal.dot(&point.coords.normalize()).max(0.1),
                 gate_m: GATE * DEPTH_SHARE * point.z,
                 point: pose * point,
@@ -187,7 +190,7 @@ impl Placed<'_> {
     }
 }
 
-/// Normal and offset of the largest plane below everything, facing up by about `upright`.
+/// The largest plane with nothing below it that faces up, about along `upright`.
 fn support_plane(patches: &[SurfacePatch], upright: &Unit<Vector3<f64>>) -> Option<SupportPlane> {
     let total: f64 = patches.iter().map(|p| p.weight).sum();
     let mut best: Option<(f64, Unit<Vector3<f64>>, f64)> = None;
@@ -218,7 +221,7 @@ fn is_on(patch: &SurfacePatch, normal: &Unit<Vector3<f64>>, offset_m: f64) -> bo
         && normal.dot(&patch.normal) >= SAME_COSINE
 }
 
-/// Least squares over the patches on a plane.
+/// Least squares fit to the patches on a plane.
 fn refitted_plane(patches: &[SurfacePatch], plane: &SupportPlane) -> Option<SupportPlane> {
     let on: Vec<&SurfacePatch> = patches.iter().filter(|p| is_on(p, &plane.normal, plane.offset_m)).collect();
     let weight = |p: &SurfacePatch| p.weight / p.gate_m.powi(2);
@@ -233,8 +236,8 @@ fn refitted_plane(patches: &[SurfacePatch], plane: &SupportPlane) -> Option<Supp
     let least = eigen.eigenvalues.imin();
     let found = Unit::try_new(eigen.eigenvectors.column(least).into_owned(), 1e-9)?;
     let normal = if found.dot(&plane.normal) < 0.0 { -found } else { found };
-    // The warp of a sensor is the same in all its readings: more patches do not average it away, only the
-    // reach of the plane counts, in its shortest direction.
+    // The sensor's warp is common to all readings and does not average out: only the extent of the plane in
+    // its shortest direction counts.
     let reach_m =
         (0..3).filter(|k| *k != least).map(|k| eigen.eigenvalues[k].sqrt()).fold(f64::INFINITY, f64::min);
     let error_m = on.iter().map(|p| p.gate_m * weight(p)).sum::<f64>() / (GATE * total);
@@ -245,7 +248,7 @@ fn refitted_plane(patches: &[SurfacePatch], plane: &SupportPlane) -> Option<Supp
     })
 }
 
-/// The tenth percentile; 0 of none.
+/// The tenth percentile; 0 for no values.
 fn tenth_percentile(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 10).copied().unwrap_or(0.0)

@@ -1,8 +1,8 @@
-//! The direction of up, by an accelerometer fixed to a tracked camera. See docs/method.md 2.14.
+//! The up direction from an accelerometer fixed to the tracked camera. See docs/method.md 2.14.
 //!
-//! A reading is the support of the sensor against gravity, and its acceleration. The tracked poses give the
-//! acceleration: the second difference of the places is its mean, weighed by a triangle over the same time,
-//! for any motion between. The remainder is gravity, and the sensor's bias, turning with it.
+//! A reading is the sensor's acceleration minus gravity. The tracked poses give the acceleration: the second
+//! difference of positions is its mean weighted by a triangle over the same time, for any motion in between.
+//! Subtracting it leaves gravity and the sensor's bias, which rotates with the sensor.
 
 use std::fmt;
 
@@ -12,69 +12,70 @@ use geometry::Pose;
 use numeric::statistics::{SIGMAS_PER_MAD, median};
 
 /// Acceleration of free fall, m/s².
-/// derived: the standard value; on Earth it lies from 9.78 to 9.83
+/// derived: the standard value; on Earth it ranges from 9.78 to 9.83
 const GRAVITY: f64 = 9.806_65;
 /// Prior standard deviation of the bias, m/s².
 /// derived: 70 mg, the zero-g offset in the data sheet of the BMI055 of depth cameras
 const BIAS: f64 = 0.07 * GRAVITY;
-/// Error of a direction by axes not square to each other, radians.
+/// Direction error by axes that are not orthogonal, radians.
 /// derived: 1 % cross-axis sensitivity in the same data sheet
 const CROSS_AXIS_RAD: f64 = 0.01;
-/// Free fall may seem wrong by this share, beside its deviation.
+/// Largest relative error of the measured gravity's magnitude, beyond its deviation.
 /// derived: 3 % tolerance of the sensitivity in data sheets of such sensors
 const SENSITIVITY: f64 = 0.03;
-/// Half of the time of a window, nanoseconds.
-/// derived: errors of places of 1 mm are then 1 cm/s² of acceleration, a thousandth of gravity
+/// Half the length of a time window, nanoseconds.
+/// derived: position errors of 1 mm then give 1 cm/s² of acceleration, a thousandth of gravity
 const HALF_NANOS: i64 = 500_000_000;
-/// Views further apart leave open how the camera turned between, nanoseconds.
-/// derived: a hand turns on its way in no less
+/// Largest gap between views, nanoseconds: beyond, the rotation in between is unknown.
+/// derived: a hand does not turn and return in less
 const GAP_NANOS: i64 = 300_000_000;
-/// Least readings of a window.
-/// derived: 20 a second; motions of a hand are slower than 10 Hz
+/// Fewest readings in a window.
+/// derived: 20 a second; hand motion is slower than 10 Hz
 const LEAST_READINGS: usize = 20;
-/// Least windows of an estimate.
-/// derived: two more than those with as many numbers as gravity and bias
+/// Fewest windows for an estimate.
+/// derived: gravity and bias have the unknowns of two windows, and two more
 const LEAST_WINDOWS: usize = 4;
-/// Residuals beyond so many deviations count less (Huber 1964). chosen: 95 % of normal residuals are within
+/// Residuals beyond this many deviations get less weight (Huber 1964). chosen: 95 % of normal residuals lie
+/// within
 const HUBER: f64 = 2.0;
-/// Least deviation of a window, m/s².
+/// Least standard deviation of a window, m/s².
 /// derived: the noise of such a sensor over a window, 150 µg/√Hz
 const LEAST_DEVIATION: f64 = 1.5e-3;
-/// Rounds of weighing.
+/// Most rounds of reweighting.
 const ROUNDS: usize = 20;
 
 /// Readings of an accelerometer fixed to the camera.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Accelerometer {
-    /// Stamps, nanoseconds, in their order, and readings, m/s², in the axes of the camera's optical frame.
-    /// One at rest reads upwards.
+    /// Stamps in nanoseconds, increasing, with readings in m/s², in the axes of the camera's optical frame.
+    /// At rest a reading points up.
     pub readings: Vec<(i64, Vector3<f64>)>,
-    /// Where it sits in the optical frame, meters.
+    /// Position of the sensor in the optical frame, meters.
     pub place_m: Vector3<f64>,
 }
 
-/// The direction upwards in a map as it was measured.
+/// The measured up direction in a map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeasuredUp {
-    /// In the map.
+    /// Unit vector in the map.
     pub up: Unit<Vector3<f64>>,
-    /// Its standard deviation in the least known direction, radians.
+    /// Its standard deviation in the least determined direction, radians.
     pub sigma_rad: f64,
     /// The sensor's bias, m/s².
     pub bias: Vector3<f64>,
-    /// Windows of time with it.
+    /// Number of time windows used.
     pub windows: usize,
 }
 
-/// Reason against a direction of up by accelerations.
+/// Why accelerations give no up direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NoGravity {
-    /// Too little time with readings and poses.
+    /// Readings and poses overlap too little.
     Short {
-        /// Number of windows of time.
+        /// Number of time windows.
         windows: usize,
     },
-    /// The reading at rest is not the acceleration of free fall, m/s².
+    /// The magnitude at rest is not that of gravity, m/s².
     NotGravity(f64),
 }
 
@@ -95,15 +96,15 @@ impl fmt::Display for NoGravity {
     }
 }
 
-/// Means over a triangle of time.
+/// Means weighted by a triangle over a time window.
 struct TimeWindow {
-    /// Of readings less the sensor's acceleration, in the map.
+    /// Mean of the readings minus the sensor's acceleration, in the map.
     rest: Vector3<f64>,
-    /// Of the rotation from the sensor to the map.
+    /// Mean rotation from the sensor to the map.
     turn: Matrix3<f64>,
 }
 
-/// The direction of up in the map of views with stamps, nanoseconds, and poses, in the order of time.
+/// The up direction in the map of views given by stamp, nanoseconds, and pose, in order of time.
 ///
 /// # Errors
 /// [`NoGravity`].
@@ -118,7 +119,7 @@ pub(super) fn measured_up(
     solve(&windows)
 }
 
-/// Windows side by side, each from a view to another about half a second from one between.
+/// Windows that overlap by half; each spans views about half a second before and after its middle view.
 fn windows(placed: &[(i64, Pose)], accelerometer: &Accelerometer) -> Vec<TimeWindow> {
     let mut all = Vec::new();
     let mut begin = 0;
@@ -159,7 +160,7 @@ fn window(
     let mut turn = Matrix3::zeros();
     for k in first..last {
         let (t, value) = readings[k];
-        // A reading stands for the time to its neighbors.
+        // A reading represents the time to its neighbors.
         let [from, to] = [readings.get(k.wrapping_sub(1)), readings.get(k + 1)]
             .map(|r| r.map_or(t, |r| r.0.clamp(t0, t2)));
         let height = if t < t1 { seconds(t0, t) / before_s } else { seconds(t, t2) / after_s };
@@ -172,14 +173,14 @@ fn window(
     (sum > 0.0).then(|| TimeWindow { rest: read / sum - moved, turn: turn / sum })
 }
 
-/// Rotation of the camera between two views.
+/// Rotation of the camera at a stamp, between two views.
 fn rotation_at(views: &[(i64, Pose)], stamp: i64) -> Option<nalgebra::UnitQuaternion<f64>> {
     let next = views.partition_point(|v| v.0 <= stamp).clamp(1, views.len() - 1);
     let [(t0, a), (t1, b)] = [views[next - 1], views[next]];
     a.rotation.try_slerp(&b.rotation, (stamp - t0) as f64 / (t1 - t0) as f64, 1e-9)
 }
 
-/// Gravity and bias by weighted least squares.
+/// Gravity and bias by robust least squares.
 fn solve(windows: &[TimeWindow]) -> Result<MeasuredUp, NoGravity> {
     let mut weights = vec![1.0; windows.len()];
     let mut state = Vector6::<f64>::zeros();
@@ -193,7 +194,7 @@ fn solve(windows: &[TimeWindow]) -> Result<MeasuredUp, NoGravity> {
             information += row.transpose() * row * *weight;
             right += row.transpose() * window.rest * *weight;
         }
-        // The bias has its prior, in units of the windows' deviation.
+        // Prior of the bias, in units of the windows' deviation.
         for k in 3..6 {
             information[(k, k)] += (deviation / BIAS).powi(2);
         }
@@ -201,7 +202,7 @@ fn solve(windows: &[TimeWindow]) -> Result<MeasuredUp, NoGravity> {
         state = inverse * right;
         let residuals: Vec<Vector3<f64>> = windows.iter().map(|w| w.rest - row(w) * state).collect();
         let parts = residuals.iter().flat_map(|r| r.iter().map(|x| x.abs())).collect();
-        // Six numbers were fitted.
+        // Six values were fitted.
         let free = (3 * windows.len()) as f64 / (3 * windows.len() - 6) as f64;
         deviation = (SIGMAS_PER_MAD * median(parts).unwrap_or(0.0) * free.sqrt()).max(LEAST_DEVIATION);
         covariance = inverse * deviation.powi(2);

@@ -1,4 +1,4 @@
-//! Frames for the placement of others, and edges between pairs of them.
+//! Keyframes, by which other frames are located, and the edges between them.
 
 use nalgebra::{Matrix6, Vector3};
 use rayon::prelude::*;
@@ -10,14 +10,14 @@ use super::{
 use common::stop::{Stop, Stopped};
 use geometry::Pose;
 
-/// A frame for the placement of others.
+/// A frame by which others are located.
 pub(super) struct Keyframe {
-    /// Number of the view.
+    /// Index of the view.
     pub view: usize,
     pub observation: Observation,
-    /// Its piece of the recording.
+    /// Index of the piece of the track.
     pub piece: usize,
-    /// Pose of its camera in its piece.
+    /// Pose of its camera in the piece's frame.
     pub pose: Pose,
     /// Mean depth of its surface, meters.
     pub depth_m: f64,
@@ -28,11 +28,11 @@ pub(super) struct Keyframe {
 pub(super) struct KeyframeEdge {
     pub frames: [usize; 2],
     pub first_from_second: Pose,
-    /// Information about the second one's pose, in its own frame.
+    /// Information about the second pose, in its camera's frame.
     pub information: Matrix6<f64>,
-    /// Similar landmarks.
+    /// Matching landmarks.
     pub matches: Vec<[u32; 2]>,
-    /// Found by looks alone, not by following the camera.
+    /// Whether it was found by appearance instead of tracking.
     pub closure: bool,
 }
 
@@ -54,8 +54,8 @@ impl Keyframe {
     }
 }
 
-/// Difference between two cameras' views of points at a depth: the angle between their axes, and the angle of
-/// the shift between them, radians.
+/// Difference of two cameras' views of points at a depth, radians: the angle between their axes plus the
+/// angle that their distance subtends.
 pub(super) fn view_distance_rad(a: &Pose, b: &Pose, depth_m: f64) -> f64 {
     let [axis_a, axis_b] = [a, b].map(|p| p.rotation * Vector3::z());
     let turned = axis_a.dot(&axis_b).clamp(-1.0, 1.0).acos();
@@ -73,7 +73,7 @@ impl Keyframes {
         order.into_iter().map(|(_, k)| k).collect()
     }
 
-    /// Keyframes of one piece most similar to a frame, the most alike first.
+    /// Keyframes of a piece that look most similar to a frame, the most similar first.
     pub fn most_alike(
         &self,
         candidates: &[usize],
@@ -93,10 +93,10 @@ impl Keyframes {
             .collect())
     }
 
-    /// Edges between a new keyframe and its neighbors.
+    /// Adds edges between a new keyframe and its neighbors.
     pub fn add_edges(&mut self, known: &[usize], number: usize, located: &Located, closure: bool) {
         for (at, &k) in known.iter().enumerate() {
-            // A frame beyond sight says nothing.
+            // A neighbor without common surface gives no edge.
             if located.overlaps[at].agreeing > 0 {
                 self.edges.push(KeyframeEdge {
                     frames: [k, number],
@@ -109,7 +109,7 @@ impl Keyframes {
         }
     }
 
-    /// Keyframes of a piece.
+    /// Indices of the keyframes of a piece.
     pub fn of_piece(&self, piece: usize) -> Vec<usize> {
         (0..self.all.len()).filter(|&k| self.all[k].piece == piece).collect()
     }
@@ -119,7 +119,7 @@ impl Keyframes {
         self.edges.iter().any(|e| e.frames == [i, j] || e.frames == [j, i])
     }
 
-    /// Takes a piece into another, by a motion between their frames.
+    /// Merges a piece into another by the motion between their frames.
     pub fn merge_piece(&mut self, piece: usize, into: usize, into_from_piece: &Pose) {
         for keyframe in self.all.iter_mut().filter(|k| k.piece == piece) {
             keyframe.piece = into;

@@ -1,5 +1,5 @@
-//! The motion between two cameras by similar landmarks: RANSAC (Fischler and Bolles 1981) over triples, each
-//! fitted by least squares (Kabsch 1976).
+//! Motion between two cameras from matching landmarks: RANSAC (Fischler and Bolles 1981) over triples, fitted
+//! by least squares (Kabsch 1976).
 
 use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
@@ -8,45 +8,45 @@ use crate::poses::surfels::Surfels;
 use geometry::{Pose, rigid_fit};
 use numeric::random::index_below;
 
-/// Triples tried at most.
-/// derived: with 30 % of right matches one triple in 37 is right; 300 miss it once in 3000 times
+/// Most triples tried.
+/// derived: if 30 % of the matches are right, so is one triple in 37, and 300 triples miss it once in 3000
+/// times
 const TRIALS: usize = 300;
-/// Trials end where one more triple of followers alone is this unlikely to have been missed.
-/// derived: once in 3000 times, as [`TRIALS`]
+/// Trials end once the probability of having missed a triple of inliers is below this.
+/// derived: once in 3000 times, as for [`TRIALS`]
 const MISSED: f64 = 3e-4;
-/// A match within so many standard deviations follows a motion.
+/// Largest distance of a match that follows a motion, standard deviations.
 /// chosen: 0.3 % of a normal distribution
 const GATE: f64 = 3.0;
-/// A match within so many gates says nothing of another motion.
-/// chosen: a motion by noisy matches errs by as much as one of them
+/// A match within this many gates is no evidence for another motion.
+/// chosen: a motion fitted to noisy matches has errors like those of a match
 const NEAR: f64 = 2.0;
-/// Fewest followers of a motion.
-/// derived: three fix a motion; nine more at random, each in a gate of a hundredth of the image, do not
-/// happen
+/// Fewest matches that must follow a motion.
+/// derived: three determine a motion; nine more within gates of a hundredth of the image are no chance
 const LEAST_FOLLOWERS: usize = 12;
-/// Smooth error of a depth sensor as a share of the depth, one standard deviation.
+/// Standard deviation of the smooth depth error of a sensor, share of the depth.
 /// derived: as in the refinement of poses (docs/method.md 2.11)
 const SMOOTH: f64 = 0.004;
-/// Rounds for a motion to settle on its followers.
+/// Most rounds of refitting a motion to the matches that follow it.
 const ROUNDS: usize = 4;
 
-/// A landmark seen by two cameras, each in a map.
+/// A landmark seen by two cameras, each in its map.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LandmarkPair {
-    /// Where the first saw it, in the first map, meters, and its ray.
+    /// Its position and viewing ray from the first camera, in the first map, meters.
     from: Point3<f64>,
     from_ray: Vector3<f64>,
-    /// The same of the second, in the second map.
+    /// Its position and viewing ray from the second camera, in the second map, meters.
     to: Point3<f64>,
     to_ray: Vector3<f64>,
-    /// Standard deviations along the rays, meters.
+    /// Standard deviations along both rays, meters ...
     along_m: [f64; 2],
-    /// ... and across both, meters.
+    /// ... and across them, meters.
     across_m: f64,
 }
 
 impl LandmarkPair {
-    /// Landmarks of two cameras in two maps, by their numbers.
+    /// The pair from the landmarks of two cameras in two maps, by landmark index.
     pub fn new(cameras: [&Pose; 2], frames: [&Surfels; 2], numbers: [u32; 2]) -> Self {
         let [(from, [depth0, place0]), (to, [depth1, place1])] =
             [0, 1].map(|k| frames[k].landmark_point(numbers[k]));
@@ -60,41 +60,41 @@ impl LandmarkPair {
         }
     }
 
-    /// Squared distance in standard deviations across the second ray, and along it, after a motion.
-    /// See docs/method.md (2.26).
+    /// Squared normalized distances across and along the second ray after a motion. See docs/method.md
+    /// (2.26).
     fn squared_distances(&self, motion: &Pose) -> [f64; 2] {
         let off = motion * self.from - self.to;
         let along = off.dot(&self.to_ray);
         let cosine = (motion.rotation * self.from_ray).dot(&self.to_ray);
-        // Depth of the first camera moves the point across the second's ray, where it looks from aside.
+        // Depth errors of the first camera move the point across the second ray if the views differ.
         let across_m = self.across_m.hypot(self.along_m[0] * (1.0 - cosine * cosine).max(0.0).sqrt());
         let along_m = self.along_m[1].hypot(self.along_m[0] * cosine);
         [(off - self.to_ray * along).norm_squared() / across_m.powi(2), (along / along_m).powi(2)]
     }
 
-    /// Whether it lies where a motion between the maps takes it.
+    /// Whether the pair agrees with a motion between the maps.
     pub fn follows(&self, motion: &Pose) -> bool {
-        // Two directions across have the same chance beyond a somewhat wider gate; one is taken for both.
+        // The gate for two directions would be slightly wider; that of one is used for both.
         self.squared_distances(motion).iter().all(|square| *square <= GATE * GATE)
     }
 
-    /// Whether it may follow a somewhat inexact motion.
+    /// Whether the pair may agree with a motion that is slightly inaccurate.
     pub fn is_near(&self, motion: &Pose) -> bool {
         self.squared_distances(motion).iter().all(|square| *square <= (NEAR * GATE).powi(2))
     }
 
-    /// Its cell of space, in the first map.
+    /// Its grid cell in the first map.
     pub fn cell_of_space(&self, side_m: f64) -> [i64; 3] {
         [0, 1, 2].map(|k| (self.from[k] / side_m).floor() as i64)
     }
 
-    /// Information of the pair about a place, 1/square meter.
+    /// Weight in a fit: the inverse variance, 1/square meter.
     fn weight(&self) -> f64 {
         1.0 / (self.across_m.powi(2) + self.along_m[0].powi(2) + self.along_m[1].powi(2))
     }
 }
 
-/// The motion followed by the most landmarks, and their number; `None` where too few do.
+/// The motion that the most landmarks follow, with their number; `None` if too few follow any.
 pub(super) fn landmark_motion(pairs: &[LandmarkPair], rng: &mut impl Rng) -> Option<(Pose, usize)> {
     if pairs.len() < LEAST_FOLLOWERS {
         return None;
@@ -123,14 +123,14 @@ pub(super) fn landmark_motion(pairs: &[LandmarkPair], rng: &mut impl Rng) -> Opt
     (followers >= LEAST_FOLLOWERS).then_some((motion, followers))
 }
 
-/// The motion of a triple, if it keeps the lengths between its points.
+/// The motion of a triple, if it preserves the distances between the points.
 fn motion_of(triple: &[LandmarkPair; 3]) -> Option<Pose> {
     let [a, b, c] = triple;
     (keeps_length(a, b) && keeps_length(b, c) && keeps_length(c, a)).then_some(())?;
     rigid_fit(triple.iter().map(|p| (p.from, p.to, 1.0)))
 }
 
-/// Whether the points of two landmarks are as far from each other in both frames.
+/// Whether two landmarks have the same distance in both maps.
 fn keeps_length(a: &LandmarkPair, b: &LandmarkPair) -> bool {
     let lengths = [(a.from - b.from).norm(), (a.to - b.to).norm()];
     let sigma_m = (1.0 / a.weight() + 1.0 / b.weight()).sqrt();

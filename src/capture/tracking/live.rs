@@ -1,44 +1,46 @@
-//! A camera followed while its views come in: the steps of [`Tracker`], with a pose at once and a bounded
-//! map. Later views change nothing: no loop is closed, and a lost view leaves no trace.
+//! Live tracking: the steps of [`Tracker`] with an immediate pose for every view and a bounded map. No loops
+//! are closed, and later views change no earlier pose; a lost view leaves no trace.
 
 use super::{
     gravity::Placed, keyframes::view_distance_rad, lost::Lost, observation::Observation, tracker::Tracker,
 };
 use geometry::Pose;
 
-/// Change between two views near the limit of tracking, radians.
-/// chosen: half of the 0.5 rad of matching features (`closure`)
+/// View change from frame to frame above which the camera counts as too fast, radians.
+/// chosen: half of the 0.5 rad over which features match (`closure`)
 const FAST_RAD: f64 = 0.25;
 
-/// Follows a camera.
+/// Tracks a camera while its views arrive.
 pub struct LiveTracker {
     seed: u64,
-    /// Keyframes kept at most.
+    /// Most keyframes.
     most: usize,
     tracker: Tracker,
-    /// Views looked at.
+    /// Number of views so far.
     views: usize,
     world_from_map: Pose,
-    /// Of each keyframe: standard deviation of its place in the world, meters.
+    /// Per keyframe, standard deviation of its position in the world, meters.
     errors_m: Vec<f64>,
 }
 
-/// Place of a view, and its uncertainty.
+/// The pose of a view and its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LiveView {
-    /// Pose of the optical frame: z up, x along the first view, the origin on the support below its focus.
+    /// Pose of the optical frame in the world: z up, x along the first view, origin on the support below its
+    /// focus.
     pub world_from_camera: Pose,
-    /// Agreeing share of its common surface with the keyframes; 1 of the first view.
+    /// Agreeing share of the surface shared with the keyframes; 1 for the first view.
     pub inliers: f64,
-    /// Standard deviation of its place against the first view's, meters, in the least known direction.
+    /// Standard deviation of the position relative to the first view, meters, in the least determined
+    /// direction.
     pub error_m: f64,
-    /// Whether the camera moves nearly too fast.
+    /// Whether the camera moves almost too fast to track.
     pub is_fast: bool,
 }
 
 impl LiveTracker {
-    /// Before the first view; `most` keyframes are kept, each about a megabyte. Draws come from a stream of
-    /// the seed.
+    /// A tracker without views. It keeps at most `most` keyframes of about a megabyte each and draws random
+    /// numbers from the seed.
     #[must_use]
     pub fn new(seed: u64, most: usize) -> Self {
         Self {
@@ -57,16 +59,16 @@ impl LiveTracker {
         self.tracker.keyframes.all.len()
     }
 
-    /// Whether no more keyframes are kept: new surface can then be seen from near the old ones alone.
+    /// Whether the map is full: new surface can then only be tracked from near the existing keyframes.
     #[must_use]
     pub fn is_full(&self) -> bool {
         self.keyframes() >= self.most
     }
 
-    /// Takes the next view.
+    /// Locates the next view.
     ///
     /// # Errors
-    /// Why it has no place. It is as if it had not been.
+    /// [`Lost`] if the view cannot be located; the tracker is then unchanged.
     pub fn see(&mut self, observation: Observation) -> Result<LiveView, Lost> {
         let view = self.views;
         self.views += 1;
@@ -79,7 +81,7 @@ impl LiveTracker {
         let found = match self.tracker.place_of_frame(view, &observation) {
             Ok(found) => found,
             Err(why) => {
-                // Of a map of one view nothing is lost. This view may be the better one to begin with.
+                // A map of one view loses nothing: this view may be the better one to start with.
                 if self.keyframes() == 1 {
                     self.begin(view, observation);
                 }
@@ -87,7 +89,8 @@ impl LiveTracker {
             }
         };
         let located = &found.located;
-        // By the way of least error from keyframe to keyframe: after a return the old place is known.
+        // Along the path of least error over keyframes, so that a return to an old place restores its
+        // accuracy.
         let mut before = f64::INFINITY;
         for k in &found.known {
             if found.known.iter().zip(&located.overlaps).any(|(n, o)| n == k && o.agreeing > 0) {
@@ -105,7 +108,7 @@ impl LiveTracker {
         Ok(LiveView { world_from_camera: self.world_from_map * pose, inliers, error_m, is_fast })
     }
 
-    /// Makes a view the first one of the map.
+    /// Starts the map with a view.
     fn begin(&mut self, view: usize, observation: Observation) -> LiveView {
         self.tracker = Tracker::new(self.seed);
         self.world_from_map = Placed { observations: vec![&observation], poses: &[Pose::identity()] }

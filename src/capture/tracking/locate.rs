@@ -1,4 +1,4 @@
-//! Place of a frame, by keyframes with known places.
+//! Localization of a frame relative to keyframes with known poses.
 
 use nalgebra::Matrix6;
 use rand_core::Rng;
@@ -19,55 +19,56 @@ use crate::poses::{
 use common::stop::Stop;
 use geometry::Pose;
 
-/// Of so many surfels one is looked for in the other frame.
+/// One in this many surfels is checked in the other frame.
 const CHECKED_EVERY: usize = 4;
-/// Least share of judged surfels seen in place.
-/// tuned: shared/bags and synth --sensor handheld; right poses have 0.95 and more, wrong ones less than 0.8
+/// Least agreeing share of the judged surfels.
+/// tuned: shared/bags and synth --sensor handheld; right poses reach 0.95, wrong ones less than 0.8
 const LEAST_AGREEMENT: f64 = 0.88;
-/// Least share of a frame's surfels in view of its partners.
-/// tuned: shared/bags: views of one sweep share half and more
+/// Least share of a frame's surfels seen by the known frames.
+/// tuned: shared/bags: consecutive views share at least half
 const LEAST_SHARE: f64 = 0.2;
 
-/// Least share of the information about the best direction: less may come from the noise of normals.
-/// derived: the square of 4 deg, the error of the worst normals of surfels
+/// Least information about a direction that counts as observed, relative to the best: less may come from the
+/// noise of normals.
+/// derived: the square of 4 deg, the largest error of a surfel's normal
 const LEAST_OBSERVED: f64 = 0.005;
 
-/// A frame with a known place.
+/// A frame with a known pose.
 #[derive(Clone)]
 pub(super) struct Known<'a> {
     pub observation: &'a Observation,
     pub pose: Pose,
-    /// Its landmarks similar to those of the new frame, where already searched.
+    /// Its landmark matches with the new frame, if already found.
     pub matches: Option<Vec<[u32; 2]>>,
 }
 
-/// The frame's place by its neighbors.
+/// A located frame.
 pub(super) struct Located {
     pub pose: Pose,
-    /// Of each known frame: its information about the new one's pose, in the new camera's frame.
+    /// By known frame: its information about the new pose, in the new camera's frame.
     pub by_known: Vec<Matrix6<f64>>,
-    /// Agreeing surfels of both, of each known frame.
+    /// By known frame: agreement of the surfels of both.
     pub overlaps: Vec<Overlap>,
-    /// Similar landmarks, of each known frame.
+    /// By known frame: matching landmarks.
     pub matches: Vec<Vec<[u32; 2]>>,
-    /// Standard deviation in the least known direction at the frame's mean depth, meters.
+    /// Standard deviation in the least determined direction at the frame's mean depth, meters.
     pub least_known_m: f64,
-    /// Share of the judged surfels seen in place.
+    /// Agreeing share of the judged surfels.
     pub agreement: f64,
 }
 
-/// A guess of the new frame's pose, and how far it may be off.
+/// An approximate pose of the new frame and its error.
 #[derive(Clone, Copy)]
 pub(super) struct Guess {
     pub pose: Pose,
     pub noise: PoseNoise,
 }
 
-/// A guess by landmarks errs by little more than poses before refinement.
-/// chosen: landmarks are less exact than surfaces by a few times
+/// Error of an approximate pose from landmarks, as a factor on the error of unrefined poses.
+/// chosen: landmarks are a few times less accurate than surfaces
 const BY_LANDMARKS: f64 = 3.0;
 
-/// Places a frame among known ones: by common landmarks, else by a guess.
+/// Locates a frame relative to known ones: from matching landmarks, else from a given guess.
 pub(super) fn locate_frame(
     known: &[Known<'_>],
     new: &Observation,
@@ -78,7 +79,7 @@ pub(super) fn locate_frame(
         .par_iter()
         .map(|k| k.matches.clone().unwrap_or_else(|| k.observation.matches_with(new)))
         .collect();
-    // The new camera is its own map.
+    // The new camera defines its own map.
     let own = Pose::identity();
     let own = &own;
     let pairs: Vec<LandmarkPair> = known
@@ -100,7 +101,7 @@ pub(super) fn locate_frame(
             Ok(located) => return Ok(located),
             Err(why) => lost = why,
         }
-        // Another guess leaves open the same directions as landmarks and surfaces together.
+        // Another guess would leave the same directions undetermined.
         if lost == Lost::Undetermined {
             break;
         }
@@ -108,7 +109,7 @@ pub(super) fn locate_frame(
     Err(lost)
 }
 
-/// The place near a guess where surfaces and landmarks agree, if they show it.
+/// The pose near a guess at which surfaces and landmarks agree, if they determine it.
 fn settled_place(
     known: &[Known<'_>],
     new: &Observation,
@@ -127,7 +128,7 @@ fn settled_place(
         pairs: &pairs,
         matches: &matches,
         start: guess.noise,
-        // A moment's work.
+        // Too short to be stopped.
         stop: &Stop::never(),
     };
     let Ok(Some(adjusted)) = adjustment.solve_near(&start) else { return Err(Lost::Undetermined) };
@@ -146,7 +147,7 @@ fn settled_place(
     }
     let depth_m = mean_depth_m(&new.surfels);
     let least_known_m = least_known_m(&observed_information(known, new, matched, &adjusted), depth_m);
-    // The truth must lie within the assumed error of the joint refinement.
+    // The true pose must lie within the assumed error of the joint adjustment.
     if !(least_known_m <= PoseNoise::EXPECTED.displacement_m(depth_m)) {
         return Err(Lost::Undetermined);
     }
@@ -154,7 +155,7 @@ fn settled_place(
     Ok(Located { pose, by_known, overlaps, matches: matched.to_vec(), least_known_m, agreement })
 }
 
-/// Information about the new frame without directions shown by noise of normals alone.
+/// Information about the new pose, without directions known only by the noise of normals.
 fn observed_information(
     known: &[Known<'_>],
     new: &Observation,
@@ -171,13 +172,13 @@ fn observed_information(
             landmark_information(frames, m, &(pose.inverse() * k.pose), &PoseNoise::EXPECTED)
         })
         .sum::<Matrix6<f64>>()
-        // A landmark in several known frames is one.
+        // A landmark matched in several known frames counts once.
         / (last.max(1) as f64 * adjusted.scale.powi(2));
     let all = adjusted.pose_information(last);
     Observed::above_share(&all, LEAST_OBSERVED).information + by_landmarks
 }
 
-/// Two frames' views of each other's surfels.
+/// Counts how each of two frames sees the other's surfels.
 pub(super) fn overlap_both_ways(frames: [&Surfels; 2], second_from_first: &Pose) -> Overlap {
     let [first, second] = frames;
     let noise = PoseNoise::EXPECTED;

@@ -1,28 +1,28 @@
-//! Why a view has no place.
+//! Why a view cannot be located.
 
-/// Why a frame has no place.
+/// Why a view cannot be located.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Lost {
-    /// Neither features nor the motion before gave a guess.
+    /// Neither landmarks nor the previous motion give an approximate pose.
     NoGuess,
     /// It shows too little of the keyframes' surface.
     LittleShared,
-    /// Surfaces contradict each other.
+    /// Its surfaces contradict those of the keyframes.
     Contradicted,
-    /// The common surface leaves a motion open.
+    /// The common surface leaves a motion undetermined.
     Undetermined,
-    /// Neither light nor depth came in.
+    /// The camera is covered: neither light nor depth.
     Covered,
-    /// Too little light came in.
+    /// The image is too dark.
     Dark,
-    /// Hardly a pixel has depth.
+    /// Almost no pixel has depth.
     Unread,
-    /// Nothing in it stands out from its surroundings.
+    /// The image has no distinct features.
     Blank,
 }
 
 impl Lost {
-    /// Reason of most of the views without a place, for people; placed views give none.
+    /// Message with the most frequent reason among the lost views; entries of located views are `None`.
     #[must_use]
     pub fn most_frequent_reason(reasons: &[Option<Self>]) -> &'static str {
         let counts =
@@ -33,7 +33,7 @@ impl Lost {
         )
     }
 
-    /// The event and its remedy, for people.
+    /// Message with the reason and its remedy.
     #[must_use]
     pub fn reason(self) -> &'static str {
         match self {
@@ -60,13 +60,13 @@ impl Lost {
         }
     }
 
-    /// Whether the view itself shows nothing.
+    /// Whether the view itself is unusable.
     #[must_use]
     pub fn is_blind(self) -> bool {
         matches!(self, Self::Covered | Self::Dark | Self::Unread | Self::Blank)
     }
 
-    /// The remedy, for people: the end of [`Self::reason`].
+    /// Remedy in a message: the end of [`Self::reason`].
     #[must_use]
     pub fn remedy(self) -> &'static str {
         self.reason().split_once("; ").map_or(self.reason(), |(_, remedy)| remedy)

@@ -1,9 +1,9 @@
-//! Camera poses of a recording without any, by its frames alone. See docs/method.md 2.14.
+//! Camera tracking by images and depth, for recordings without camera poses. See docs/method.md 2.14.
 //!
-//! Every frame is placed by keyframes (frame to model): similar landmarks give a guess of the camera's place,
-//! after any motion; surfels and landmarks together give it exactly; with contradicting surfaces, or an open
-//! motion, the frame is lost. Keyframes with known surface close loops. In the end all keyframes are put
-//! together by the equations of the refinement of reported poses.
+//! Every frame is located relative to keyframes (frame to model). Matching landmarks give an approximate pose
+//! after any motion; surfels and landmarks together refine it. If surfaces contradict each other or leave a
+//! motion undetermined, the frame is lost. Keyframes that see known surface again close loops. Finally all
+//! keyframes are adjusted jointly, by the equations of the correction of reported poses.
 
 mod adjust;
 mod between;
@@ -39,12 +39,12 @@ pub use self::{
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TrackCamera {
-    /// Where the recording holds no camera poses.
+    /// If the recording holds no camera poses.
     #[default]
     Auto,
-    /// Also where it does.
+    /// Also if it does.
     Always,
-    /// A recording without camera poses is refused.
+    /// Not at all: recordings without camera poses are refused.
     Never,
 }
 

@@ -1,4 +1,4 @@
-//! A frame as the tracker keeps it: small flat patches and image features, without the pixels.
+//! A frame as kept by the tracker: surfels and image features, without the pixels.
 
 use super::lost::Lost;
 use crate::{
@@ -11,28 +11,28 @@ use common::ahead::Ahead;
 pub struct Observation {
     /// Stamp of its color image, nanoseconds.
     pub stamp_nanos: i64,
-    /// Patches of its surface, with its features as landmarks.
+    /// Surfels, with features as landmarks.
     pub(super) surfels: Surfels,
     landmarks: FrameLandmarks,
-    /// Mean of its color, of 255.
+    /// Mean color value, 0 to 255.
     brightness: f64,
-    /// Share of its pixels with depth.
+    /// Share of pixels with depth.
     read: f64,
 }
 
-/// Fewest features of an image for matches.
-/// derived: twice the needed followers of a motion
+/// Fewest features of a usable image.
+/// derived: twice the number that must follow a motion
 const FEW_FEATURES: usize = 24;
-/// Least mean of an image, of 255: a darker one shows little but the noise of its camera.
-/// chosen: sRGB of a third of a percent of the light of a white sheet
+/// Least mean value of a usable image, of 255: a darker one shows little but noise.
+/// chosen: in sRGB a third of a percent of the light of a white sheet
 const DARK: f64 = 12.0;
-/// Of the pixels of a frame so many must have depth.
-/// measured: shared/bags and shared/bags/handheld: the least of a view is 0.3
+/// Least share of pixels with depth in a usable frame.
+/// measured: shared/bags and shared/bags/handheld: 0.3 at least
 const LEAST_READ: f64 = 0.05;
 
 impl Observation {
-    /// Of a frame without a mask, with possible gaps of single pixels in its depth (as of depth aligned to
-    /// color): the surroundings of the object show the camera's motion, too.
+    /// The observation of a frame, regardless of its mask: the surroundings of the object show the camera
+    /// motion, too. Depth may have gaps of single pixels, as after alignment to color.
     #[must_use]
     pub fn of_frame(mut frame: RgbdFrame, noise: &NoiseConfig, ahead: &Ahead) -> Self {
         fill_gaps(&mut frame);
@@ -49,7 +49,7 @@ impl Observation {
         }
     }
 
-    /// Why a frame cannot be placed whatever others show, if so: it shows nothing itself.
+    /// Why the frame itself cannot be located, if it is unusable.
     pub(super) fn reason_unplaceable(&self) -> Option<Lost> {
         match () {
             () if self.landmarks.count() >= FEW_FEATURES && self.read >= LEAST_READ => None,
@@ -60,20 +60,20 @@ impl Observation {
         }
     }
 
-    /// Similar landmarks of this frame and of another, by their numbers.
+    /// Index pairs of matching landmarks of two frames.
     pub(super) fn matches_with(&self, other: &Self) -> Vec<[u32; 2]> {
         self.landmarks.matches_with(&other.landmarks)
     }
 }
 
-/// Least neighbors with depth of a pixel without, of eight.
-/// derived: every second column and row leaves two
+/// Fewest of the eight neighbors with depth to fill a pixel.
+/// derived: depth at every second column and row leaves two
 const LEAST_NEIGHBORS: usize = 2;
-/// Largest difference of neighbors without an edge, a share of their depth.
-/// chosen: a surface at 80 deg, seen over two pixels of 600 to the focal length
+/// Largest difference of these neighbors' depths, share of their depth.
+/// chosen: a surface at 80 deg over two pixels at a focal length of 600 pixels
 const EDGE_SHARE: f32 = 0.02;
 
-/// Gives pixels without depth the mean of their neighbors', where these show one surface.
+/// Fills pixels without depth by the mean of their neighbors, where these lie on one surface.
 fn fill_gaps(frame: &mut RgbdFrame) {
     let width = frame.intrinsics.width;
     let height = frame.intrinsics.height;

@@ -1,4 +1,4 @@
-//! Keyframes by the relative poses of pairs (pose graph: Lu and Milios 1997).
+//! Keyframe poses from the relative poses of pairs (pose graph: Lu and Milios 1997).
 
 use nalgebra::{DMatrix, DVector, Matrix6, Vector6};
 
@@ -7,26 +7,26 @@ use crate::poses::{drift::adjoint, pose_noise::PoseNoise};
 use common::stop::{Stop, Stopped};
 use geometry::{Pose, shift_and_turn};
 
-/// Rounds of Gauss-Newton at most.
+/// Most rounds of Gauss-Newton.
 const ROUNDS: usize = 24;
-/// Pairs found by looks are doubted at so many times the length at first, a tenth of it every other round:
-/// drift leaves right ones far off before a loop is closed (graduated non-convexity: Yang et al. 2020).
+/// Initial factor on the squared residual at which pairs found by appearance lose half their weight; it falls
+/// to a tenth every other round. Before a loop is closed, drift gives right pairs large residuals (graduated
+/// non-convexity: Yang et al. 2020).
 /// derived: meters against a millimeter, squared
 const TRUSTED: f64 = 1e6;
 /// Rounds end with a smaller motion, meters (radians times one meter).
 /// chosen: a tenth of the error of poses afterwards
 const STEP_M: f64 = 1e-5;
-/// Least error of a relative pose, a share of the expected error of poses: errors of depth run together over
-/// an image, unknown to the information.
-/// measured: shared/bags/handheld, against their truth
+/// Least error of a relative pose, as a factor on the expected pose error: depth errors are correlated over
+/// an image, which the information does not include.
+/// measured: shared/bags/handheld, against ground truth
 const FLOOR: f64 = 0.3;
-/// Squared length, in standard deviations, of a residual with half its weight, of a pair found by looks alone
-/// (Geman and McClure 1985).
-/// derived: six values with three standard deviations each
+/// Squared normalized residual at which a pair found by appearance has half its weight (Geman and McClure
+/// 1985).
+/// derived: six values of three standard deviations each
 const DOUBTED: f64 = 54.0;
 
-/// Poses of best agreement with the pairs; the first frame stays. `edges` name their frames by place in
-/// `start`.
+/// Poses that agree best with the pairs; the first one is fixed. `edges` refer to frames by index in `start`.
 pub(super) fn pose_graph(start: &[Pose], edges: &[KeyframeEdge], stop: &Stop) -> Result<Vec<Pose>, Stopped> {
     let mut poses = start.to_vec();
     if poses.len() < 2 {
@@ -46,7 +46,7 @@ pub(super) fn pose_graph(start: &[Pose], edges: &[KeyframeEdge], stop: &Stop) ->
     Ok(poses)
 }
 
-/// The step by the pairs; those found by looks count half at the squared length `doubted`.
+/// The step from all pairs; those found by appearance have half weight at the squared residual `doubted`.
 fn graph_step(poses: &[Pose], edges: &[KeyframeEdge], doubted: f64) -> Option<DVector<f64>> {
     let size = 6 * (poses.len() - 1);
     let mut information = DMatrix::zeros(size, size);
@@ -58,7 +58,8 @@ fn graph_step(poses: &[Pose], edges: &[KeyframeEdge], doubted: f64) -> Option<DV
             if edge.closure { (1.0 + residual.dot(&(own * residual)) / doubted).powi(-2) } else { 1.0 };
         let own = own * share;
         let [i, j] = edge.frames.map(|f| f.checked_sub(1).map(|k| 6 * k));
-        // The second camera's own motion is the residual's.
+        // The residual is in the second camera's frame, so its derivative by that camera's motion is the
+        // identity.
         for (r, c, block) in [
             (i, i, by_first.transpose() * own * by_first),
             (i, j, by_first.transpose() * own),
@@ -80,8 +81,8 @@ fn graph_step(poses: &[Pose], edges: &[KeyframeEdge], doubted: f64) -> Option<DV
     Some(-information.cholesky()?.solve(&gradient))
 }
 
-/// Difference between the poses of a pair and its relative pose, in the second camera's frame, and its
-/// derivative by a motion of the first camera in its own.
+/// Difference of the poses of a pair from its relative pose, in the second camera's frame, and its derivative
+/// by a motion of the first camera in its own.
 fn edge_residual(poses: &[Pose], edge: &KeyframeEdge) -> (Vector6<f64>, Matrix6<f64>) {
     let [i, j] = edge.frames;
     let second_from_first = poses[j].inverse() * poses[i];
@@ -95,8 +96,8 @@ fn edge_information(edge: &KeyframeEdge) -> Matrix6<f64> {
     let floor = Matrix6::from_diagonal(&Vector6::from_fn(|k, _| {
         (if k < 3 { floor.translation_m } else { floor.rotation_rad }).powi(2)
     }));
-    // A pair with an open motion has no covariance. Every pair has the information of a meter and a radian,
-    // little against its own.
+    // A pair with an undetermined motion has no covariance, so a meter and a radian are added as a weak
+    // prior.
     let least = Matrix6::identity();
     let covariance = (edge.information + least).cholesky().map(|c| c.inverse());
     covariance.and_then(|c| (c + floor).cholesky()).map_or(least, |c| c.inverse())

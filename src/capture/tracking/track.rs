@@ -1,4 +1,4 @@
-//! The camera's way through a state, as it was found.
+//! The tracked trajectory of a state's camera.
 
 use std::fmt;
 
@@ -18,32 +18,33 @@ use common::stop::{Stop, Stopped};
 use geometry::Pose;
 use numeric::statistics::median;
 
-/// Findings about a camera's trajectory.
+/// Summary of a tracked trajectory.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TrackingFindings {
     /// Number of views.
     pub views: usize,
     /// Views with a pose.
     pub tracked: usize,
-    /// Views without one, from the first to the last of each stretch, by their numbers.
+    /// Stretches of lost views, by the index of the first and the last one.
     pub lost: Vec<[usize; 2]>,
-    /// Keyframes, for the placement of the others.
+    /// Number of keyframes.
     pub keyframes: usize,
-    /// Compared pairs of them: on the way, and afterwards for common surface.
+    /// Number of compared keyframe pairs: during tracking, and in loop closure.
     pub pairs: [usize; 2],
-    /// By how much the places of keyframes moved when all were put together, root mean square, meters.
+    /// Root mean square motion of the keyframes in the final adjustment, meters.
     pub closed_m: f64,
-    /// Standard deviation of a keyframe against its neighbors in the least known direction, median, meters.
+    /// Median standard deviation of a keyframe relative to its neighbors, in the least determined direction,
+    /// meters.
     pub least_known_m: f64,
 }
 
-/// The camera's way through a state.
+/// The tracked trajectory of a state's camera.
 pub struct Track {
-    /// Of every view, nanoseconds.
+    /// Stamp of every view, nanoseconds.
     pub stamps_nanos: Vec<i64>,
-    /// Of every view; `None` where it was lost.
+    /// Pose of every view; `None` if it was lost.
     pub poses: Vec<Option<Pose>>,
-    /// The direction of up in the map, where accelerations were recorded.
+    /// The up direction in the map, where accelerations were recorded.
     pub measured_up: Option<Result<MeasuredUp, NoGravity>>,
     /// Counts and errors.
     pub findings: TrackingFindings,
@@ -54,7 +55,7 @@ pub struct Track {
 }
 
 impl Tracker {
-    /// Closes loops, joins pieces and puts all keyframes together; the piece of most views stays.
+    /// Closes loops, joins pieces and adjusts all keyframes; only the piece with the most views remains.
     ///
     /// # Errors
     /// [`Stopped`].
@@ -108,7 +109,7 @@ impl Tracker {
 }
 
 impl Track {
-    /// The direction of up in the map, by an accelerometer.
+    /// The up direction in the map from an accelerometer.
     ///
     /// # Errors
     /// [`NoGravity`].
@@ -119,7 +120,7 @@ impl Track {
     }
 }
 
-/// Keyframe poses with agreeing surfels and landmarks, near those by the pairs.
+/// Keyframe poses adjusted by surfels and landmarks, starting from the pose graph.
 fn adjusted_together(
     observations: &[Observation],
     near: &[Pose],
@@ -145,7 +146,7 @@ fn adjusted_together(
     Ok(adjustment.solve_near(near)?.map_or_else(|| near.to_vec(), |a| a.poses))
 }
 
-/// Stretches of views without a pose.
+/// Stretches of views without a pose: index of the first and the last.
 fn stretches_without_pose(poses: &[Option<Pose>]) -> Vec<[usize; 2]> {
     let mut all: Vec<[usize; 2]> = Vec::new();
     for view in (0..poses.len()).filter(|&v| poses[v].is_none()) {

@@ -1,19 +1,19 @@
-//! A state whose camera was tracked.
+//! A state with a tracked camera.
 
 use super::track::Track;
 use crate::BoardSighting;
 use common::note::Note;
 
-/// The camera's way through a state.
+/// A state with a tracked camera.
 pub struct TrackedState {
-    /// The way of the views.
+    /// Trajectory of the views.
     pub track: Track,
-    /// Views that were looked at, by their numbers among those of the recording.
+    /// Indices in the recording of the tracked views.
     pub views: Vec<usize>,
-    /// The board of tags that each of them shows.
+    /// Per view, the tag board it shows.
     pub boards: Vec<Option<BoardSighting>>,
-    /// What was found.
+    /// Notes for the report.
     pub notes: Vec<Note>,
-    /// What was lost.
+    /// Warnings for the report.
     pub warnings: Vec<Note>,
 }

@@ -1,4 +1,4 @@
-//! A camera followed from frame to frame by keyframes. See docs/method.md 2.14.
+//! Camera tracking from frame to frame by keyframes. See docs/method.md 2.14.
 
 use nalgebra::Vector3;
 
@@ -13,52 +13,52 @@ use common::stop::Stop;
 use geometry::{Pose, shift_and_turn};
 use numeric::random::stage_rng;
 
-/// Keyframes for the placement of a frame: the last one, and those seen from nearest by.
-/// tuned: shared/bags; more cost time and change no pose by its deviation
+/// Keyframes used to locate a frame: the last one, and those with the nearest views.
+/// tuned: shared/bags; more cost time and changed no pose by its deviation
 const NEIGHBORS: usize = 4;
-/// Difference from all keyframes of a new one, radians.
-/// chosen: about a quarter of the 0.5 rad of matching features (Mikolajczyk and Schmid 2005)
+/// Least difference of a new keyframe's view from all others, radians ...
+/// chosen: about a quarter of the 0.5 rad over which features match (Mikolajczyk and Schmid 2005)
 const KEY_DISTANCE_RAD: f64 = 0.12;
-/// ... or the share of its surface shown by the keyframes, at most.
-/// chosen: most of it, with a margin: half is the least for a known surface
+/// ... or largest share of its surface seen by keyframes.
+/// chosen: half is needed to locate a frame; this leaves a margin
 const KEY_SHARE: f64 = 0.65;
 /// Most keyframes compared with a lost frame.
-/// derived: a comparison of looks takes 10 ms; a lost frame takes no more than the time of two
+/// derived: a comparison by appearance takes 10 ms; a lost frame should take no longer than two others
 const LOOKED_AT: usize = 16;
-/// A hand's motion goes on as it was, but for this share and the jitter of a hand.
+/// Share of a hand's motion that may change from frame to frame, beside jitter.
 /// chosen: a hand may stop or turn back
 const UNSTEADY: f64 = 0.5;
 const JITTER: PoseNoise = PoseNoise { translation_m: 0.01, rotation_rad: 0.02 };
-/// Motions from frames further apart than this say nothing of the next one, seconds.
-/// chosen: hands change their motion within this time
+/// Longest time between frames over which motion is extrapolated, seconds.
+/// chosen: a hand changes its motion within this time
 const STEADY_S: f64 = 0.5;
 
-/// Where a view was placed.
+/// Pose of a located view.
 #[derive(Clone, Copy)]
 pub(super) struct Place {
     pub keyframe: usize,
     pub keyframe_from_camera: Pose,
 }
 
-/// A view placed by keyframes.
+/// A view located by keyframes.
 pub(super) struct Found {
     pub piece: usize,
-    /// The keyframes.
+    /// Indices of these keyframes.
     pub known: Vec<usize>,
     pub located: Located,
 }
 
-/// Follows the camera of one state.
+/// Tracks the camera of one state.
 pub struct Tracker {
     seed: u64,
     pub(super) keyframes: Keyframes,
-    /// Of every view, in the order of time.
+    /// Place of each view, in order of time; `None` if it was lost.
     pub(super) views: Vec<Option<Place>>,
     pub(super) stamps_nanos: Vec<i64>,
     pieces: usize,
-    /// Of the last placed view: its number, stamp and piece.
+    /// The last located view: its index, stamp and piece.
     pub(super) last: Option<Last>,
-    /// Standard deviations of the places of keyframes against those before, meters.
+    /// Standard deviation of each keyframe's position relative to earlier ones, meters.
     pub(super) least_known_m: Vec<f64>,
 }
 
@@ -68,12 +68,12 @@ pub(super) struct Last {
     piece: usize,
     pub keyframe: usize,
     pub pose: Pose,
-    /// Motion to it from the one before, in its own frame, a second.
+    /// Camera velocity in its own frame, m/s and rad/s.
     velocity: Option<nalgebra::Vector6<f64>>,
 }
 
 impl Tracker {
-    /// Before the first frame. Draws come from a stream of the seed.
+    /// A tracker without frames that draws random numbers from the seed.
     #[must_use]
     pub fn new(seed: u64) -> Self {
         Self {
@@ -91,17 +91,20 @@ impl Tracker {
         self.seed
     }
 
-    /// The piece with the most views.
+    /// Index of the piece with the most views.
     pub(super) fn largest_piece(&self) -> usize {
         let mut counts = vec![0usize; self.pieces.max(1)];
         for place in self.views.iter().flatten() {
             counts[self.keyframes.all[place.keyframe].piece] += 1;
         }
-        // Of equals the first: `max_by_key` alone would give the last.
+        // The first of equals; `max_by_key` alone would return the last.
         (0..counts.len()).max_by_key(|&p| (counts[p], usize::MAX - p)).unwrap_or(0)
     }
 
-    /// Takes the next frame, in the order of time; says whether it could be placed against an earlier one.
+    /// Adds the next frame in order of time.
+    ///
+    /// # Errors
+    /// [`Lost`] if it cannot be located relative to earlier frames.
     pub fn add(&mut self, observation: Observation) -> Result<(), Lost> {
         let view = self.views.len();
         self.stamps_nanos.push(observation.stamp_nanos);
@@ -112,7 +115,7 @@ impl Tracker {
                 Ok(())
             }
             Err(why) => {
-                // It may be the first frame of a piece; later frames may join it.
+                // It may start a new piece, to be joined by later frames.
                 let first = self.views.is_empty();
                 let place = self.begin_piece(view, observation);
                 self.views.push(Some(place));
@@ -121,13 +124,13 @@ impl Tracker {
         }
     }
 
-    /// Place of a frame, by the present keyframes; `view` numbers its draws.
+    /// Locates a frame by the current keyframes; `view` selects its random numbers.
     pub(super) fn place_of_frame(&self, view: usize, new: &Observation) -> Result<Found, Lost> {
         let placed = self.place_by_following(view, new).or_else(|why| self.find_again(view, new).ok_or(why));
         placed.map_err(|why| new.reason_unplaceable().unwrap_or(why))
     }
 
-    /// By the keyframes about where the camera should be.
+    /// By the keyframes near the expected pose.
     fn place_by_following(&self, view: usize, new: &Observation) -> Result<Found, Lost> {
         let last = self.last.ok_or(Lost::NoGuess)?;
         let guess = last.extrapolated_guess(new.stamp_nanos);
@@ -143,10 +146,10 @@ impl Tracker {
         Ok(Found { piece: last.piece, known: near, located })
     }
 
-    /// By looks, wherever the camera is.
+    /// By appearance, wherever the camera is.
     fn find_again(&self, view: usize, new: &Observation) -> Option<Found> {
         let count = self.keyframes.all.len();
-        // The latest ones, and some of all before.
+        // The latest ones, and a sample of the earlier ones.
         let latest = LOOKED_AT / 2;
         let before = count.saturating_sub(latest);
         let step = before.div_ceil(LOOKED_AT - latest).max(1);
@@ -156,7 +159,7 @@ impl Tracker {
         let mut rng = stage_rng(self.seed, "track/again", view as u64);
         let located = locate_frame(&known, new, None, &mut rng).ok()?;
         let piece = self.keyframes.all[numbers[0]].piece;
-        // Similar ones need not be the nearest.
+        // Similar keyframes need not be nearest.
         let near: Vec<usize> =
             self.keyframes.nearest(piece, &located.pose).into_iter().take(NEIGHBORS).collect();
         let guess = Guess { pose: located.pose, noise: PoseNoise::EXPECTED };
@@ -172,7 +175,7 @@ impl Tracker {
         keyframes.iter().map(|&k| self.keyframes.all[k].known()).collect()
     }
 
-    /// Takes a view at its place. One with new surface becomes a keyframe, if it `may`.
+    /// Adds a located view. If `may` is set and it shows new surface, it becomes a keyframe.
     pub(super) fn take_placed(&mut self, view: usize, new: Observation, found: &Found, may: bool) -> Place {
         let &Found { piece, ref located, .. } = found;
         let pose = located.pose;
@@ -199,13 +202,13 @@ impl Tracker {
         number
     }
 
-    /// Takes a view unconnected to those before.
+    /// Starts a new piece with a view.
     pub(super) fn begin_piece(&mut self, view: usize, new: Observation) -> Place {
         let piece = self.pieces;
         self.pieces += 1;
         let stamp_nanos = new.stamp_nanos;
         let keyframe = self.keyframes.all.len();
-        // The first camera of a piece is its frame.
+        // The first camera of a piece defines its frame.
         self.keyframes.all.push(Keyframe::new(view, new, piece, Pose::identity()));
         self.last = Some(Last { stamp_nanos, piece, keyframe, pose: Pose::identity(), velocity: None });
         Place { keyframe, keyframe_from_camera: Pose::identity() }
@@ -213,7 +216,7 @@ impl Tracker {
 }
 
 impl Last {
-    /// Where the camera should be at a stamp, if it goes on as it did.
+    /// The expected pose at a stamp if the motion continues.
     fn extrapolated_guess(&self, stamp_nanos: i64) -> Guess {
         let seconds = (stamp_nanos - self.stamp_nanos) as f64 * 1e-9;
         let Some(velocity) = self.velocity.filter(|_| seconds <= STEADY_S) else {

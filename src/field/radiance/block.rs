@@ -14,46 +14,46 @@ use crate::passes::{ColorPass, GeometryPass};
 use crate::simd::{Columns, InstructionSet};
 use crate::{FEATURES, GEOMETRY_OUTPUTS, VIEW_COEFFICIENTS};
 
-/// Largest exponent of a density's slope (published: 15). derived: the published one
+/// Largest exponent of the density's derivative. derived: the published one
 const SLOPE_EXPONENT: f64 = 15.0;
-/// Largest exponent of a density (chosen: a single step of it hides everything, and its square is finite).
+/// Largest exponent of a density. chosen: one step at this density is opaque, and its square is finite
 const DENSITY_EXPONENT: f64 = 80.0;
 
-/// Density per normalised unit of a network's first output: `exp(out - 1)`.
+/// Density per normalised unit from a network's first output: `exp(out - 1)`.
 pub(super) fn density_of_output(output: f32) -> f64 {
     (f64::from(output) - 1.0).min(DENSITY_EXPONENT).exp()
 }
 
-/// One part in a step, read by all blocks.
+/// One part's data of a step, shared by all blocks.
 pub(super) struct PartView<'a> {
     pub network: &'a Network,
     pub backward: &'a BackwardNetwork,
     /// Encoded features, level-major, of all columns.
     pub features: &'a [f32],
-    /// Whether the sample of every column lies in the part's cube; beside it there is nothing.
+    /// By column, whether the sample lies in the part's cube; outside, density is 0.
     pub inside: &'a [bool],
     /// Unit view direction of every ray in the part's canonical frame.
     pub directions: &'a [Vector3<f64>],
-    /// Whether the directions' gradient is asked for.
+    /// Whether the gradient by the directions is needed.
     pub mobile: bool,
 }
 
-/// Shared input of all blocks of a step.
+/// Input shared by all blocks of a step.
 pub(super) struct RenderContext<'a> {
     pub isa: InstructionSet,
     pub config: &'a RadianceConfig,
     pub batch: &'a RayBatch,
-    /// By state.
+    /// Weight of a ray of each state.
     pub shares: [RayShare; 2],
     pub parts: Vec<PartView<'a>>,
 }
 
-/// Contribution of a block to the gradient of one part.
+/// Where a block writes its gradient of one part.
 pub(super) struct PartSlot<'a> {
     pub layers: &'a mut NetworkGradient,
     /// `padded(2 levels)` rows of the block's columns.
     pub d_features: &'a mut [f32],
-    /// By the view direction of every ray of the block; left alone where the part is static.
+    /// Gradient by the view direction of every ray of the block; unused for the static part.
     pub d_directions: &'a mut [Vector3<f64>],
 }
 
@@ -62,7 +62,7 @@ pub(super) struct RenderScratch {
     parts: Vec<PartScratch>,
     thickness: Vec<Vec<f64>>,
     weights: Vec<Vec<f64>>,
-    /// By weight, then by thickness.
+    /// Per part: gradient by the weights, later by the thicknesses.
     gradient: Vec<Vec<f64>>,
     shown: Vec<Rendered>,
 }
@@ -71,7 +71,7 @@ pub(super) struct RenderScratch {
 struct PartScratch {
     geometry: GeometryPass,
     color: ColorPass,
-    /// The columns with color, and their number rounded up.
+    /// Columns with color, and their number rounded up.
     columns: Vec<usize>,
     cols: usize,
 }
@@ -100,8 +100,8 @@ impl PartScratch {
     }
 }
 
-/// One block of rays: adds to the layers' gradients, writes those of the features and of the directions,
-/// returns the losses.
+/// Trains on one block of rays: adds to the layers' gradients, writes those by the features and the
+/// directions, and returns the losses.
 pub(super) fn train_block(
     context: &RenderContext<'_>,
     rays: Range<usize>,
@@ -127,14 +127,14 @@ pub(super) fn train_block(
     losses
 }
 
-/// The features of a block's columns of a part.
+/// The encoded features of a block's columns for one part.
 fn block_features<'a>(context: &RenderContext<'a>, rays: &Range<usize>, part: usize) -> Columns<'a> {
     let columns = context.batch.distances.len();
     let data = context.parts[part].features;
     Columns { data: &data[rays.start * context.batch.samples..], stride: columns, rows: data.len() / columns }
 }
 
-/// Optical thickness of a part's samples.
+/// Computes the optical thickness of a part's samples.
 fn set_thickness(context: &RenderContext<'_>, rays: &Range<usize>, part: usize, scratch: &mut RenderScratch) {
     let samples = context.batch.samples;
     let view = &context.parts[part];
@@ -148,7 +148,7 @@ fn set_thickness(context: &RenderContext<'_>, rays: &Range<usize>, part: usize, 
     }
 }
 
-/// Colors, opacities and distances of the rays.
+/// Renders color, opacity and distance of the rays.
 fn render_rays(context: &RenderContext<'_>, rays: &Range<usize>, scratch: &mut RenderScratch) {
     let samples = context.batch.samples;
     let parts = context.parts.len();
@@ -163,7 +163,7 @@ fn render_rays(context: &RenderContext<'_>, rays: &Range<usize>, scratch: &mut R
         for (i, (w, t)) in weights.iter().zip(distances).enumerate() {
             let shown = &mut scratch.shown[i / samples];
             shown.opacities[k] += w;
-            // The distance of docs/method.md (12.22).
+            // Distance as in docs/method.md (12.22).
             shown.distance += w * t;
         }
         part.columns.clear();
@@ -188,7 +188,7 @@ fn render_rays(context: &RenderContext<'_>, rays: &Range<usize>, scratch: &mut R
     }
 }
 
-/// Losses of the rays, and their derivatives by weights and colors.
+/// Losses of the rays with their derivatives by weights and colors.
 fn by_weight(
     context: &RenderContext<'_>,
     rays: &Range<usize>,
@@ -219,7 +219,7 @@ fn by_weight(
             for (c, by_color) in by.color.iter().enumerate() {
                 let value = f64::from(color.rgb[c * cols + i]);
                 scratch.gradient[k][column] += by_color * (value - 1.0);
-                // The slope of the logistic function, v (1 - v).
+                // The slope of the logistic function is v (1 - v).
                 color.d_rgb[c * cols + i] = (by_color * w * value * (1.0 - value)) as f32;
             }
         }
@@ -227,7 +227,7 @@ fn by_weight(
     losses
 }
 
-/// From the derivatives by colors and thicknesses to those by layers, features and directions of a part.
+/// From the derivatives by colors and thicknesses to those by a part's layers, features and directions.
 fn part_backward(
     context: &RenderContext<'_>,
     rays: &Range<usize>,

@@ -7,17 +7,17 @@ use super::ray_batch::{Ray, RayBatch};
 use crate::simd::PointColumns;
 use geometry::Pose;
 
-/// Takes a point of a state to the canonical frame: docs/method.md (12.20).
+/// Transforms a point of a state to the canonical frame: docs/method.md (12.20).
 pub(super) fn canonical_point(half: &Pose, state: usize, point: &Point3<f64>) -> Point3<f64> {
     if state == 0 { half * point } else { half.inverse_transform_point(point) }
 }
 
-/// Turns a direction of a state to the canonical frame.
+/// Rotates a direction of a state to the canonical frame.
 pub(super) fn canonical_direction(half: &Pose, state: usize, direction: &Vector3<f64>) -> Vector3<f64> {
     if state == 0 { half * direction } else { half.inverse_transform_vector(direction) }
 }
 
-/// Place of a sample, normalised coordinates.
+/// Position of a sample in normalised coordinates.
 pub(super) fn point_on_ray(ray: &Ray, distance: f64) -> Point3<f64> {
     ray.origin + ray.direction * distance
 }
@@ -25,7 +25,7 @@ pub(super) fn point_on_ray(ray: &Ray, distance: f64) -> Point3<f64> {
 /// The samples of a step in the canonical frame of one part.
 #[derive(Default)]
 pub(super) struct PartColumns {
-    /// Unit coordinates: the part's cube is `[0, 1]^3`.
+    /// Coordinates in the part's cube, `[0, 1]^3`.
     pub x: Vec<f32>,
     pub y: Vec<f32>,
     pub z: Vec<f32>,
@@ -40,7 +40,7 @@ impl PartColumns {
         PointColumns { x: &self.x, y: &self.y, z: &self.z }
     }
 
-    /// Takes the samples of a batch to the canonical frame.
+    /// Transforms the samples of a batch to the canonical frame.
     pub(super) fn fill_from_batch(&mut self, batch: &RayBatch, half: &Pose, half_side: f64) {
         let n = batch.distances.len();
         for axis in [&mut self.x, &mut self.y, &mut self.z] {

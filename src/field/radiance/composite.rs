@@ -1,27 +1,28 @@
 //! Composite rendering of several fields along a ray, forward and backward (Liu, Mahdavi-Amiri and Savva
 //! 2023, with the many-part form of Weng et al. 2024, supplement).
 //!
-//! With the optical thickness `a_ki = sigma_ki delta_i` of part k at sample i: `alpha_ki = 1 - exp(-a_ki)`,
-//! `1 - alpha_i = prod_k (1 - alpha_ki)`, `T_i = prod_{j < i} (1 - alpha_j)` and `w_ki = alpha_ki T_i`. Where
-//! several parts are dense at once their weights sum to more than the lost light, and opacities may exceed 1.
+//! The optical thickness of part k at sample i is `a_ki = sigma_ki delta_i`. With it `alpha_ki = 1 -
+//! exp(-a_ki)`, `1 - alpha_i = prod_k (1 - alpha_ki)`, `T_i = prod_{j < i} (1 - alpha_j)` and `w_ki =
+//! alpha_ki T_i`. Where several parts are dense at once, their weights sum to more than the absorbed light,
+//! and opacities may exceed 1.
 
 use std::ops::Range;
 
-/// Rendering weights of the samples `ray` of every part, given `[part][sample]` thicknesses (at least 0).
-/// See docs/method.md (12.21).
+/// Computes the weights of the samples `ray` of every part from their thicknesses `[part][sample]` (at least
+/// 0). See docs/method.md (12.21).
 pub(super) fn set_weights(thickness: &[Vec<f64>], ray: Range<usize>, weights: &mut [Vec<f64>]) {
     let mut before = 0.0f64;
     for i in ray {
         let transmittance = (-before).exp();
         for (a, w) in thickness.iter().zip(&mut *weights) {
-            // 1 - exp(-a) without loss of digits at a thin sample.
+            // 1 - exp(-a), accurate for thin samples.
             w[i] = -(-a[i]).exp_m1() * transmittance;
             before += a[i];
         }
     }
 }
 
-/// Turns the gradient by the weights of the samples `ray` into the one by the thicknesses, in place.
+/// Replaces the gradient by the weights of the samples `ray` with the gradient by the thicknesses.
 pub(super) fn by_thickness(
     thickness: &[Vec<f64>],
     weights: &[Vec<f64>],
@@ -30,7 +31,7 @@ pub(super) fn by_thickness(
 ) {
     let total = |i: usize| thickness.iter().map(|a| a[i]).sum::<f64>();
     let mut before: f64 = ray.clone().map(total).sum();
-    // Loss of all later samples: dT_j / da_ki = -T_j for every j > i.
+    // Effect on all later samples: dT_j / da_ki = -T_j for every j > i.
     let mut behind = 0.0;
     for i in ray.rev() {
         before -= total(i);

@@ -1,4 +1,4 @@
-//! How the radiance fields of an object's parts are trained.
+//! Settings for training the radiance fields of an object's parts.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,44 +6,44 @@ use super::super::config::{check_shape, ensure_within};
 use super::super::simd::COLUMN_ALIGN;
 use super::super::{FieldConfig, FieldError};
 
-/// Optimiser steps of the published schedules (Liu, Mahdavi-Amiri and Savva 2023).
+/// Number of steps of the published schedules (Liu, Mahdavi-Amiri and Savva 2023).
 /// derived: the published one
 const PUBLISHED_STEPS: f64 = 30_000.0;
-/// Published steps at which the fields' rate is halved. derived: the published ones
+/// Published steps that halve the fields' learning rate. derived: the published ones
 const FIELD_STEPS: [f64; 5] = [10_000.0, 15_000.0, 18_000.0, 20_000.0, 25_000.0];
-/// Published steps at which the motions' rate is multiplied by 0.33. derived: the published ones
+/// Published steps that multiply the motions' learning rate by 0.33. derived: the published ones
 const MOTION_STEPS: [f64; 6] = [5_000.0, 10_000.0, 15_000.0, 18_000.0, 20_000.0, 25_000.0];
 
 /// Shape, samples, schedule and loss weights of PARIS, PARIS* and PARIS*-m.
 ///
-/// The defaults suit a processor and are smaller than the published ones: hash grids of 16 levels up to
-/// 4096 nodes a side ([`Self::published_field`]), 256 rays a state, their number then adapted to about
-/// 262,144 samples of a fixed length a step, and 30,000 steps. Here the numbers of rays and of samples
-/// a ray are fixed; the samples of a ray divide its way through the scene cube.
+/// The defaults suit a CPU and are smaller than the published ones: hash grids of 16 levels up to 4096 nodes
+/// per side ([`Self::published_field`]), 256 rays per state, later adapted to about 262,144 samples of fixed
+/// length per step, and 30,000 steps. Here the numbers of rays and of samples per ray are fixed, and the
+/// samples divide the ray's path through the scene cube.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RadianceConfig {
     /// Hash grid and networks of every part.
     pub field: FieldConfig,
-    /// Number of parts: one static, the others mobile. Not a setting: its keys are `run.parts` and
-    /// [`Self::many_parts`].
+    /// Number of parts: one static, the others mobile. This is not a setting; `run.parts` and
+    /// [`Self::many_parts`] determine it.
     #[serde(skip, default = "two")]
     pub parts: usize,
-    /// Whether there are as many parts as asked for (PARIS*-m); else two (PARIS, PARIS*).
+    /// Whether all requested parts are used (PARIS*-m), or two (PARIS, PARIS*).
     pub many_parts: bool,
-    /// Optimiser steps; the published schedules are scaled to them.
+    /// Optimiser steps; the published schedules are scaled to this number.
     pub steps: usize,
-    /// Rays a step of each state.
+    /// Rays per step and state.
     pub rays: usize,
-    /// Samples on every ray, a multiple of 16.
+    /// Samples per ray, a multiple of 16.
     pub samples: usize,
-    /// Half the side of every field's cube, in normalised units (the object spans 0.9 of one;
-    /// published: 1.5). Larger than [`Self::ray_half_side`], because a mobile part between its states may
-    /// stand out of the cube of both.
+    /// Half the side of every field's cube, in normalised units (the object spans 0.9; published: 1.5). It is
+    /// larger than [`Self::ray_half_side`], as a mobile part midway between its states may extend beyond the
+    /// cube of both.
     pub half_side: f64,
-    /// Half the side of the cube of the rays' samples, normalised units (published: 1.5 as well).
+    /// Half the side of the cube in which rays are sampled, normalised units (published: 1.5 as well).
     pub ray_half_side: f64,
-    /// Learning rate of the fields in the published number of steps (published: 0.002).
+    /// Learning rate of the fields for the published number of steps (published: 0.002).
     pub learning_rate: f64,
     /// Factor on the published learning rates of the motions.
     pub motion_rate_scale: f64,
@@ -53,16 +53,16 @@ pub struct RadianceConfig {
     pub depth_weight: f64,
     /// Weight of the entropy of the parts' shares of a ray's opacity (published code: 0).
     pub part_entropy_weight: f64,
-    /// Samples with a smaller rendering weight have no color: they count as the white background. The color
-    /// network, most of the cost, is not run there; 0 runs it wherever there is any weight.
+    /// Rendering weight below which a sample has no color and counts as the white background. The color
+    /// network, the largest cost, is skipped there; 0 skips it only where the weight is 0.
     pub color_threshold: f64,
-    /// Whether the second phase, with typed joints, goes on with the fields of the first one.
+    /// Whether the second phase, with typed joints, continues with the fields of the first.
     pub keep_fields: bool,
-    /// Nodes along a side of the grid of a part's surface (published: 256).
+    /// Nodes per side of the grid for meshing a part (published: 256).
     pub mesh_nodes: usize,
 }
 
-/// The fewest parts.
+/// Least number of parts.
 fn two() -> usize {
     2
 }
@@ -97,8 +97,8 @@ impl Default for RadianceConfig {
 }
 
 impl RadianceConfig {
-    /// The published hash grid: 16 levels of two features, 2^19 entries, 16 to 4096 nodes a side (growth
-    /// 1.4472693). The published networks have no biases; these have.
+    /// The published hash grid: 16 levels of two features, 2^19 entries, 16 to 4096 nodes per side (growth
+    /// 1.4472693). Unlike the published networks, these have biases.
     #[must_use]
     pub fn published_field() -> FieldConfig {
         FieldConfig {
@@ -110,7 +110,7 @@ impl RadianceConfig {
         }
     }
 
-    /// Refuses values out of their ranges.
+    /// Checks that all values are in their ranges.
     ///
     /// # Errors
     /// [`FieldError::Config`] with the key and its range.
@@ -120,7 +120,7 @@ impl RadianceConfig {
         ensure_within("steps", self.steps as f64, 1.0, 1e7)?;
         ensure_within("rays", self.rays as f64, 1.0, 1e5)?;
         ensure_within("samples", self.samples as f64, 16.0, 4096.0)?;
-        // Rays begin at whole vectors of the kernels.
+        // Rays start at whole vectors of the kernels.
         ensure_within("samples modulo 16", (self.samples % COLUMN_ALIGN) as f64, 0.0, 0.0)?;
         ensure_within("half_side", self.half_side, 0.1, 100.0)?;
         ensure_within("ray_half_side", self.ray_half_side, 0.1, self.half_side)?;
@@ -133,28 +133,28 @@ impl RadianceConfig {
         ensure_within("color_threshold", self.color_threshold, 0.0, 0.1)
     }
 
-    /// Learning rate of the fields at a step, from 0: halved at a third, a half, 0.6, two thirds and five
-    /// sixths of the steps.
+    /// Learning rate of the fields at a step, counted from 0; halved at 1/3, 1/2, 3/5, 2/3 and 5/6 of the
+    /// steps.
     pub(super) fn field_rate(&self, step: usize) -> f64 {
         self.rate_factor() * self.learning_rate * 0.5f64.powi(self.passed_milestones(&FIELD_STEPS, step))
     }
 
-    /// Factor on the motions' learning rates at a step, from 0.
+    /// Factor on the motions' learning rates at a step, counted from 0.
     pub(super) fn motion_rate(&self, step: usize) -> f64 {
         self.rate_factor()
             * self.motion_rate_scale
             * 0.33f64.powi(self.passed_milestones(&MOTION_STEPS, step))
     }
 
-    /// Factor on all published rates for another number of steps than the published one.
+    /// Factor on all published rates for a number of steps other than the published one.
     ///
-    /// derived: where gradients are noise, Adam's steps are plus or minus the rate, and n of them reach rate
-    /// sqrt(n) far; measured: without it the hinge of a laptop is found at half of its angle
+    /// derived: with noise as gradient, Adam steps by plus or minus the rate, and n steps move sqrt(n) times
+    /// as far; measured: without it, a laptop's hinge is found at half its angle
     fn rate_factor(&self) -> f64 {
         (PUBLISHED_STEPS / self.steps as f64).sqrt()
     }
 
-    /// How many of the published milestones a step has passed, scaled to the configured number of steps.
+    /// Number of published milestones passed at a step, scaled to the configured number of steps.
     fn passed_milestones(&self, milestones: &[f64], step: usize) -> i32 {
         let published = step as f64 / self.steps as f64 * PUBLISHED_STEPS;
         milestones.iter().filter(|&&m| published >= m).count() as i32

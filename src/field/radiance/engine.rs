@@ -1,7 +1,7 @@
-//! One optimiser step of all fields and half motions.
+//! Optimiser steps of all fields and half motions.
 //!
-//! Results do not depend on the number of threads: work is cut into the same pieces whatever runs them, every
-//! piece is computed in order, and partial sums are added in the order of the pieces.
+//! Results do not depend on the number of threads: the work is always cut into the same pieces, each piece is
+//! computed in order, and partial sums are added in the order of the pieces.
 
 use std::ops::Range;
 use std::sync::Mutex;
@@ -24,27 +24,27 @@ use crate::simd::{AdamStep, InstructionSet, PointColumns};
 use crate::{EngineState, FEATURES, VIEW_COEFFICIENTS};
 use geometry::Pose;
 
-/// The fields of all parts in training; the first is static.
+/// The fields of all parts during training; the first one is static.
 pub(super) struct RadianceEngine {
     fields: Vec<Learner>,
-    /// Kept between steps for their memory.
+    /// Reused between steps.
     columns: Vec<PartColumns>,
 }
 
-/// Gradient of a batch's loss.
+/// Gradient of the loss of a batch.
 pub(super) struct RadianceGradient {
     pub losses: RadianceLosses,
-    /// Of every part's layers; those of the tables are in the learners.
+    /// By the layers of every part; the gradients of the tables are in the learners.
     layers: Vec<NetworkGradient>,
-    /// By every mobile part's half motion.
+    /// By the half motion of every mobile part.
     pub by_pose: Vec<PoseGradient>,
 }
 
 impl RadianceEngine {
-    /// Continues from the state of every part's field.
+    /// Continues from the state of each part's field.
     ///
     /// # Panics
-    /// If moments do not have the parameters' number.
+    /// If moments and parameters differ in number.
     pub(super) fn new(states: Vec<EngineState>) -> Self {
         let isa = InstructionSet::detect();
         let fields: Vec<_> = states.into_iter().map(|s| Learner::resume(s, isa)).collect();
@@ -52,15 +52,15 @@ impl RadianceEngine {
         Self { fields, columns }
     }
 
-    /// The states for [`Self::new`].
+    /// The states, as taken by [`Self::new`].
     pub(super) fn field_states(&self) -> Vec<EngineState> {
         self.fields.iter().map(Learner::training_state).collect()
     }
 
-    /// One step of fields and motions down the gradient of a batch; `number` counts from 0.
+    /// One step of fields and motions along the gradient of a batch; `number` counts from 0.
     ///
-    /// The published code runs every batch twice, for the fields and then for the motions; here one gradient
-    /// moves both.
+    /// The published code evaluates every batch twice, for the fields and for the motions; here one gradient
+    /// updates both.
     pub(super) fn train_step(
         &mut self,
         batch: &RayBatch,
@@ -79,8 +79,8 @@ impl RadianceEngine {
         gradient.losses
     }
 
-    /// Losses and gradients of every part's field in the order of
-    /// [`FieldParams::flatten`](crate::FieldParams::flatten); changes nothing.
+    /// Losses and gradients of each part's field in the order of
+    /// [`FieldParams::flatten`](crate::FieldParams::flatten); changes no parameter.
     #[cfg(test)]
     pub fn gradient(
         &mut self,
@@ -97,7 +97,7 @@ impl RadianceEngine {
         (gradient, fields)
     }
 
-    /// Adds the gradient of a part's table and lets Adam move it.
+    /// Computes the gradient of a part's table and updates it with Adam.
     fn apply_table_gradient(&mut self, part: usize, batch: &RayBatch, learning: Option<AdamStep>) {
         let per = batch.samples;
         let blocks: Vec<_> =
@@ -126,7 +126,7 @@ impl RadianceEngine {
         let networks: Vec<Network> = self.fields.iter().map(|f| Network::packed_network(&f.params)).collect();
         let mut backwards = Vec::with_capacity(networks.len());
         for (k, network) in networks.iter().enumerate() {
-            // Only mobile parts use the gradient by view directions.
+            // Only mobile parts need the gradient by view directions.
             backwards.push(BackwardNetwork::packed_transposes(
                 network,
                 if k == 0 { VIEW_COEFFICIENTS } else { 0 },
@@ -140,7 +140,7 @@ impl RadianceEngine {
             let rows = padded_rows(FEATURES * self.fields[k].params.levels.len());
             let PartColumns { x, y, z, inside, directions, features, d_features } = columns;
             d_features.resize(rows * batch.distances.len(), 0.0);
-            // Each group writes a piece of the gradient of its own.
+            // Each group writes its own part of the gradient.
             let mut rest = d_features.as_mut_slice();
             for (group, pieces) in &mut tasks {
                 let (own, others) = rest.split_at_mut(rows * group.len() * batch.samples);
@@ -156,7 +156,7 @@ impl RadianceEngine {
         let isa = self.fields[0].isa;
         let context = RenderContext { isa, config, batch, shares: ray_shares(batch), parts };
         let fields = &self.fields;
-        // As many buffers as threads are at work, in place of one a group.
+        // One buffer per active thread instead of one per group.
         let pool = Mutex::new(Vec::new());
         let sums: Vec<RadianceGradient> = tasks
             .into_par_iter()
@@ -207,7 +207,7 @@ impl RadianceGradient {
     }
 }
 
-/// The blocks of a group of rays, without the motions' gradient by positions.
+/// Runs the blocks of a group of rays; the motions' gradient by sample positions is computed elsewhere.
 fn run_group(
     context: &RenderContext<'_>,
     rays: Range<usize>,
@@ -245,7 +245,7 @@ fn run_group(
     sum
 }
 
-/// Where a block of a group writes the gradient of a part.
+/// Where a block of a group writes the gradient of one part.
 fn block_slot<'a>(
     layers: &'a mut NetworkGradient,
     piece: &'a mut [f32],
@@ -258,7 +258,7 @@ fn block_slot<'a>(
     PartSlot { layers, d_features, d_directions: &mut directions[..block.len()] }
 }
 
-/// How much a ray of each state counts: every mean is over a state, and both states count half.
+/// Weight of a ray of each state: losses are means over a state, and both states have the same weight.
 fn ray_shares(batch: &RayBatch) -> [RayShare; 2] {
     batch.state_counts().map(|(rays, readings)| RayShare {
         ray: 0.5 / rays.max(1) as f64,

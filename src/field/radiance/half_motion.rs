@@ -1,15 +1,15 @@
-//! The half motion of a mobile part: from state 0 to the canonical frame, midway between the
-//! states (Liu, Mahdavi-Amiri and Savva 2023: `t* = 0.5`). The same motion leads from there to state 1.
+//! Half the motion of a mobile part: from state 0 to the canonical frame midway between the states (Liu,
+//! Mahdavi-Amiri and Savva 2023: `t* = 0.5`). The same motion leads from there to state 1.
 //!
-//! Rotations are stepped from the left, `R <- exp(w) R`. A unit quaternion with parts moved by `e` turns by
-//! `2 e` radians, so the published rates of quaternions are doubled for `w`.
+//! Rotations are updated from the left, `R <- exp(w) R`. A step of `e` in a unit quaternion's components
+//! rotates by `2 e` radians, so the published rates of quaternions are doubled for `w`.
 
 use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use geometry::{Pose, Screw, exp_so3};
 
-/// Coordinates of a step of any half motion.
+/// Number of coordinates of a half motion's step.
 pub(super) const COORDINATES: usize = 6;
 
 /// Half the motion of a part in normalised coordinates.
@@ -17,26 +17,26 @@ pub(super) const COORDINATES: usize = 6;
 pub enum HalfMotion {
     /// Any rigid motion (the published SE3): `R x + t`.
     Free {
-        /// `canonical_from_state0`.
+        /// Pose `canonical_from_state0`.
         pose: Pose,
     },
-    /// A turn about a line: `R (x - o) + o`.
+    /// A rotation about a line: `R (x - o) + o`.
     Revolute {
-        /// A point of the line.
+        /// A point `o` on the line.
         pivot: Point3<f64>,
-        /// The turn.
+        /// The rotation `R`.
         rotation: UnitQuaternion<f64>,
     },
-    /// A shift along a direction: `x + d u`.
+    /// A translation along a direction: `x + d u`.
     Prismatic {
-        /// Unit direction.
+        /// Unit direction `u`.
         direction: Unit<Vector3<f64>>,
-        /// Half the distance, normalised units.
+        /// Half the distance `d`, normalised units.
         distance: f64,
     },
 }
 
-/// Gradient by a pose: by a left rotation step and by the translation.
+/// Gradient by a pose: by a rotation step from the left, and by the translation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct PoseGradient {
     pub torque: Vector3<f64>,
@@ -44,14 +44,14 @@ pub(super) struct PoseGradient {
 }
 
 impl PoseGradient {
-    /// Adds the gradient `by_image` of the image `R x + t` of a point.
+    /// Adds the gradient, given that by the image `R x + t` of a point.
     pub(super) fn add_forward(&mut self, pose: &Pose, image: &Point3<f64>, by_image: &Vector3<f64>) {
         // y = R x + t: dy = w x (R x) + dt.
         self.torque += (image.coords - pose.translation.vector).cross(by_image);
         self.force += by_image;
     }
 
-    /// Adds the gradient `by_image` of the image `R^T (x - t)` of `point`.
+    /// Adds the gradient, given that by the image `R^T (x - t)` of `point`.
     pub(super) fn add_inverse(&mut self, pose: &Pose, point: &Point3<f64>, by_image: &Vector3<f64>) {
         // y = R^T (x - t): dy = -R^T (w x (x - t) + dt).
         let force = -(pose.rotation * by_image);
@@ -59,12 +59,12 @@ impl PoseGradient {
         self.force += force;
     }
 
-    /// Adds the gradient `by_image` of a turned direction `R d`.
+    /// Adds the gradient, given that by a rotated direction `R d`.
     pub(super) fn add_turned(&mut self, image: &Vector3<f64>, by_image: &Vector3<f64>) {
         self.torque += image.cross(by_image);
     }
 
-    /// Adds the gradient `by_image` of the direction `R^T d`.
+    /// Adds the gradient, given that by the direction `R^T d`.
     pub(super) fn add_turned_back(&mut self, pose: &Pose, direction: &Vector3<f64>, by_image: &Vector3<f64>) {
         self.torque -= direction.cross(&(pose.rotation * by_image));
     }
@@ -82,28 +82,29 @@ fn diagonal_direction() -> Unit<Vector3<f64>> {
 }
 
 impl HalfMotion {
-    /// The published start of a free motion: a turn by 0.02 rad and a shift by 0.001 along every axis.
+    /// The published start of a free motion: rotations by 0.02 rad and a translation by 0.001 along every
+    /// axis.
     #[must_use]
     pub fn free_start() -> Self {
         let rotation = UnitQuaternion::from_axis_angle(&diagonal_direction(), 0.02);
         Self::Free { pose: Pose::from_parts(Vector3::new(0.001, 0.001, 0.001).into(), rotation) }
     }
 
-    /// The published start of a revolute joint: a turn by 0.2 rad about the cube's center.
+    /// The published start of a revolute joint: a rotation by 0.2 rad about the cube's center.
     #[must_use]
     pub fn revolute_start() -> Self {
         let rotation = UnitQuaternion::from_axis_angle(&diagonal_direction(), 0.2);
         Self::Revolute { pivot: Point3::origin(), rotation }
     }
 
-    /// The published start of a prismatic joint: a shift by 0.1.
+    /// The published start of a prismatic joint: a translation by 0.1.
     #[must_use]
     pub fn prismatic_start() -> Self {
         Self::Prismatic { direction: diagonal_direction(), distance: 0.1 }
     }
 
-    /// The half of a whole motion `state1_from_state0` in normalised coordinates; its rotation is below half
-    /// a turn.
+    /// Half of the motion `state1_from_state0`, in normalised coordinates; the motion must rotate by less
+    /// than half a turn.
     #[must_use]
     pub fn of_whole(whole: &Pose) -> Self {
         let pose = Screw::of_motion(whole)
@@ -125,7 +126,7 @@ impl HalfMotion {
         }
     }
 
-    /// Gradient by the coordinates of [`Self::stepped`], given the gradient by the pose.
+    /// Gradient by the coordinates of [`Self::stepped_by`], given the gradient by the pose.
     pub(super) fn coordinate_gradient(&self, by_pose: &PoseGradient) -> [f64; COORDINATES] {
         let PoseGradient { torque, force } = by_pose;
         let [a, b] = match self {
@@ -144,12 +145,12 @@ impl HalfMotion {
         [a.x, a.y, a.z, b.x, b.y, b.z]
     }
 
-    /// The motion with its coordinates changed: rotation step and translation, rotation step and pivot, or
-    /// direction (normalised again) and distance with two numbers of no meaning.
+    /// The motion after a change of its coordinates: rotation step and translation, rotation step and pivot,
+    /// or direction (normalised again) and distance, with two unused coordinates.
     #[must_use]
     pub(super) fn stepped_by(&self, change: &[f64; COORDINATES]) -> Self {
         let [a, b] = [0, 3].map(|k| Vector3::new(change[k], change[k + 1], change[k + 2]));
-        // Renormalised, because thousands of products drift off the unit quaternions.
+        // Renormalised, since rounding accumulates over thousands of products.
         let turned = |r: &UnitQuaternion<f64>| UnitQuaternion::new_normalize((exp_so3(&a) * r).into_inner());
         match self {
             Self::Free { pose } => {
@@ -166,7 +167,7 @@ impl HalfMotion {
         }
     }
 
-    /// Published learning rate of every coordinate.
+    /// Published learning rate of each coordinate.
     pub(super) fn coordinate_rates(&self) -> [f64; COORDINATES] {
         let [a, b] = match self {
             Self::Free { .. } => [0.02, 0.001],

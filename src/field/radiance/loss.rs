@@ -5,20 +5,20 @@ use serde::{Deserialize, Serialize};
 use super::RadianceConfig;
 use super::ray_batch::Ray;
 
-/// Opacities are kept this far from 0 and 1 in the cross entropy, where its logarithms are not finite
-/// (chosen: a limit on the loss of one ray of 7).
+/// Least distance of opacities from 0 and 1 in the cross entropy, to keep its logarithms finite.
+/// chosen: limits the loss of one ray to 7
 const OPACITY_MARGIN: f64 = 1e-3;
-/// Below this opacity the shares of a ray's parts mean nothing (chosen: a hundredth).
+/// Least opacity of a ray for which its parts' shares are meaningful. chosen: a hundredth
 const SHARED_OPACITY: f64 = 0.01;
-/// Smallest share in a logarithm (chosen: a share below it adds less than 2e-5 to an entropy).
+/// Smallest share in a logarithm. chosen: smaller shares add less than 2e-5 to an entropy
 const SMALLEST_SHARE: f64 = 1e-6;
 
-/// Loss terms of a step, each with its weight; the loss is their sum.
+/// Loss terms of a step with their weights applied; the loss is their sum.
 ///
-/// Every term is the mean over the rays of a state (`depth`: over those with a reading), averaged over both
-/// states. `color` is the smooth L1 loss (beta 1) of the rendered color, mean of the channels; `mask` is the
-/// binary cross entropy between opacity and mask; `depth` is the squared error of the rendered ray distance
-/// in normalised units; `part_entropy` is the entropy of the parts' shares `O_k / sum O` of a ray.
+/// Each term is a mean over the rays of a state (`depth`: over those with a reading), averaged over both
+/// states. `color` is the smooth L1 loss (beta 1) of the rendered color, averaged over the channels; `mask`
+/// is the binary cross entropy between opacity and mask; `depth` is the squared error of the rendered ray
+/// distance in normalised units; `part_entropy` is the entropy of the parts' shares `O_k / sum O` of a ray.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RadianceLosses {
     /// Color term (Liu, Mahdavi-Amiri and Savva 2023).
@@ -27,8 +27,8 @@ pub struct RadianceLosses {
     pub mask: f64,
     /// Depth term (Weng et al. 2024, supplement).
     pub depth: f64,
-    /// Part probability term, binary for two parts (Weng et al. 2024, supplement, equations 30 to 32). As
-    /// published it moves the fields only; here it moves the motions too.
+    /// Part probability term, binary for two parts (Weng et al. 2024, supplement, equations 30 to 32). The
+    /// published one affects only the fields; here it affects the motions too.
     pub part_entropy: f64,
 }
 
@@ -48,7 +48,7 @@ impl RadianceLosses {
     }
 }
 
-/// Rendered values of a ray. `color = 1 + sum_ki w_ki (c_ki - 1)`: the background is white.
+/// Rendered values of a ray. `color = 1 + sum_ki w_ki (c_ki - 1)`, on a white background.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Rendered {
     pub color: [f64; 3],
@@ -66,7 +66,7 @@ pub(super) struct RenderedGradient {
     pub distance: f64,
 }
 
-/// How much one ray counts: its state's share of the mean over rays and over rays with a reading.
+/// Weight of a ray in its state's mean over rays, and over rays with a reading.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RayShare {
     pub ray: f64,

@@ -1,11 +1,12 @@
-//! Density and color fields of the parts of an object, rendered as one volume and trained from images of two
-//! states together with the parts' motions: PARIS (Liu, Mahdavi-Amiri and Savva 2023), PARIS* with depth and
-//! PARIS*-m for many parts (both Weng et al. 2024, supplement). Written from their equations.
+//! Density and color fields of an object's parts, rendered as one volume and trained from images of two
+//! states jointly with the parts' motions: PARIS (Liu, Mahdavi-Amiri and Savva 2023), PARIS* with depth, and
+//! PARIS*-m for many parts (both Weng et al. 2024, supplement). Implemented from the equations of these
+//! papers.
 //!
-//! Part 0 is static and its field lives in the world; every other part is mobile and its field lives in a
-//! canonical frame midway between the states. A field is laid out as an object field is: its geometry
-//! network's first output `o` gives the density `exp(o - 1)` per normalised unit, and the color network sees
-//! 15 features and 16 harmonics of the view direction (published: all 16 outputs, no biases).
+//! Part 0 is static, with its field in the world frame. Every other part is mobile, with its field in a
+//! canonical frame midway between the states. Fields have the layout of object fields: the geometry network's
+//! first output `o` gives the density `exp(o - 1)` per normalised unit, and the color network takes 15
+//! features and 16 harmonics of the view direction (published: all 16 outputs, no biases).
 
 mod block;
 mod columns;

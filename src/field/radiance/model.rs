@@ -1,4 +1,4 @@
-//! The trained fields and motions as other stages ask them: densities, colors, meshes, joints.
+//! Queries of the trained fields and motions: densities, colors, meshes, joints.
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
@@ -9,12 +9,12 @@ use crate::{FieldParams, ObjectField};
 use geometry::{Grid3, Pose, SceneBox};
 use surface::{TriangleMesh, marching_cubes};
 
-/// Density of the surface, per normalised unit (published). derived: the published one
+/// Density at the surface, per normalised unit. derived: the published one
 const SURFACE_DENSITY: f64 = 10.0;
-/// Half the side of the meshed cube, normalised units (published); less where the fields span less.
+/// Half the side of the meshed cube, normalised units; limited by the fields' cube.
 /// derived: the published one
 const MESH_HALF_SIDE: f64 = 1.3;
-/// Largest density in a grid: marching cubes takes finite numbers (chosen: far above any surface).
+/// Largest density in a grid, as marching cubes needs finite values. chosen: far above any surface
 const DENSEST: f64 = 1e6;
 
 /// Fields and half motions of all parts; part 0 is static.
@@ -24,32 +24,32 @@ pub struct RadianceModel {
     pub scene: SceneBox,
     /// Half the side of every field's cube, normalised units.
     pub half_side: f64,
-    /// One field a part.
+    /// One field per part.
     pub fields: Vec<FieldParams>,
-    /// One half motion a mobile part: `motions[k - 1]` of part `k`.
+    /// One half motion per mobile part: `motions[k - 1]` is that of part `k`.
     pub motions: Vec<HalfMotion>,
 }
 
 impl RadianceModel {
-    /// `canonical_from_state0` of a part in the world, meters.
+    /// `canonical_from_state0` of a part in the world frame, meters.
     #[must_use]
     pub fn canonical_from_state0(&self, part: usize) -> Pose {
         part.checked_sub(1).map_or_else(Pose::identity, |m| self.scene.world_motion(&self.motions[m].pose()))
     }
 
-    /// `state1_from_state0` of parts 1 onward in the world, meters.
+    /// `state1_from_state0` of parts 1 onward in the world frame, meters.
     #[must_use]
     pub fn motions_to_state1(&self) -> Vec<Pose> {
         self.motions.iter().map(|m| m.state1_from_state0(&self.scene)).collect()
     }
 
-    /// The part's field for queries: its TSDF is the exponent of the density plus 1.
+    /// The part's field for queries; its TSDF is the exponent of the density plus 1.
     fn part_field(&self, part: usize) -> ObjectField {
         let scene = SceneBox { center: self.scene.center, scale: self.scene.scale / self.half_side };
         ObjectField { params: self.fields[part].clone(), scene, truncation_m: 1.0, base: None }
     }
 
-    /// Density of a part per meter at points of its canonical frame, world axes and meters.
+    /// Density of a part, 1/meter, at points of its canonical frame, in world axes and meters.
     #[must_use]
     pub fn density_per_m(&self, part: usize, canonical: &[Point3<f64>]) -> Vec<f64> {
         self.part_field(part)
@@ -59,9 +59,9 @@ impl RadianceModel {
             .collect()
     }
 
-    /// Surface of a part in state 0, world frame, meters: marching cubes at density 10 per normalised unit on
-    /// `nodes` nodes along a side (published: 256, for free motions 512) of a cube of 1.3 normalised units
-    /// about the center. A vertex has its color as seen from straight above it.
+    /// Surface of a part in state 0, in the world frame, meters: marching cubes at density 10 per normalised
+    /// unit, on `nodes` nodes per side (published: 256, for free motions 512) of a cube of 1.3 normalised
+    /// units about the center. Vertices are colored as seen along the inward normal.
     ///
     /// # Panics
     /// If `nodes` is below 2 or the part does not exist.
@@ -71,7 +71,7 @@ impl RadianceModel {
         let half_side = MESH_HALF_SIDE.min(self.half_side);
         let cube = SceneBox { center: self.scene.center, scale: self.scene.scale / half_side };
         let mut grid = Grid3::over_scene(&cube, nodes, 0.0f32);
-        // A layer at a time bounds the memory of the positions.
+        // Layer by layer, to bound the memory for positions.
         for z in 0..nodes {
             let first = grid.index(0, 0, z);
             let points: Vec<_> = (first..first + nodes * nodes).map(|i| grid.position_of_index(i)).collect();

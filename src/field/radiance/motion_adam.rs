@@ -1,18 +1,18 @@
-//! Adam on the half motions.
+//! Adam updates of the half motions.
 
 use serde::{Deserialize, Serialize};
 
 use super::half_motion::{COORDINATES, HalfMotion, PoseGradient};
 use crate::simd::{AdamStep, InstructionSet};
 
-/// Decay of the moments, of fields and motions alike (Liu, Mahdavi-Amiri and Savva 2023).
+/// Decay of the moments, for fields and motions (Liu, Mahdavi-Amiri and Savva 2023).
 /// derived: the published ones
 pub(super) const BETAS: (f32, f32) = (0.9, 0.99);
 
-/// The mobile parts' half motions with Adam's moments of their coordinates.
+/// The mobile parts' half motions with Adam's moments.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct MotionState {
-    /// One a mobile part.
+    /// One per mobile part.
     pub motions: Vec<HalfMotion>,
     first: Vec<f32>,
     second: Vec<f32>,
@@ -20,25 +20,25 @@ pub(super) struct MotionState {
 }
 
 impl MotionState {
-    /// No history.
+    /// Starts with zero moments.
     pub(super) fn new(motions: Vec<HalfMotion>) -> Self {
         let n = COORDINATES * motions.len();
         Self { motions, first: vec![0.0; n], second: vec![0.0; n], steps: 0 }
     }
 
-    /// Whether the moments have the motions' number.
+    /// Whether moments and motions agree in number.
     pub(super) fn is_consistent(&self) -> bool {
         let n = COORDINATES * self.motions.len();
         self.first.len() == n && self.second.len() == n
     }
 
-    /// One step down a gradient; `scale` is a factor on the published rates.
+    /// One step along a gradient; `scale` is a factor on the published rates.
     pub(super) fn step_down(&mut self, isa: InstructionSet, by_pose: &[PoseGradient], scale: f64) {
         self.steps += 1;
         let pairs = self.motions.iter().zip(by_pose);
         let mut gradient: Vec<f32> =
             pairs.flat_map(|(m, g)| m.coordinate_gradient(g).map(|x| x as f32)).collect();
-        // The kernel moves zeros: its result is the change at a rate of 1; every coordinate scales it.
+        // Applied to zeros, the kernel gives the change at rate 1; each coordinate then scales it.
         let mut change = vec![0.0; gradient.len()];
         let adam = AdamStep::with_betas(1.0, self.steps, BETAS);
         isa.adam(adam, &mut change, &mut self.first, &mut self.second, &mut gradient);

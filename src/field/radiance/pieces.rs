@@ -1,13 +1,13 @@
-//! The pieces of a batch, whatever the number of threads.
+//! The pieces into which a batch is cut, whatever the number of threads.
 
 use std::ops::Range;
 
-/// Samples of a block aimed at: the activations of all parts stay in the second-level cache.
+/// Target number of samples per block; the activations of all parts then fit in the second-level cache.
 const BLOCK_SAMPLES: usize = 256;
-/// Blocks are dealt to this many groups; every group sums its own gradient.
+/// Number of groups of blocks; every group sums its own gradient.
 const GROUPS: usize = 32;
 
-/// Rays of a block.
+/// Number of rays per block.
 pub(super) fn block_rays(samples: usize) -> usize {
     (BLOCK_SAMPLES / samples).max(1)
 }
@@ -18,7 +18,7 @@ pub(super) fn ray_blocks(rays: Range<usize>, samples: usize) -> impl Iterator<It
     rays.clone().step_by(per_block).map(move |first| first..(first + per_block).min(rays.end))
 }
 
-/// The groups of a batch of rays: whole blocks each.
+/// The groups of a batch of rays, each of whole blocks.
 pub(super) fn ray_groups(rays: usize, samples: usize) -> Vec<Range<usize>> {
     let per_block = block_rays(samples);
     let per_group = rays.div_ceil(per_block).div_ceil(GROUPS).max(1) * per_block;

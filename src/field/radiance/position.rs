@@ -1,4 +1,4 @@
-//! The gradient of a half motion by the places of its samples.
+//! The gradient by a half motion through the positions of the samples.
 
 use std::ops::Range;
 
@@ -14,8 +14,8 @@ use crate::matrix::padded_rows;
 use crate::simd::{LevelGeometry, LevelJacobian, PointColumns};
 use geometry::Pose;
 
-/// Gradient by the half motion of a part, given the gradient of the encoded features of a group of rays,
-/// block by block.
+/// Gradient by a part's half motion, given the gradient by the encoded features of a group of rays, block by
+/// block.
 pub(super) fn by_position(
     field: &Learner,
     points: PointColumns<'_>,
@@ -34,7 +34,7 @@ pub(super) fn by_position(
         }
         let ray = &batch.rays[(first + i) / batch.samples];
         let point = point_on_ray(ray, batch.distances[first + i]);
-        // A normalised unit is this much of the part's cube.
+        // Size of a normalised unit in the part's cube.
         let by_image = Vector3::from(by_unit.map(f64::from)) * (0.5 / half_side);
         if ray.state == 0 {
             gradient.add_forward(half, &canonical_point(half, 0, &point), &by_image);
@@ -45,7 +45,7 @@ pub(super) fn by_position(
     gradient
 }
 
-/// Gradient of every sample of a group by its unit coordinates.
+/// Gradient by the unit coordinates of every sample of a group.
 fn by_unit_coordinates(
     field: &Learner,
     points: PointColumns<'_>,
@@ -57,7 +57,7 @@ fn by_unit_coordinates(
     let rows = padded_rows(FEATURES * field.params.levels.len());
     let mut sums = vec![[0.0f32; 3]; rays.len() * samples];
     let mut jacobian = vec![0.0f32; 8 * block_rays(samples) * samples];
-    // Level by level: one table stays in the cache while many points read it.
+    // Level by level, so that one table stays in the cache for many points.
     for (l, layout) in field.params.levels.iter().enumerate() {
         let level = LevelGeometry::new(layout);
         let table = &field.params.table[layout.offset..layout.offset + layout.entries * FEATURES];
@@ -68,7 +68,7 @@ fn by_unit_coordinates(
             let d = &d_features[rows * first..][..rows * cols];
             let a = &d[FEATURES * l * cols..][..cols];
             let b = &d[(FEATURES * l + 1) * cols..][..cols];
-            // Most rays pass through empty space, where nothing has a slope.
+            // Most rays pass through empty space, without any gradient.
             if a.iter().chain(b).all(|&x| x == 0.0) {
                 continue;
             }

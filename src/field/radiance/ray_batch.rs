@@ -1,4 +1,4 @@
-//! The rays of an optimiser step, a pure function of seed and step.
+//! The rays of an optimiser step, determined by seed and step.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -10,42 +10,42 @@ use crate::sample::Stream;
 use capture::RgbdFrame;
 use geometry::SceneBox;
 
-/// Pixels drawn for a ray until one crosses the cube.
+/// Most pixels drawn for a ray until one crosses the cube.
 const TRIES: usize = 32;
-/// Pixels along a side of a frame in the test whether it sees the cube.
+/// Tested pixels along each side of a frame to see whether it shows the cube.
 const LATTICE: usize = 24;
 
 /// One ray in normalised coordinates.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Ray {
-    /// State it was seen in, 0 or 1.
+    /// State of its image, 0 or 1.
     pub state: usize,
     pub origin: Point3<f64>,
     /// Unit direction.
     pub direction: Vector3<f64>,
-    /// Length of one sample; 0 on a ray beside the cube.
+    /// Length of a sample; 0 if the ray misses the cube.
     pub step: f64,
-    /// Observed color in `[0, 1]`; white beside the object.
+    /// Observed color in `[0, 1]`; white off the object.
     pub color: [f64; 3],
     /// Whether the pixel shows the object.
     pub object: bool,
-    /// Observed distance along the ray (z-depth times the length of the ray to z = 1), where the object has
-    /// a reading.
+    /// Observed distance along the ray (z-depth times the length of the ray to z = 1), if the object has a
+    /// reading there.
     pub distance: Option<f64>,
 }
 
-/// The rays of both states with their samples, ray-major.
+/// Rays of both states with their samples, ray-major.
 #[derive(Clone, Debug)]
 pub(super) struct RayBatch {
     pub rays: Vec<Ray>,
-    /// Samples on every ray, a multiple of 16.
+    /// Samples per ray, a multiple of 16.
     pub samples: usize,
     /// Distance of every sample along its ray.
     pub distances: Vec<f64>,
 }
 
 impl RayBatch {
-    /// Number of rays, and of rays with a reading, of each state.
+    /// By state, the number of rays and of rays with a reading.
     pub(super) fn state_counts(&self) -> [(usize, usize); 2] {
         [0, 1].map(|state| {
             let of_state = self.rays.iter().filter(|r| r.state == state);
@@ -54,12 +54,12 @@ impl RayBatch {
     }
 }
 
-/// A ray's way through the cube, in normalised coordinates.
+/// A ray's path through the cube, in normalised coordinates.
 struct Crossing {
     origin: Point3<f64>,
-    /// Its z in the camera is 1.
+    /// Direction with z = 1 in the camera.
     direction: Vector3<f64>,
-    /// First and last parameter in the cube: z-depth in meters times the scale.
+    /// First and last parameter inside the cube: z-depth in meters times the scale.
     inside: Option<(f64, f64)>,
 }
 
@@ -70,7 +70,7 @@ struct DrawnPixel<'a> {
     crossing: Crossing,
 }
 
-/// Images to draw rays from.
+/// The images from which rays are drawn.
 pub(super) struct RaySource<'a> {
     states: [&'a [RgbdFrame]; 2],
     scene: SceneBox,
@@ -94,7 +94,7 @@ impl<'a> RaySource<'a> {
         Ok(source)
     }
 
-    /// Whether a ray of a lattice of pixels crosses the cube.
+    /// Whether one of a lattice of pixels has a ray across the cube.
     fn sees_cube(&self, frame: &RgbdFrame) -> bool {
         let w = frame.intrinsics.width;
         let h = frame.intrinsics.height;
@@ -104,7 +104,7 @@ impl<'a> RaySource<'a> {
             .any(|pixel| self.cube_crossing(frame, pixel).inside.is_some())
     }
 
-    /// The way of a pixel's ray through the cube.
+    /// The path of a pixel's ray through the cube.
     fn cube_crossing(&self, frame: &RgbdFrame, pixel: usize) -> Crossing {
         let view = View { intrinsics: frame.intrinsics, world_from_camera: frame.world_from_camera };
         let (origin, direction) = view.pixel_ray(pixel as u32);
@@ -112,8 +112,8 @@ impl<'a> RaySource<'a> {
         let mut enter = 0.0f64;
         let mut leave = f64::INFINITY;
         for k in 0..3 {
-            // A ray along a face divides by 0: infinities of the right sign, or NaN, passed over by max and
-            // min.
+            // A ray parallel to a face divides by 0: the result is a signed infinity or NaN, and max and min
+            // ignore NaN.
             let [a, b] = [-self.ray_half_side, self.ray_half_side].map(|x| (x - origin[k]) / direction[k]);
             enter = enter.max(a.min(b));
             leave = leave.min(a.max(b));
@@ -122,8 +122,8 @@ impl<'a> RaySource<'a> {
         Crossing { origin, direction, inside }
     }
 
-    /// The rays of a step with the random key `key`: as many of each state as configured, each through a
-    /// random pixel of a random image, if possible across the cube.
+    /// The rays of a step with the random key `key`: the configured number per state, each through a random
+    /// pixel of a random image, across the cube if possible.
     pub(super) fn step_batch(&self, config: &RadianceConfig, key: u64) -> RayBatch {
         let samples = config.samples;
         let mut distances = vec![0.0; 2 * config.rays * samples];
@@ -131,7 +131,7 @@ impl<'a> RaySource<'a> {
             .par_chunks_exact_mut(samples)
             .enumerate()
             .map(|(i, distances)| {
-                // Streams of 2^32 numbers each: those of two rays never overlap.
+                // Streams have 2^32 numbers each, so those of two rays never overlap.
                 let mut stream = Stream(key.wrapping_add((i as u64) << 32));
                 self.random_ray(i / config.rays, &mut stream, distances)
             })
@@ -139,7 +139,7 @@ impl<'a> RaySource<'a> {
         RayBatch { rays, samples, distances }
     }
 
-    /// One ray of a state; its samples are stratified over its way through the cube.
+    /// A random ray of a state; its samples are stratified along its path through the cube.
     fn random_ray(&self, state: usize, stream: &mut Stream, distances: &mut [f64]) -> Ray {
         let mut drawn = self.drawn_pixel(state, stream);
         for _ in 1..TRIES {
@@ -177,7 +177,7 @@ impl<'a> RaySource<'a> {
     }
 }
 
-/// The index of `count` at a share of all of them.
+/// The index below `count` at a given fraction.
 fn index_at(share: f64, count: usize) -> usize {
     ((share * count as f64) as usize).min(count - 1)
 }

@@ -1,4 +1,4 @@
-//! Training of all parts' fields and motions, step by step.
+//! Step-by-step training of the parts' fields and motions.
 
 use rand_core::Rng;
 use serde::{Deserialize, Serialize};
@@ -13,20 +13,20 @@ use capture::RgbdFrame;
 use geometry::SceneBox;
 use numeric::random::stage_rng;
 
-/// Input of the training of the fields.
+/// Input for training the fields.
 #[derive(Clone, Copy)]
 pub struct RadianceInput<'a> {
-    /// Frames of state 0 and of state 1, with masks; depth is used where its loss has a weight.
+    /// Masked frames of state 0 and of state 1; depth is used if its loss has a weight.
     pub states: [&'a [RgbdFrame]; 2],
-    /// The normalised frame: the object in both states spans 0.9 of its cube.
+    /// The normalised frame: in both states, the object spans 0.9 of its cube.
     pub scene: SceneBox,
 }
 
-/// Trains the fields and motions of an object's parts. Every step is a pure function of parameters, seed and
-/// step number: a resumed run gives the parameters of an uninterrupted one, bit by bit.
+/// Trains the fields and motions of an object's parts. Every step depends only on parameters, seed and step
+/// number, so that a resumed run ends with exactly the parameters of an uninterrupted one.
 ///
-/// As recommended for PARIS it is used twice: [`Self::free`] finds free motions, and [`Self::typed`] goes on
-/// with revolute or prismatic joints by them.
+/// As recommended for PARIS, training has two phases: [`Self::free`] finds free motions, and [`Self::typed`]
+/// continues with revolute or prismatic joints derived from them.
 pub struct RadianceTrainer<'a> {
     config: RadianceConfig,
     scene: SceneBox,
@@ -38,22 +38,22 @@ pub struct RadianceTrainer<'a> {
     done: usize,
 }
 
-/// State of a stopped training, beside its input and configuration.
+/// State of an interrupted training, apart from input and configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RadianceCheckpoint {
     /// Parameters and moments of every part's field.
     pub fields: Vec<EngineState>,
-    /// Half motions of the mobile parts with their moments.
+    /// Half motions of the mobile parts with Adam's moments.
     motions: MotionState,
-    /// Steps done.
+    /// Number of steps done.
     pub done: usize,
 }
 
 impl<'a> RadianceTrainer<'a> {
-    /// Fresh fields, and free motions at their published start. `stage` names the random streams.
+    /// Starts with random fields and free motions at their published start. `stage` names the random streams.
     ///
     /// # Errors
-    /// [`FieldError`]: a value out of range, or a state without frames of the cube.
+    /// [`FieldError`]: a value out of range, or a state without frames that show the cube.
     pub fn free(
         input: &RadianceInput<'a>,
         config: &RadianceConfig,
@@ -64,12 +64,12 @@ impl<'a> RadianceTrainer<'a> {
         Self::from_motions(input, config, motions, seed, stage)
     }
 
-    /// Typed joints from the motions of a model; its fields go on if the configuration says so,
-    /// else there are fresh ones.
+    /// Starts with typed joints from the motions of a model, and with its fields or random ones, as
+    /// configured.
     ///
     /// # Errors
-    /// [`FieldError`]: a value out of range, another number or shape of parts, or a state without frames of
-    /// the cube.
+    /// [`FieldError`]: a value out of range, a different number or shape of parts, or a state without frames
+    /// that show the cube.
     pub fn typed(
         input: &RadianceInput<'a>,
         config: &RadianceConfig,
@@ -87,11 +87,11 @@ impl<'a> RadianceTrainer<'a> {
         Ok(trainer)
     }
 
-    /// Fresh fields, and the half motions of the mobile parts as they are given.
+    /// Starts with random fields and the given half motions of the mobile parts.
     ///
     /// # Errors
-    /// [`FieldError`]: a value out of range, another number of motions than of mobile parts, or a state
-    /// without frames of the cube.
+    /// [`FieldError`]: a value out of range, a wrong number of motions, or a state without frames that show
+    /// the cube.
     pub fn from_motions(
         input: &RadianceInput<'a>,
         config: &RadianceConfig,
@@ -122,7 +122,7 @@ impl<'a> RadianceTrainer<'a> {
     /// Continues from a checkpoint of a trainer with the same input, configuration, seed and stage.
     ///
     /// # Errors
-    /// [`FieldError::Checkpoint`] if it does not fit.
+    /// [`FieldError::Checkpoint`] if the counts differ.
     pub fn restore(&mut self, checkpoint: RadianceCheckpoint) -> Result<(), FieldError> {
         let RadianceCheckpoint { fields, motions, done } = checkpoint;
         self.check_fields(&fields)?;
@@ -137,7 +137,7 @@ impl<'a> RadianceTrainer<'a> {
         Ok(())
     }
 
-    /// Refuses fields of another number or shape than the configured ones.
+    /// Checks number and shape of the fields against the configuration.
     fn check_fields(&self, fields: &Vec<EngineState>) -> Result<(), FieldError> {
         expect_count("fields", fields.len(), self.config.parts)?;
         let own = FieldParams::random_params(&self.config.field, &mut stage_rng(0, "shape", 0));
@@ -152,32 +152,32 @@ impl<'a> RadianceTrainer<'a> {
 
     /// One optimiser step of fields and motions.
     pub fn train_step(&mut self) -> RadianceLosses {
-        // One number for the step; each ray derives a stream from it.
+        // One random number per step; each ray derives a stream from it.
         let key = stage_rng(self.seed, &self.stage, self.done as u64).next_u64();
         let batch = self.source.step_batch(&self.config, key);
         self.done += 1;
         self.engine.train_step(&batch, &mut self.motions, &self.config, self.done - 1)
     }
 
-    /// Steps done.
+    /// Number of steps done.
     #[must_use]
     pub fn steps_done(&self) -> usize {
         self.done
     }
 
-    /// Steps in all.
+    /// Total number of steps.
     #[must_use]
     pub fn total_steps(&self) -> usize {
         self.config.steps
     }
 
-    /// The half motions of the mobile parts as they stand.
+    /// The current half motions of the mobile parts.
     #[must_use]
     pub fn half_motions(&self) -> &[HalfMotion] {
         &self.motions.motions
     }
 
-    /// Fields and motions as they stand.
+    /// The current fields and motions.
     #[must_use]
     pub fn trained_model(&self) -> RadianceModel {
         RadianceModel {
@@ -188,7 +188,7 @@ impl<'a> RadianceTrainer<'a> {
         }
     }
 
-    /// The state for [`Self::restore`].
+    /// The state, as taken by [`Self::restore`].
     #[must_use]
     pub fn checkpoint(&self) -> RadianceCheckpoint {
         RadianceCheckpoint {
@@ -199,13 +199,13 @@ impl<'a> RadianceTrainer<'a> {
     }
 }
 
-/// Parameters without a history.
+/// Parameters with zero moments.
 fn fresh_state(params: FieldParams) -> EngineState {
     let n = params.parameter_count();
     EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 }
 }
 
-/// Refuses an unexpected count.
+/// Checks a count against the expected one.
 fn expect_count(what: &'static str, found: usize, expected: usize) -> Result<(), FieldError> {
     if found == expected { Ok(()) } else { Err(FieldError::Checkpoint { what, found, expected }) }
 }

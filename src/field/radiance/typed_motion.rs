@@ -1,18 +1,18 @@
-//! From free half motions to those of typed joints; whole motions in the world.
+//! Conversion of free half motions to those of typed joints, and to whole motions in the world.
 
 use nalgebra::{Point3, Unit};
 
 use super::HalfMotion;
 use geometry::{Pose, SceneBox, Screw, rotation_angle_rad};
 
-/// A half motion with a smaller turn is a shift, radians.
+/// Least rotation of a half motion for a revolute joint, radians; below it is prismatic.
 ///
 /// derived: the published rule, 5 degrees (Liu, Mahdavi-Amiri and Savva 2023)
 const LEAST_HALF_TURN_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
 
 impl HalfMotion {
-    /// The joint for this motion: a turn about its axis (its shift along the axis is
-    /// dropped), or the shift by its translation (its turn is dropped) where it turns by less than 5 degrees.
+    /// The joint that fits this motion: a rotation about its axis, without its translation along the axis;
+    /// or, if it rotates by less than 5 degrees, its translation without the rotation.
     #[must_use]
     pub fn typed_joint(&self) -> Self {
         let Self::Free { pose } = self else { return *self };
@@ -20,20 +20,20 @@ impl HalfMotion {
             let pivot = Screw::of_motion(pose).map_or_else(Point3::origin, |s| s.point);
             return Self::Revolute { pivot, rotation: pose.rotation };
         }
-        // No shift has no direction: then the published start.
+        // Without a translation there is no direction; the published start is used.
         Unit::try_new_and_get(pose.translation.vector, 1e-9).map_or_else(
             Self::prismatic_start,
             |(direction, distance)| Self::Prismatic { direction, distance },
         )
     }
 
-    /// The half of a whole motion in the world, meters; its rotation is below half a turn.
+    /// Half of a motion in the world, meters, which must rotate by less than half a turn.
     #[must_use]
     pub fn of_world(state1_from_state0: &Pose, scene: &SceneBox) -> Self {
         Self::of_whole(&scene.normalised_motion(state1_from_state0))
     }
 
-    /// The whole motion in the world, meters: twice the half.
+    /// The whole motion in the world, meters: the half motion applied twice.
     #[must_use]
     pub fn state1_from_state0(&self, scene: &SceneBox) -> Pose {
         let half = self.pose();

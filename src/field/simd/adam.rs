@@ -20,7 +20,7 @@ impl AdamStep {
         Self::with_betas(learning_rate, t, ADAM_BETAS)
     }
 
-    /// As [`Self::new`] with other decays of the moments.
+    /// As [`Self::new`], with other decays of the moments.
     pub(crate) fn with_betas(learning_rate: f32, t: u64, betas: (f32, f32)) -> Self {
         let power = |beta: f32| f64::from(beta).powf(t as f64);
         let second = (1.0 - power(betas.1)).sqrt();
@@ -29,8 +29,8 @@ impl AdamStep {
     }
 }
 
-/// A first moment below this is set to 0: it would move a parameter by less than `1e-30 / epsilon = 1e-15`
-/// and would become a slow denormal number. chosen: above the smallest normal number
+/// Smaller first moments are set to 0: they would move a parameter by less than `1e-30 / epsilon = 1e-15` and
+/// become slow denormal numbers. chosen: above the smallest normal number
 const SMALLEST_FIRST: f32 = 1e-30;
 /// The same for second moments; their roots are far below epsilon. chosen: above the smallest normal number
 const SMALLEST_SECOND: f32 = 1e-37;
@@ -66,7 +66,7 @@ pub(super) fn update<S: Lanes>(
         }
     }
     if whole < n {
-        // The rest is padded to a whole vector: every parameter sees the same operations.
+        // The rest is padded to a whole vector, so that every parameter sees the same operations.
         let mut tail = [[0.0f32; 16]; 4];
         for (copy, from) in tail.iter_mut().zip([&*params, &*first, &*second, &*gradient]) {
             copy[..n - whole].copy_from_slice(&from[whole..]);
@@ -95,7 +95,7 @@ unsafe fn step_lanes<S: Lanes>(
 ) {
     // SAFETY: the caller's promise.
     unsafe {
-        // docs/method.md (12.9), the bias corrections being part of rate and epsilon.
+        // docs/method.md (12.9), with the bias corrections in rate and epsilon.
         let g = s.load(gradient);
         let (b1, b2) = step.betas;
         let m = s.fma(s.load(first), s.splat(b1), s.mul(g, s.splat(1.0 - b1)));

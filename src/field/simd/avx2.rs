@@ -31,7 +31,7 @@ pub(super) unsafe fn add_pair(at: *mut f32, weight: f32, pair: (f32, f32)) {
     }
 }
 
-/// Every intrinsic below is callable because the token proves the features.
+/// The intrinsics below are safe to call, because the token proves the features.
 macro_rules! has {
     ($e:expr) => {
         // SAFETY: `self` exists only where the processor has the features (see `assume`).
@@ -64,8 +64,8 @@ impl Lanes for Avx2 {
     unsafe fn gather_pairs(self, table: *const f32, index: __m256i) -> (__m256, __m256) {
         // SAFETY: the caller promises that every pair lies in the table.
         unsafe {
-            // A pair of floats is gathered as one double. The shuffle works within halves of the register;
-            // the permutation puts these in order.
+            // A pair of floats is gathered as one double. The shuffle works within register halves; the
+            // permutation restores the order.
             let low = _mm256_castpd_ps(_mm256_i32gather_pd::<8>(table.cast(), _mm256_castsi256_si128(index)));
             let high = _mm256_castpd_ps(_mm256_i32gather_pd::<8>(
                 table.cast(),
@@ -176,7 +176,7 @@ impl Lanes for Avx2 {
     }
     #[inline(always)]
     fn exp2_int(self, a: __m256i) -> __m256 {
-        // Straight into the exponent's bits, which are biased by 127.
+        // Writes the exponent bits directly; they are biased by 127.
         has!(_mm256_castsi256_ps(_mm256_slli_epi32::<23>(_mm256_add_epi32(a, _mm256_set1_epi32(127)))))
     }
 }

@@ -17,7 +17,7 @@ impl Avx512 {
     }
 }
 
-/// Every intrinsic below is callable because the token proves the features.
+/// The intrinsics below are safe to call, because the token proves the features.
 macro_rules! has {
     ($e:expr) => {
         // SAFETY: `self` exists only where the processor has the features (see `assume`).
@@ -50,7 +50,7 @@ impl Lanes for Avx512 {
     unsafe fn gather_pairs(self, table: *const f32, index: __m512i) -> (__m512, __m512) {
         // SAFETY: the caller promises that every pair lies in the table.
         unsafe {
-            // A pair of floats is gathered as one double: half as many reads.
+            // A pair of floats is gathered as one double, which halves the reads.
             let low = _mm512_i32gather_pd::<8>(_mm512_castsi512_si256(index), table.cast());
             let high = _mm512_i32gather_pd::<8>(_mm512_extracti64x4_epi64::<1>(index), table.cast());
             let low = _mm512_castpd_ps(low);

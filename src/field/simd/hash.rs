@@ -6,10 +6,10 @@ use crate::LevelLayout;
 /// Multipliers of the spatial hash; the one of x is 1: docs/method.md (12.2).
 const HASH_Y: i32 = 2_654_435_761u32 as i32;
 const HASH_Z: i32 = 805_459_861;
-/// Tables are indexed by 32-bit integers of pairs.
+/// Most entries of a level, as pairs are indexed by 32-bit integers.
 const MAX_ENTRIES: usize = 1 << 28;
 
-/// A level for the kernels; made only of consistent values: every index lies in the table.
+/// A level as the kernels need it; it is always consistent, so every index lies in the table.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LevelGeometry {
     scale: f32,
@@ -20,8 +20,8 @@ pub(crate) struct LevelGeometry {
 
 impl LevelGeometry {
     /// # Panics
-    /// If the layout is inconsistent: a dense level smaller than its nodes, a hashed one with another size
-    /// than a power of two.
+    /// If the layout is inconsistent: a dense level with fewer entries than nodes, or a hashed one whose size
+    /// is no power of two.
     pub(crate) fn new(level: &LevelLayout) -> Self {
         let nodes = level.resolution.checked_pow(3);
         let consistent = if level.hashed {
@@ -43,7 +43,7 @@ impl LevelGeometry {
     }
 }
 
-/// Unit coordinates of points, one slice an axis, all of one length, a multiple of 16.
+/// Unit coordinates of points, one slice per axis, of equal length, a multiple of 16.
 #[derive(Clone, Copy)]
 pub(crate) struct PointColumns<'a> {
     /// Along x.
@@ -69,14 +69,14 @@ impl<'a> PointColumns<'a> {
 }
 
 /// The cell of each lane's point: entries of its 8 corners (bit 0 of the corner is +x, bit 1 +y, bit 2 +z)
-/// and fractions.
+/// and the fractional position.
 struct Cell<S: Lanes> {
     corners: [S::I; 8],
     frac: [S::F; 3],
 }
 
-/// Cell of one axis: the lower node, limited to the level, and the fraction to the next. `position = unit
-/// scale + 0.5`.
+/// The cell along one axis: the lower node, limited to the level, and the fraction to the next. `position =
+/// unit scale + 0.5`.
 #[inline(always)]
 fn axis_cell<S: Lanes>(s: S, level: LevelGeometry, unit: S::F) -> (S::I, S::F) {
     // NaN becomes 0 (see `Lanes::max`): every index below lies in the table. docs/method.md (12.1).
@@ -86,8 +86,8 @@ fn axis_cell<S: Lanes>(s: S, level: LevelGeometry, unit: S::F) -> (S::I, S::F) {
     (node, s.sub(position, s.float(node)))
 }
 
-/// Every corner is smaller than the level's number of entries: nodes are limited to the level, hashes to the
-/// table.
+/// Entry indices of the corners, all below the level's number of entries: nodes are limited to the level,
+/// hashes to the table.
 ///
 /// # Safety
 /// N floats are readable at every pointer.
@@ -109,7 +109,7 @@ unsafe fn cell_corners<S: Lanes>(
         let mask = s.splat_int((level.entries - 1) as i32);
         let hy = s.mul_int(iy, s.splat_int(HASH_Y));
         let hz = s.mul_int(iz, s.splat_int(HASH_Z));
-        // docs/method.md (12.2). The upper node's hash is one multiplier more, without a second product.
+        // docs/method.md (12.2). The upper node's hash adds one multiplier, which saves a product.
         let xs = [ix, s.add_int(ix, one)];
         let ys = [hy, s.add_int(hy, s.splat_int(HASH_Y))];
         let zs = [hz, s.add_int(hz, s.splat_int(HASH_Z))];
@@ -141,7 +141,7 @@ fn corner_weights<S: Lanes>(s: S, [fx, fy, fz]: [S::F; 3]) -> [S::F; 8] {
 /// Features of the level at every point: trilinear interpolation of the 8 corners, docs/method.md (12.1).
 ///
 /// # Panics
-/// If a length does not fit.
+/// If the lengths do not match.
 #[inline(always)]
 pub(super) fn encode<S: Lanes>(
     s: S,
@@ -177,8 +177,8 @@ pub(super) fn encode<S: Lanes>(
     }
 }
 
-/// Features of a level at points and their derivatives by the unit coordinates: `[value, d/dx, d/dy, d/dz]`
-/// of the first and of the second feature, each of the points' length.
+/// Features of a level at points, with their derivatives by the unit coordinates: `[value, d/dx, d/dy, d/dz]`
+/// for each of the two features, one value per point.
 pub(crate) struct LevelJacobian<'a> {
     /// First feature.
     pub first: [&'a mut [f32]; 4],
@@ -189,7 +189,7 @@ pub(crate) struct LevelJacobian<'a> {
 /// Features and exact derivatives of the trilinear interpolant.
 ///
 /// # Panics
-/// If a length does not fit.
+/// If the lengths do not match.
 #[inline(always)]
 pub(super) fn encode_jacobian<S: Lanes>(
     s: S,
@@ -232,16 +232,15 @@ fn trilinear<S: Lanes>(s: S, scale: f32, [fx, fy, fz]: [S::F; 3], v: [S::F; 8]) 
     let y1 = lerp(x[2], x[3], fy);
     let gx = lerp(lerp(dx[0], dx[1], fy), lerp(dx[2], dx[3], fy), fz);
     let gy = lerp(s.sub(x[1], x[0]), s.sub(x[3], x[2]), fz);
-    // A unit coordinate has `scale` spacings.
+    // A unit coordinate spans `scale` cells.
     let k = s.splat(scale);
     [lerp(y0, y1, fz), s.mul(gx, k), s.mul(gy, k), s.mul(s.sub(y1, y0), k)]
 }
 
-/// Adds `d loss / d table` of the level, given `d loss / d feature` of every point, in the order of the
-/// points.
+/// Adds `d loss / d table` of the level, given `d loss / d feature` of every point, in order of the points.
 ///
 /// # Panics
-/// If a length does not fit.
+/// If the lengths do not match.
 #[inline(always)]
 pub(super) fn scatter<S: Lanes>(
     s: S,
@@ -268,13 +267,13 @@ pub(super) fn scatter<S: Lanes>(
             );
             let weights = corner_weights(s, cell.frac);
             for c in 0..8 {
-                // Lanes may meet at one entry: they are added one by one, in the order of the points.
+                // Lanes may share an entry, so they are added one by one, in order of the points.
                 s.store_int(index[c].as_mut_ptr(), cell.corners[c]);
                 s.store(weight[c].as_mut_ptr(), weights[c]);
             }
             for p in 0..S::N {
                 let pair = (first[i + p], second[i + p]);
-                // Padding, and samples without a slope of their loss.
+                // Padding, or samples with zero gradient.
                 if pair.0 == 0.0 && pair.1 == 0.0 {
                     continue;
                 }

@@ -1,6 +1,6 @@
-//! The operations of the kernels.
+//! The vector operations used by the kernels.
 
-/// Columns come in multiples of this, whatever the instruction set: every set sees the same layout.
+/// Columns come in multiples of this on every instruction set, so that the layout is the same.
 pub(crate) const COLUMN_ALIGN: usize = 16;
 
 /// A vector of `N` single floats and one of `N` 32-bit integers of an instruction set. The value itself is a
@@ -10,9 +10,9 @@ pub(crate) trait Lanes: Copy {
     type F: Copy;
     /// Integers.
     type I: Copy;
-    /// Lanes; divides [`COLUMN_ALIGN`].
+    /// Number of lanes; it divides [`COLUMN_ALIGN`].
     const N: usize;
-    /// Vectors along the columns of a matrix tile.
+    /// Number of vectors along the columns of a matrix tile.
     const TILE: usize;
 
     /// Loads `N` floats.

@@ -1,13 +1,13 @@
-//! Matrix products of a small dense layer with many columns (one column a point).
+//! Matrix products of a small dense layer with many columns, one per point.
 
 use super::lanes::{COLUMN_ALIGN, Lanes};
 
-/// A matrix of `rows` rows, `stride` floats apart; a kernel reads the first columns of every row.
+/// A matrix of `rows` rows, `stride` floats apart; kernels read the first columns of each row.
 #[derive(Clone, Copy)]
 pub(crate) struct Columns<'a> {
     /// Starts at the first column of the first row.
     pub data: &'a [f32],
-    /// Floats from one row to the next.
+    /// Distance between rows, floats.
     pub stride: usize,
     /// Number of rows.
     pub rows: usize,
@@ -24,7 +24,7 @@ impl Columns<'_> {
     }
 }
 
-/// The last operation on a product before it is stored.
+/// The last operation on a product before storing.
 #[derive(Clone, Copy)]
 pub(crate) enum Epilogue<'a> {
     /// Nothing.
@@ -36,7 +36,7 @@ pub(crate) enum Epilogue<'a> {
     Mask(&'a [f32]),
 }
 
-/// Rows of outputs of a register tile.
+/// Rows of outputs in a register tile.
 const ROWS: usize = 4;
 
 /// Store step: none, ReLU or mask.
@@ -49,7 +49,7 @@ const MASK: u8 = 2;
 /// of 16.
 ///
 /// # Panics
-/// If a length does not fit.
+/// If the lengths do not match.
 #[inline(always)]
 pub(super) fn forward<S: Lanes>(
     s: S,
@@ -133,7 +133,7 @@ unsafe fn multiply_panels<S: Lanes, const E: u8>(
 /// All outputs of `C` vectors of columns.
 ///
 /// # Safety
-/// As [`panels`], and `col + C N <= cols`.
+/// As [`multiply_panels`], and `col + C N <= cols`.
 #[inline(always)]
 #[expect(clippy::too_many_arguments, reason = "pointers of one product")]
 unsafe fn multiply_panel<S: Lanes, const E: u8, const C: usize>(
@@ -157,7 +157,7 @@ unsafe fn multiply_panel<S: Lanes, const E: u8, const C: usize>(
                     *row = [s.splat(*b.add(o + r)); C];
                 }
             }
-            // The sums stay in registers over all inputs; a vector of `x` serves four outputs.
+            // The sums stay in registers over all inputs; each vector of `x` is used for four outputs.
             let rows: [*const f32; ROWS] = std::array::from_fn(|r| w.add((o + r) * inputs));
             for k in 0..inputs {
                 let at = x.add(k * stride + col);
@@ -190,7 +190,7 @@ unsafe fn multiply_panel<S: Lanes, const E: u8, const C: usize>(
 /// of 16.
 ///
 /// # Panics
-/// If a length does not fit.
+/// If the lengths do not match.
 #[inline(always)]
 pub(super) fn weight_gradient<S: Lanes>(
     s: S,
@@ -210,7 +210,7 @@ pub(super) fn weight_gradient<S: Lanes>(
         // SAFETY: rows `o..o + 4` of `dy` and `k..k + K` of `x` exist, each with `cols` columns (checked
         // above).
         unsafe {
-            // Four inputs at a time share the reads of `dy`.
+            // Four inputs at a time share the loads of `dy`.
             while k + 4 <= x.rows {
                 gradient_tile::<S, 4>(s, dy, x, cols, o, k, d_weights);
                 k += 4;

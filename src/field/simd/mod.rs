@@ -1,9 +1,9 @@
-//! Vector kernels of the field networks, chosen at run time: AVX-512, AVX2 with FMA, or portable code (NEON
-//! on aarch64 by the compiler).
+//! Vector kernels of the field networks, selected at run time: AVX-512, AVX2 with FMA, or portable code (NEON
+//! on aarch64, by the compiler).
 //!
-//! Every kernel is written once, generic over [`Lanes`], and compiled once for every instruction set. This
-//! folder holds most `unsafe` code of the crate's numeric layers: kernels check the lengths of their slices
-//! once and then work on pointers.
+//! Every kernel is written once, generic over [`Lanes`], and compiled for each instruction set. This folder
+//! holds most of the crate's `unsafe` code: kernels check the lengths of their slices once and then work on
+//! pointers.
 
 mod adam;
 #[cfg(target_arch = "x86_64")]
@@ -25,7 +25,7 @@ pub(super) use matmul::{Columns, Epilogue};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InstructionSet(Kind);
 
-/// Only made after detection: holding `InstructionSet(Kind::Avx512)` proves its presence.
+/// Constructed only after detection: `InstructionSet(Kind::Avx512)` proves that the processor has it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     #[cfg(target_arch = "x86_64")]
@@ -36,13 +36,13 @@ enum Kind {
 }
 
 impl InstructionSet {
-    /// The fastest set of this processor.
+    /// The fastest instruction set of this processor.
     #[must_use]
     pub fn detect() -> Self {
         Self::available_sets()[0]
     }
 
-    /// All sets of this processor, fastest first; never empty.
+    /// All instruction sets of this processor, fastest first; never empty.
     #[must_use]
     pub fn available_sets() -> Vec<Self> {
         let mut sets = Vec::new();
@@ -61,7 +61,7 @@ impl InstructionSet {
         sets
     }
 
-    /// Name for reports.
+    /// Name of the instruction set for reports.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self.0 {
@@ -85,20 +85,20 @@ macro_rules! dispatch {
                     Kind::Avx512 => {
                         #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
                         fn run($($arg: $ty),*) {
-                            // SAFETY: this function has the features of the token.
+                            // SAFETY: this function is compiled with the features of the token.
                             $kernel(unsafe { avx512::Avx512::assume() }, $($arg),*);
                         }
-                        // SAFETY: `Kind::Avx512` is only made after these features were detected.
+                        // SAFETY: `Kind::Avx512` exists only once these features were detected.
                         unsafe { run($($arg),*) }
                     }
                     #[cfg(target_arch = "x86_64")]
                     Kind::Avx2 => {
                         #[target_feature(enable = "avx2,fma")]
                         fn run($($arg: $ty),*) {
-                            // SAFETY: this function has the features of the token.
+                            // SAFETY: this function is compiled with the features of the token.
                             $kernel(unsafe { avx2::Avx2::assume() }, $($arg),*);
                         }
-                        // SAFETY: `Kind::Avx2` is only made after these features were detected.
+                        // SAFETY: `Kind::Avx2` exists only once these features were detected.
                         unsafe { run($($arg),*) }
                     }
                     Kind::Portable => $kernel(portable::Portable, $($arg),*),

@@ -1,17 +1,17 @@
-//! Four lanes in plain Rust; the compiler makes SSE2 or NEON of it.
+//! Four lanes in plain Rust; the compiler turns them into SSE2 or NEON.
 
 use std::array::from_fn;
 
 use super::lanes::Lanes;
 
-/// Token: nothing needed.
+/// Token: no features needed.
 #[derive(Clone, Copy)]
 pub(super) struct Portable;
 
-/// `a * b + c`: fused where the baseline has it.
+/// `a * b + c`, fused where the baseline has the instruction.
 #[inline(always)]
 fn fused_multiply_add(a: f32, b: f32, c: f32) -> f32 {
-    // Without the instruction a fused product would be a call of the math library.
+    // Without the instruction, a fused product would call the math library.
     if cfg!(target_arch = "aarch64") { a.mul_add(b, c) } else { a * b + c }
 }
 

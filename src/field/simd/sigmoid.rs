@@ -25,7 +25,7 @@ pub(super) fn sigmoid<S: Lanes>(s: S, values: &mut [f32]) {
 /// 2e-8).
 #[inline(always)]
 fn exp_lanes<S: Lanes>(s: S, x: S::F) -> S::F {
-    // Beyond, the result is 0 or 1 to single precision, and exp would overflow at 88.
+    // Beyond this range the result is 0 or 1 in single precision; exp would overflow at 88.
     let x = s.max(s.min(x, s.splat(80.0)), s.splat(-80.0));
     let t = s.mul(x, s.splat(std::f32::consts::LOG2_E));
     // Rounds half away from zero: adds a half with the sign of t before truncation.

@@ -5,7 +5,7 @@ use crate::{keyframes::Verdict, view::Pixels};
 use io::BagWriteError;
 
 impl Collector {
-    /// Keeps a new view. A tracked one is decoded, and written without transforms.
+    /// Keeps a view if it is new. Tracked views are decoded and written without transforms.
     pub(super) fn keep_if_new(
         &mut self,
         view: View,
@@ -14,7 +14,7 @@ impl Collector {
         tracked: Option<Pixels>,
     ) -> Result<Option<Seen>, BagWriteError> {
         let Some(info) = self.infos[0].clone() else { return Ok(None) };
-        // By the pose alone, before anything is decoded: most views show nothing new.
+        // By the pose alone, before decoding, since most views show nothing new.
         let verdict = match self.phase {
             Phase::Collecting(state) => self.keyframes[state].verdict_on(
                 view.stamp_nanos,
@@ -54,7 +54,7 @@ impl Collector {
         if let (true, Phase::Collecting(state)) = (keep, self.phase) {
             self.keyframes[state].keep_view(view.stamp_nanos, view.world_from_camera);
             self.tracking.kept = Some(is_tracked);
-            // Now, as LiveTf forgets after some seconds and the view may be held longer.
+            // Stored now, as transforms are dropped after some seconds and the view may be held longer.
             let frame = view.images[0].as_ref().and_then(|p| p.header().checked()).filter(|_| !is_tracked);
             let around = frame.map_or_else(Vec::new, |(stamp, frame)| self.tf.samples_around(&frame, stamp));
             self.held.push_back(Held { view, around, now_nanos });

@@ -1,15 +1,15 @@
-//! A collector's data about tracked views.
+//! The collector's state for tracked views.
 
 use crate::live_tracking::ToTrack;
 
-/// The map of tracked views, and those on the way to it.
+/// The map of tracked views and the views to be tracked.
 #[derive(Default)]
 pub(super) struct TrackedMap {
     /// Number of the map.
     pub map: u64,
-    /// Whether views are tracked.
+    /// Whether views are being tracked.
     pub is_on: bool,
-    /// Whether the views kept of this state are; `None` without any.
+    /// Whether the kept views of this state are tracked ones; `None` without any.
     pub kept: Option<bool>,
     /// Views to be tracked.
     pub to_track: Vec<ToTrack>,

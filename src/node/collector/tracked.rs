@@ -1,7 +1,7 @@
 //! Views without a camera pose: before tracking, and after it.
 //!
-//! They are written without a pose: the pipeline tracks them as those of any bag, with all views at hand, and
-//! brings the states together. A pose of now knows less, and would be a second way in.
+//! They are recorded without a pose: the pipeline tracks them as in any bag, with all views available, and
+//! aligns the states. A live pose is less accurate and would be a second way to get one.
 
 use super::{Collector, Held, Phase, Seen, View};
 use crate::{
@@ -16,37 +16,38 @@ use io::{
     ros2msg::{Header, Time, Transform, TransformStamped},
 };
 
-/// A view waits so long for a transform of its camera before it is tracked, nanoseconds.
-/// derived: publishers of transforms send ten times a second and more
+/// Time a view waits for a transform of its camera before it is tracked, nanoseconds.
+/// derived: publishers of transforms send at least ten times a second
 const WAIT_NANOS: i64 = 500_000_000;
-/// The frame of the twin: the pipeline tracks it anew, so it is not the frame of the published map.
+/// Frames for the twin: it differs from that of the published map, since the pipeline tracks anew.
 const TWIN_FRAMES: [&str; 2] = ["world", "twin_world"];
 
 impl Collector {
-    /// Number of the views' map.
+    /// Number of the current map.
     #[must_use]
     pub(crate) fn map_number(&self) -> u64 {
         self.tracking.map
     }
 
-    /// Number of the map, where the kept views of this state are tracked; `None`: their poses were given.
+    /// Number of the current map if the kept views of this state are tracked; `None` if their poses were
+    /// given.
     #[must_use]
     pub(crate) fn tracked_map(&self) -> Option<u64> {
         (self.tracking.kept == Some(true)).then_some(self.tracking.map)
     }
 
-    /// Begins another map: earlier views say nothing any more.
+    /// Starts another map; earlier views no longer count.
     pub(crate) fn begin_map(&mut self) {
         self.tracking.map += 1;
         self.tracking.to_track.clear();
     }
 
-    /// Views to track; they are given once.
+    /// Removes and returns the views to be tracked.
     pub(crate) fn take_to_track(&mut self) -> Vec<ToTrack> {
         std::mem::take(&mut self.tracking.to_track)
     }
 
-    /// Frame of the twin, where it is not the one of the recorded poses.
+    /// Frame of the twin, if it differs from that of the recorded poses.
     #[must_use]
     pub(crate) fn twin_frame(&self) -> Option<&'static str> {
         let root = self.optical_frame().map(|optical| self.tf.root_of_frame(&optical));
@@ -54,16 +55,16 @@ impl Collector {
         free.filter(|_| self.tracking.is_on)
     }
 
-    /// Whether a set gets its pose by tracking; then it is taken.
+    /// Whether a set is to be tracked; if so, it is taken over.
     pub(super) fn is_to_track(&mut self, set: &Matched<Picture>, optical: &str) -> bool {
         let is_posed = self.tf.moving_root(optical).is_some();
         let late = set.stamp_nanos.saturating_add(WAIT_NANOS) <= self.newest_nanos;
         let on = match (self.settings.tracking, self.tracking.kept) {
             (TrackCamera::Never, _) => false,
             (TrackCamera::Always, _) => true,
-            // A named frame or topic of poses goes first.
+            // A given frame or topic of poses has priority.
             (TrackCamera::Auto, _) if self.settings.poses_asked => false,
-            // A state is of one kind: the pipeline tracks all of its views or none.
+            // A state is of one kind: the pipeline tracks all or none of its views.
             (TrackCamera::Auto, Some(tracked)) => tracked,
             (TrackCamera::Auto, None) => !is_posed && (self.tracking.is_on || late),
         };
@@ -80,10 +81,10 @@ impl Collector {
         });
     }
 
-    /// Takes a tracked view; returns it, with the transform to publish, where it has a place.
+    /// Handles a tracked view; returns it with the transform to publish, if it has a pose.
     ///
     /// # Errors
-    /// If the disk refuses; then the state is not collected any further.
+    /// If writing fails; the state is then no longer collected.
     pub(crate) fn accept_tracked(
         &mut self,
         tracked: Tracked,
@@ -94,7 +95,7 @@ impl Collector {
         }
         let pixels = match tracked.outcome {
             Outcome::Placed(placed) => placed.0,
-            // It may connect to later views: the pipeline will know.
+            // Later views may connect to it, which the pipeline will find.
             Outcome::Lost(why) if !why.is_blind() => {
                 self.keep_unplaced(tracked.view.stamp_nanos, tracked.view.images, now_nanos)?;
                 return Ok(None);
@@ -113,10 +114,10 @@ impl Collector {
         Ok(seen.map(|seen| (seen, transform)))
     }
 
-    /// Records a view without a pose, where it may show something new.
+    /// Records a view without a pose if it may show something new.
     ///
     /// # Errors
-    /// If the disk refuses; then the state is not collected any further.
+    /// If writing fails; the state is then no longer collected.
     pub(crate) fn keep_unplaced(
         &mut self,
         stamp_nanos: i64,
@@ -124,8 +125,8 @@ impl Collector {
         now_nanos: i64,
     ) -> Result<(), BagWriteError> {
         let Phase::Collecting(state) = self.phase else { return Ok(()) };
-        // With automatic states views are held back while the object may move: one without a pose cannot be
-        // watched.
+        // Automatic states hold views back in case the object moves, which cannot be checked for a view
+        // without a pose.
         if self.settings.hold > 0 || !self.keyframes[state].keep_unplaced(stamp_nanos, &self.settings.rule) {
             return Ok(());
         }
@@ -137,14 +138,14 @@ impl Collector {
         self.unless_failed(written)
     }
 
-    /// From the map to the top of the camera's own frames, none of them gets a second parent.
+    /// Transform from the map to the root of the camera's own frames, so that no frame gets a second parent.
     fn camera_transform(&mut self, view: &View) -> Option<TransformStamped> {
         let map = &self.settings.map_frame;
         let (_, optical) = view.images[0].as_ref()?.header().checked()?;
         let root = self.tf.root_of_frame(&optical);
         let optical_from_root = match root == optical {
             true => Pose::identity(),
-            // The transform of a moving frame may not be there yet: then this view is not published.
+            // If the transform of a moving frame is not known yet, this view is not published.
             false => self.tf.lookup(&optical, &root, view.stamp_nanos, self.settings.max_gap_nanos).ok()?,
         };
         if root == *map {

@@ -1,8 +1,8 @@
-//! Colors between pixels.
+//! Interpolation of colors between pixels.
 
 use nalgebra::Vector3;
 
-/// The color of a row-major image at a place `[u, v]`; the border repeats.
+/// Bilinear color of a row-major image at a position `[u, v]`; the border is repeated.
 pub(super) fn bilinear_color(colors: &[Vector3<f64>], width: usize, [u, v]: [f64; 2]) -> Vector3<f64> {
     let height = colors.len() / width;
     let u = u.clamp(0.0, (width - 1) as f64);

@@ -1,4 +1,4 @@
-//! One camera of the model and its effects on a recording.
+//! A handheld camera and its effects on a recording.
 
 use nalgebra::{Point3, Vector3};
 use rand_pcg::Pcg64Mcg;
@@ -12,41 +12,41 @@ use crate::{BoundingSphere, DepthErrors, Light, Scene, Solid, View};
 use geometry::{Intrinsics, Pose};
 use numeric::random::stage_rng;
 
-/// A camera drawn by a seed: its constant errors, for all of its recordings.
+/// A random camera with its systematic errors, the same in all of its recordings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HandheldCamera {
-    /// Its seed.
+    /// Effects and their level.
     pub sensor: HandheldSensor,
     /// Relative error of its depth.
     pub depth_scale: f64,
-    /// Relative error of its depth at every pixel beside, row-major; empty for none.
+    /// Further relative depth error of each pixel, row-major; empty for none.
     pub depth_warp: Vec<f64>,
-    /// By how much its color lies off its depth, pixels.
+    /// Offset of color against depth, pixels.
     pub color_shift_px: [f64; 2],
-    /// By how much its reported poses are older than its images, seconds.
+    /// Delay of the reported poses against the images, seconds.
     pub lag_s: f64,
     seed: u64,
 }
 
-/// Effects of one take.
+/// Pose errors of one take.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TakePoses {
-    /// From the true world to the take's.
+    /// From the true world to the world of the take.
     pub relocalization: Pose,
-    /// By how much odometry is off at each view: reported from true world.
+    /// Drift of odometry at each view: from the true to the reported world.
     pub drift: Vec<Pose>,
-    /// Error of each reported pose beside, in the camera's frame.
+    /// Further independent error of each reported pose, in the camera's frame.
     pub jitter: Vec<Pose>,
 }
 
 impl HandheldCamera {
-    /// Draws a camera. Every effect draws from a stream of its own: switches and level leave the draws of the
-    /// others as they are.
+    /// A random camera. Every effect draws from its own stream, so that switching one or changing the level
+    /// does not change the others.
     #[must_use]
     pub fn drawn(sensor: HandheldSensor, k: &Intrinsics, seed: u64) -> Self {
         let rng = |effect| effect_stream(seed, "camera", effect, 0);
         let mut warp = Vec::new();
-        // Without the effect no field is made: one of zeros would cost as much.
+        // Skipped without the effect, since a field of zeros would cost as much.
         let warp_level = sensor.level_of(Effect::DepthWarp);
         if warp_level > 0.0 {
             warp = depth_warp::warp_field(warp_level, k.width, k.height, &mut rng(Effect::DepthWarp));
@@ -76,7 +76,7 @@ impl HandheldCamera {
         effect_stream(self.seed, &format!("take{take}"), effect, step)
     }
 
-    /// Things on the floor around the box of an object, in all takes.
+    /// Objects on the floor around the box of an object, the same in all takes.
     #[must_use]
     pub fn clutter_solids(&self, room: &[Point3<f64>; 2], floor_z_m: f64) -> Vec<Solid> {
         if !self.sensor.has(Effect::Clutter) {
@@ -85,7 +85,7 @@ impl HandheldCamera {
         clutter::drawn_things(room, floor_z_m, &mut effect_stream(self.seed, "room", Effect::Clutter, 0))
     }
 
-    /// The hand before an object in a view of a take; nothing in most.
+    /// The hand in front of the object in a view; empty in most views.
     #[must_use]
     pub fn hand_solids(
         &self,
@@ -104,7 +104,7 @@ impl HandheldCamera {
         )
     }
 
-    /// The light of a view of a take on the object of a sphere, where the lamp of take 0 is `lamp`.
+    /// The illumination of a view, for an object with a bounding sphere; `lamp` is the direction in take 0.
     #[must_use]
     pub fn light_of_view(
         &self,
@@ -123,7 +123,7 @@ impl HandheldCamera {
         if !self.has_bulbs() {
             return light;
         }
-        // Depth is lost where a bulb is mirrored, whether or not the color shows it.
+        // Reflections of bulbs lose depth even if the color does not show them.
         let rng = &mut self.effect_rng(take, Effect::Highlights, i);
         light.bulbs = highlights::drawn_bulb(scene, world_from_camera, sphere, rng).into_iter().collect();
         light.shine = highlights::bulb_brightness(self.effect_level(Effect::Highlights));
@@ -134,7 +134,7 @@ impl HandheldCamera {
         [Effect::Highlights, Effect::DepthLoss].iter().any(|e| self.effect_level(*e) > 0.0)
     }
 
-    /// Errors of the poses of a take's cameras.
+    /// Errors of the poses of a take with true poses `cameras`.
     #[must_use]
     pub fn pose_errors(&self, take: usize, cameras: &[Pose]) -> TakePoses {
         let world = relocalization::drawn_relocalization(
@@ -146,7 +146,7 @@ impl HandheldCamera {
             .map(|i| pose_jitter::drawn_jitter(level, &mut self.effect_rng(take, Effect::PoseJitter, i)))
             .collect();
         TakePoses {
-            // Take 0 gives the world; the others are off from it.
+            // Take 0 defines the world; the others are displaced from it.
             relocalization: if take == 0 { Pose::identity() } else { world },
             drift: pose_drift::drift_walk(
                 self.effect_level(Effect::PoseDrift),
@@ -157,7 +157,7 @@ impl HandheldCamera {
         }
     }
 
-    /// Errors of the depth of a view.
+    /// Depth errors of a view.
     #[must_use]
     pub fn depth_errors(&self, take: usize, i: usize, view: &View, k: &Intrinsics) -> DepthErrors {
         let at = |effect: Effect| (self.effect_level(effect), self.effect_rng(take, effect, i));
@@ -182,7 +182,7 @@ impl HandheldCamera {
         errors
     }
 
-    /// Factor on linear red, green and blue of a view.
+    /// Factor on linear red, green and blue for a view.
     #[must_use]
     pub fn color_gain(&self, take: usize, i: usize) -> Vector3<f64> {
         exposure::drawn_gain(
@@ -191,7 +191,7 @@ impl HandheldCamera {
         )
     }
 
-    /// Linear colors of a view as they reach the imager; `velocity` is the camera's in its optical frame.
+    /// Linear colors of a view at the imager; `velocity` is the camera's in its optical frame.
     #[must_use]
     pub fn colors_of_view(
         &self,
@@ -201,7 +201,7 @@ impl HandheldCamera {
         k: &Intrinsics,
         velocity: &[Vector3<f64>; 2],
     ) -> Vec<Vector3<f64>> {
-        // On linear color: blur and gain act on light, before it is encoded.
+        // On linear color, as blur and gain act on light before encoding.
         let mut colors = view.color.clone();
         if self.effect_level(Effect::MotionBlur) > 0.0 {
             colors = motion_blur::blurred_colors(
@@ -225,7 +225,7 @@ impl HandheldCamera {
 }
 
 fn effect_stream(seed: u64, of: &str, effect: Effect, step: usize) -> Pcg64Mcg {
-    // By name: a new effect leaves the draws of the others as they are.
+    // Streams are named by effect, so that a new effect does not change the others.
     stage_rng(seed, &format!("synth/sensor/{of}/{}", effect.name()), step as u64)
 }
 

@@ -1,4 +1,4 @@
-//! Things around the object: boxes and cans on the floor, the same in every state, some of them dark.
+//! Clutter: boxes and cans on the floor around the object, the same in every state; some are dark.
 
 use std::f64::consts::TAU;
 
@@ -9,18 +9,18 @@ use crate::{Material, Solid};
 use geometry::Pose;
 use numeric::random;
 
-/// How many.
+/// Number of things.
 const THINGS: usize = 5;
-/// Smallest and largest half side, in radii: of the object's box, half its diagonal. The highest stays below
-/// the camera's way. chosen: usual things about an object
+/// Range of half sides, relative to half the diagonal of the object's box; the highest stay below the camera
+/// path. chosen: usual things around an object
 const HALF_RADII: [f64; 2] = [0.08, 0.2];
-/// Smallest and largest gap to that box, in radii. chosen: near enough to be seen with it
+/// Range of the gap to that box, in the same unit. chosen: near enough to be seen with it
 const GAP_RADII: [f64; 2] = [0.05, 0.6];
-/// Share of dark things, and the reflectance of one. chosen: most, as these cost depth
+/// Share of dark things, and their reflectance. chosen: most, as these cost depth
 const DARK_SHARE: f64 = 0.6;
 const DARK: f64 = 0.03;
 
-/// Things on the floor around a box.
+/// Random things on the floor around a box.
 pub(super) fn drawn_things(room: &[Point3<f64>; 2], floor_z_m: f64, rng: &mut impl Rng) -> Vec<Solid> {
     let [lower, upper] = room;
     let center = nalgebra::center(lower, upper);
@@ -29,7 +29,7 @@ pub(super) fn drawn_things(room: &[Point3<f64>; 2], floor_z_m: f64, rng: &mut im
     let mut things = Vec::with_capacity(THINGS);
     for k in 0..THINGS {
         let half = Vector3::from_fn(|_, _| radius_m * random::uniform_in(rng, HALF_RADII[0], HALF_RADII[1]));
-        // One thing a sector: they do not stand in each other.
+        // One thing per sector, so that none overlap.
         let azimuth = TAU * (k as f64 + random::uniform_in(rng, 0.1, 0.9)) / THINGS as f64;
         let gap_m = radius_m * random::uniform_in(rng, GAP_RADII[0], GAP_RADII[1]);
         let yaw = random::uniform_in(rng, 0.0, TAU);
@@ -38,7 +38,7 @@ pub(super) fn drawn_things(room: &[Point3<f64>; 2], floor_z_m: f64, rng: &mut im
         let hue = Vector3::from_fn(|_, _| random::uniform_in(rng, 0.5, 1.0));
         let is_can = random::is_chosen(rng, 0.4);
         let seed = random::index_below(rng, 1 << 30) as u32;
-        // From the box's border outward by the gap and the thing's own reach, whatever its yaw.
+        // From the box's border outward by the gap plus the thing's extent at any yaw.
         let out = Vector3::new(azimuth.cos(), azimuth.sin(), 0.0);
         let border_m = (half_m.x / out.x.abs()).min(half_m.y / out.y.abs());
         let at = center.coords + out * border_m + out.map(f64::signum) * (half.xy().norm() + gap_m);

@@ -1,4 +1,4 @@
-//! Color shifted against depth: the pose between the two imagers differs from the calibration.
+//! Shift of color against depth: the pose between the imagers differs from the calibration.
 
 use std::f64::consts::TAU;
 
@@ -8,17 +8,17 @@ use rand_core::Rng;
 use super::bilinear::bilinear_color;
 use numeric::random;
 
-/// Length of the shift, as a share of the image's width (1.5 of 640 pixels), in a direction of its own for
-/// each camera. chosen: of the order left by calibrations
+/// Length of the shift, share of the image width (1.5 of 640 pixels); its direction is random for each
+/// camera. chosen: of the order that calibrations leave
 const SHIFT_SHARE: f64 = 1.5 / 640.0;
 
-/// By how much the color of one camera lies off, pixels along u and v.
+/// Color shift of a camera along u and v, pixels.
 pub(super) fn drawn_shift_px(level: f64, width: usize, rng: &mut impl Rng) -> [f64; 2] {
     let (sin, cos) = random::uniform_in(rng, 0.0, TAU).sin_cos();
     [cos, sin].map(|part| level * SHIFT_SHARE * width as f64 * part)
 }
 
-/// Colors moved by a number of pixels; the border repeats.
+/// Colors shifted by a number of pixels; the border is repeated.
 pub(super) fn shifted_colors(colors: &[Vector3<f64>], width: usize, by_px: [f64; 2]) -> Vec<Vector3<f64>> {
     let places = (0..colors.len()).map(|i| [(i % width) as f64 - by_px[0], (i / width) as f64 - by_px[1]]);
     places.map(|place| bilinear_color(colors, width, place)).collect()

@@ -1,36 +1,36 @@
-//! Surfaces without depth: dark ones send too little of the projected pattern back, glossy ones mirror lamps,
-//! grazing ones squeeze the pattern.
+//! Surfaces without depth: dark ones reflect too little of the projected pattern, glossy ones mirror lamps,
+//! and grazing ones compress the pattern.
 //!
-//! Nguyen, Izadi and Lovell 2012 measured a structured-light camera up to 60 degrees, where its noise had
-//! begun to grow steeply. No source gives shares for a stereo camera; those of glossy and grazing surfaces
-//! are assumed.
+//! Nguyen, Izadi and Lovell 2012 measured a structured-light camera up to 60 degrees, where its noise started
+//! to grow steeply. No source gives shares for stereo cameras; those of glossy and grazing surfaces are
+//! assumptions.
 
 use rand_core::Rng;
 
 use crate::View;
 use numeric::random;
 
-/// Largest reflectance of a dark surface. chosen: black plastic
+/// Largest reflectance of a surface that counts as dark. chosen: black plastic
 const DARK: f64 = 0.1;
-/// Share of the pixels of a dark surface without a reading. chosen: more than half
+/// Share of readings lost on a dark surface. chosen: more than half
 const DARK_SHARE: f64 = 0.6;
-/// Share of the pixels without a reading where a bulb is mirrored exactly. chosen: nearly all
+/// Share of readings lost where a bulb is mirrored exactly. chosen: nearly all
 const GLOSSY_SHARE: f64 = 0.8;
-/// Cosine between ray and normal of the first lost readings: 75 degrees.
+/// Cosine between ray and normal at which losses begin: 75 degrees.
 /// chosen: where stereo begins to fail
 const GRAZING_COSINE: f64 = 0.26;
-/// Share of the pixels without a reading at 90 degrees, beyond the camera's own losses.
+/// Share of readings lost at 90 degrees, beyond the camera's own losses.
 /// chosen: nearly all
 const GRAZING_SHARE: f64 = 0.8;
 
-/// Pixels without a reading.
+/// By pixel, whether its reading is lost.
 pub(super) fn lost_pixels(level: f64, view: &View, rng: &mut impl Rng) -> Vec<bool> {
     let mut lost = Vec::with_capacity(view.depth_m.len());
     for i in 0..view.depth_m.len() {
         let dark = if view.reflectance[i] < DARK { DARK_SHARE } else { 0.0 };
         let glossy = GLOSSY_SHARE * view.gloss[i];
         let grazing = GRAZING_SHARE * (1.0 - view.cosine[i] / GRAZING_COSINE).max(0.0);
-        // Three draws for every pixel: neither view nor level shifts the draws of later ones.
+        // Three draws for every pixel, so that neither view nor level shifts later draws.
         let draws = [(); 3].map(|()| random::unit_uniform(rng));
         lost.push([dark, glossy, grazing].iter().zip(draws).any(|(share, draw)| draw < level * share));
     }

@@ -1,21 +1,21 @@
-//! Noise of disparity, common to neighboring pixels, since stereo matches windows.
+//! Correlated disparity noise: stereo matches windows, so neighboring pixels share errors.
 
 use rand_core::Rng;
 
 use crate::smooth::smoothed_noise;
 use numeric::random;
 
-/// One standard deviation, pixels: with the 0.073 pixels of the camera itself it makes the 0.08 of Intel's
-/// guide to tuning its D400 cameras for a good textured surface.
+/// Standard deviation, pixels: with the 0.073 pixels of the camera model it gives the 0.08 that Intel's guide
+/// to tuning D400 cameras names for a good textured surface.
 /// derived: the root of the difference of these squares
 const SIGMA_PX: f64 = 0.033;
-/// Distance of a correlation of 1/e, pixels. chosen: of the order of a matching window
+/// Distance at which the correlation is 1/e, pixels. chosen: of the order of a matching window
 const CORRELATION_PX: f64 = 3.0;
 
-/// Error of the disparity of every pixel of a frame, pixels.
+/// Disparity error of each pixel of a frame, pixels.
 pub(super) fn disparity_noise(level: f64, width: usize, height: usize, rng: &mut impl Rng) -> Vec<f64> {
     let white: Vec<f64> = (0..width * height).map(|_| random::standard_normal(rng)).collect();
-    // A Gaussian of deviation s correlates as exp(-d^2 / 4 s^2).
+    // A Gaussian of deviation s gives the correlation exp(-d^2 / 4 s^2).
     let mut noise = smoothed_noise(&white, width, height, 0.5 * CORRELATION_PX);
     noise.iter_mut().for_each(|n| *n *= level * SIGMA_PX);
     noise

@@ -1,14 +1,14 @@
-//! Depth off by a factor: focal length and baseline as the factory measured them.
+//! Scale error of depth, from the factory calibration of focal length and baseline.
 
 use rand_core::Rng;
 
 use numeric::random;
 
-/// One standard deviation of the factor's error over cameras; the data sheet of Intel's D400 family allows an
-/// error of 2 % at 2 m. chosen: a fifth of it
+/// Standard deviation of the scale error over cameras; the data sheet of Intel's D400 family allows 2 % at 2
+/// m. chosen: a fifth of it
 const SIGMA: f64 = 0.004;
 
-/// Relative error of the depth of one camera.
+/// Relative depth error of one camera.
 pub(super) fn drawn_scale_error(level: f64, rng: &mut impl Rng) -> f64 {
     level * SIGMA * random::standard_normal(rng)
 }

@@ -1,24 +1,24 @@
-//! Depth off by a smooth field fixed to the pixels: the rest of lens distortion and rectification after
+//! Smooth depth error fixed to the pixels: the remainder of lens distortion and rectification after
 //! calibration.
 //!
 //! Basso, Menegatti and Pretto 2018 and Teichman, Miller and Thrun 2013 estimate such fields for consumer
-//! depth cameras: multiplicative, smooth over the image and constant for a camera. Here the relative error is
-//! one field for all ranges; theirs changes with range.
+//! depth cameras: multiplicative, smooth over the image and constant for a camera. Here one field of relative
+//! errors holds for all ranges; theirs depends on range.
 
 use rand_core::Rng;
 
 use crate::smooth::smoothed_noise;
 use numeric::random;
 
-/// Root mean square over the pixels, of the range.
-/// chosen: of the order left by calibrations (docs/method.md 2.11)
+/// Root mean square over the pixels, share of the range.
+/// chosen: of the order that calibrations leave (docs/method.md 2.11)
 const RMS: f64 = 0.004;
-/// Distance of a correlation of 1/e, as a share of the image's width (90 of 640 pixels).
-/// chosen: as docs/method.md 2.11 expects it
+/// Distance at which the correlation is 1/e, share of the image width (90 of 640 pixels).
+/// chosen: as docs/method.md 2.11 expects
 const CORRELATION_SHARE: f64 = 90.0 / 640.0;
 
-/// Relative error of depth of every pixel of one camera, row-major. Its mean over the image is zero, since a
-/// camera's mean is its scale.
+/// Relative depth error of each pixel of a camera, row-major. Its mean is zero, since the mean belongs to the
+/// scale error.
 pub(super) fn warp_field(level: f64, width: usize, height: usize, rng: &mut impl Rng) -> Vec<f64> {
     let white: Vec<f64> = (0..width * height).map(|_| random::standard_normal(rng)).collect();
     // A Gaussian of deviation s gives the correlation exp(-d^2 / 4 s^2).

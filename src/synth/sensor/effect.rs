@@ -1,48 +1,48 @@
-//! The effects of a sensor, each a switch.
+//! The effects of a handheld sensor, which can be switched individually.
 
 use std::str::FromStr;
 
-/// A difference between a recording made by hand and a clean one.
+/// A difference between a handheld recording and one without errors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Effect {
-    /// Depth off by a factor.
+    /// Scale error of depth.
     DepthScale,
-    /// Depth off by a smooth field fixed to the pixels.
+    /// Smooth depth error fixed to the pixels.
     DepthWarp,
-    /// Noise of disparity, common to neighboring pixels.
+    /// Disparity noise, correlated between neighboring pixels.
     DepthNoise,
-    /// Readings between the surfaces on both sides of an edge.
+    /// Readings between the two surfaces at a depth edge.
     FlyingPixels,
-    /// No depth on dark, glossy and grazing surfaces.
+    /// Missing depth on dark, glossy and grazing surfaces.
     DepthLoss,
-    /// Color shifted against depth.
+    /// Shift of color against depth.
     ColorShift,
-    /// Poses behind the images.
+    /// Delay of poses against the images.
     PoseLag,
-    /// Poses with the drift of odometry.
+    /// Drift of odometry.
     PoseDrift,
-    /// An error of every pose by itself.
+    /// Independent error of every pose.
     PoseJitter,
-    /// The world of each state off state 0's.
+    /// Displacement of each state's world from state 0's.
     Relocalization,
-    /// Exposure and white balance by view.
+    /// Exposure and white balance that change between views.
     Exposure,
-    /// Corners darker than the middle.
+    /// Image corners darker than the center.
     Vignetting,
-    /// Another light in each state.
+    /// Different light in each state.
     Light,
-    /// Mirror images of bulbs in the object.
+    /// Reflections of bulbs on the object.
     Highlights,
-    /// Colors smeared by the motion of the camera.
+    /// Colors blurred by camera motion.
     MotionBlur,
-    /// Things around the object.
+    /// Clutter around the object.
     Clutter,
-    /// A hand before the object in some views.
+    /// A hand in front of the object in some views.
     Hand,
 }
 
 impl Effect {
-    /// All of them.
+    /// All effects.
     pub const ALL: [Self; 17] = [
         Self::DepthScale,
         Self::DepthWarp,
@@ -88,7 +88,7 @@ impl Effect {
     }
 }
 
-/// A text without an effect's name.
+/// A text that names no effect.
 #[derive(Debug, thiserror::Error)]
 #[error("no effect of a sensor has this name; give some of {}", Effect::ALL.map(Effect::name).join(", "))]
 pub struct ParseEffectError;

@@ -1,21 +1,21 @@
-//! Exposure and white balance by view, as automatic ones wander.
+//! Changes of exposure and white balance between views, as by automatic control.
 
 use nalgebra::Vector3;
 use rand_core::Rng;
 
 use numeric::random;
 
-/// One standard deviation of the logarithm of the exposure. derived: as in `surface::lighting`
+/// Standard deviation of the log exposure. derived: as in `surface::lighting`
 const EXPOSURE: f64 = 0.15;
-/// One standard deviation of the logarithm of the gain of red and of blue against green.
-/// chosen: seldom seen by eye
+/// Standard deviation of the log gain of red and blue relative to green.
+/// chosen: hardly visible
 const WHITE_BALANCE: f64 = 0.03;
 
-/// Factor on linear red, green and blue of a view.
+/// Factor on linear red, green and blue for a view.
 pub(super) fn drawn_gain(level: f64, rng: &mut impl Rng) -> Vector3<f64> {
     let [exposure, red, blue] =
         [EXPOSURE, WHITE_BALANCE, WHITE_BALANCE].map(|s| level * s * random::standard_normal(rng));
-    // Errors of the logarithm: a gain stays positive at any level.
+    // Errors are logarithmic, so that gains stay positive at any level.
     Vector3::new(exposure + red, exposure, exposure + blue).map(f64::exp)
 }
 

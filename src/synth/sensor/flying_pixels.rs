@@ -1,4 +1,4 @@
-//! Readings between the surfaces on both sides of an edge: their windows hold both.
+//! Flying pixels: readings between the two surfaces at a depth edge, whose matching windows contain both.
 
 use rand_core::Rng;
 
@@ -6,19 +6,19 @@ use crate::{View, edge::depth_step};
 use geometry::Intrinsics;
 use numeric::random;
 
-/// Share of the pixels on deep edges with a depth in between. chosen: a third
+/// Share of pixels at deep edges with a depth in between. chosen: a third
 const SHARE: f64 = 0.35;
-/// An edge is deep from here on, meters. chosen: less is no edge to a matching window
+/// Least depth step at a deep edge, meters. chosen: a matching window does not notice less
 const DEEP_M: f64 = 0.03;
-/// How far from either surface a reading in between stays at least, as a share of the step.
-/// chosen: nearer ones are no errors
+/// Least distance of a reading in between from either surface, share of the step.
+/// chosen: closer ones are no errors
 const MARGIN: f64 = 0.1;
 
-/// Depth of every pixel between two surfaces, meters.
+/// By pixel, depth between two surfaces, meters; `None` for an ordinary reading.
 pub(super) fn between_m(level: f64, view: &View, k: &Intrinsics, rng: &mut impl Rng) -> Vec<Option<f64>> {
     let mut between_m = Vec::with_capacity(k.width * k.height);
     for i in 0..k.width * k.height {
-        // Drawn for every pixel, on an edge or not: the view does not shift later draws.
+        // Drawn for every pixel, so that the view does not shift later draws.
         let [draw, share] = [random::unit_uniform(rng), random::uniform_in(rng, MARGIN, 1.0 - MARGIN)];
         let depth_m = view.depth_m[i];
         let step = depth_step(&view.depth_m, k, i);

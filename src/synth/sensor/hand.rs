@@ -1,4 +1,4 @@
-//! A hand before the object in some views: fingers, palm and forearm.
+//! A hand in front of the object in some views: fingers, palm and forearm.
 
 use std::f64::consts::PI;
 
@@ -9,17 +9,17 @@ use crate::{Material, Solid};
 use geometry::Pose;
 use numeric::random;
 
-/// Share of the views with a hand. chosen: seldom
+/// Share of the views with a hand. chosen: few
 const SHARE: f64 = 0.1;
-/// Depth of the finger tips, as shares of the distance to the object's center: before the object.
-/// chosen: well before the object
+/// Range of the finger tips' depth, share of the distance to the object's center.
+/// chosen: well in front of the object
 const DEPTH_SHARE: [f64; 2] = [0.5, 0.7];
-/// How far from the object's center the finger tips are seen, in its radii as seen from the camera.
+/// Range of the finger tips' offset from the object's center in the image, share of its radius.
 /// chosen: from the middle to the rim
 const ASIDE_SHARE: [f64; 2] = [0.3, 0.9];
-/// How much the arm comes towards the camera on its way from the fingers. chosen: 20 degrees
+/// Slope of the arm towards the camera, from the fingers on. chosen: 20 degrees
 const TOWARDS: f64 = 0.35;
-/// Measures of a hand, meters: about those of an adult. chosen: usual ones
+/// Dimensions of a hand, meters, about those of an adult. chosen: usual ones
 const FINGER_M: f64 = 0.075;
 const FINGER_RADIUS_M: f64 = 0.008;
 const FINGER_GAP_M: f64 = 0.021;
@@ -32,7 +32,7 @@ const FINGERS: usize = 4;
 /// Linear color of skin. chosen: light skin in lamp light
 const SKIN: Vector3<f64> = Vector3::new(0.55, 0.30, 0.21);
 
-/// The hand of a view, in the world; nothing in most. The arm comes from below or a side of the image.
+/// The hand of a view, in the world frame; empty in most views. The arm enters from below or from a side.
 pub(super) fn drawn_hand(
     level: f64,
     world_from_camera: &Pose,
@@ -40,7 +40,7 @@ pub(super) fn drawn_hand(
     radius_m: f64,
     rng: &mut impl Rng,
 ) -> Vec<Solid> {
-    // The level decides whether there is a hand, not where: all draws come first.
+    // Drawn first: the level decides only whether there is a hand, not where.
     let is_there = random::unit_uniform(rng) < level * SHARE;
     let share = random::uniform_in(rng, DEPTH_SHARE[0], DEPTH_SHARE[1]);
     let aside = random::uniform_in(rng, ASIDE_SHARE[0], ASIDE_SHARE[1]);
@@ -49,18 +49,18 @@ pub(super) fn drawn_hand(
         return Vec::new();
     }
     let seen = world_from_camera.inverse() * center;
-    // The image's y points down.
+    // The image's y axis points down.
     let out = Vector3::new(right, down, 0.0);
     let tip = Point3::from(seen.coords * share + out * (aside * radius_m * share));
     let back = (out - Vector3::z() * TOWARDS).normalize();
     let across = Vector3::z().cross(&back).normalize();
     let skin = Material::plain(SKIN);
-    // In the camera's frame: radius, meters, and both ends.
+    // Radius, meters, and both ends, in the camera's frame.
     let mut capsules = Vec::new();
     for finger in 0..FINGERS {
         let beside = across * (FINGER_GAP_M * (finger as f64 - 0.5 * (FINGERS - 1) as f64));
         let knuckle = tip + back * FINGER_M + beside;
-        // Fingers are bent at their middle joint, away from the camera at the tip.
+        // Fingers are bent at the middle joint, with tips away from the camera.
         let bent = tip + back * (0.5 * FINGER_M) + beside - Vector3::z() * (0.15 * FINGER_M);
         capsules.push((FINGER_RADIUS_M, tip + beside * 0.8, bent));
         capsules.push((FINGER_RADIUS_M, bent, knuckle));

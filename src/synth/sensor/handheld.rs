@@ -1,13 +1,13 @@
-//! A consumer depth camera carried by hand: its effects, and their sizes.
+//! Model of a handheld consumer depth camera: its effects and their level.
 
 use std::str::FromStr;
 
 use super::Effect;
 
-/// A consumer stereo camera carried by hand, with the poses of an odometry and without masks.
+/// A handheld consumer stereo camera with poses from odometry and without masks.
 ///
-/// At level 1 every effect has the size of its file. The level multiplies sizes and shares; the draws of a
-/// seed do not depend on it. At level 0 only things around the object remain of all effects.
+/// At level 1 each effect has the size stated in its file. The level multiplies sizes and shares; the random
+/// draws of a seed do not depend on it. At level 0 only the clutter remains.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandheldSensor {
     level: f64,
@@ -15,22 +15,22 @@ pub struct HandheldSensor {
 }
 
 impl HandheldSensor {
-    /// Largest level. chosen: beyond, nothing is reconstructed
+    /// Largest level. chosen: beyond it, reconstruction fails
     pub const MAX_LEVEL: f64 = 5.0;
 
-    /// All effects at a level.
+    /// All effects, at a level.
     #[must_use]
     pub fn new(level: f64) -> Self {
         Self { level, on: [true; Effect::ALL.len()] }
     }
 
-    /// No effect at all.
+    /// No effects.
     #[must_use]
     pub fn clean() -> Self {
         Self::new(1.0).only(&[])
     }
 
-    /// The same level with these effects and no other.
+    /// The same level with only these effects.
     #[must_use]
     pub fn only(self, effects: &[Effect]) -> Self {
         Self { on: Effect::ALL.map(|e| effects.contains(&e)), ..self }
@@ -42,31 +42,31 @@ impl HandheldSensor {
         Self { on: Effect::ALL.map(|e| self.has(e) && !effects.contains(&e)), ..self }
     }
 
-    /// Factor on the sizes of all effects.
+    /// Factor on the size of all effects.
     #[must_use]
     pub fn level(&self) -> f64 {
         self.level
     }
 
-    /// Active effects.
+    /// The active effects.
     #[must_use]
     pub fn effects(&self) -> Vec<Effect> {
         Effect::ALL.into_iter().filter(|e| self.has(*e)).collect()
     }
 
-    /// Whether an effect is on.
+    /// Whether an effect is active.
     #[must_use]
     pub fn has(&self, effect: Effect) -> bool {
         Effect::ALL.iter().zip(self.on).any(|(e, on)| on && *e == effect)
     }
 
-    /// Level of an effect; 0 when it is off.
+    /// Level of an effect; 0 if it is not active.
     pub(crate) fn level_of(&self, effect: Effect) -> f64 {
         if self.has(effect) { self.level } else { 0.0 }
     }
 }
 
-/// A text without a [`HandheldSensor`].
+/// A text that is no [`HandheldSensor`].
 #[derive(Debug, thiserror::Error)]
 #[error(
     "give handheld, or handheld:LEVEL with a level from 0 to {}, e.g. handheld:0.5",
@@ -77,7 +77,7 @@ pub struct ParseSensorError;
 impl FromStr for HandheldSensor {
     type Err = ParseSensorError;
 
-    /// Reads `handheld` or `handheld:LEVEL`.
+    /// Parses `handheld` or `handheld:LEVEL`.
     fn from_str(text: &str) -> Result<Self, ParseSensorError> {
         let (name, level) = text.split_once(':').unwrap_or((text, "1"));
         let level: f64 = level.trim().parse().unwrap_or(f64::NAN);

@@ -1,7 +1,7 @@
-//! Highlights: mirror images of bulbs in the object, in half of the views.
+//! Highlights: reflections of bulbs on the object, in half of the views.
 //!
-//! A room has more bright things than a model of it: lamps, windows, screens. So each view draws a mirroring
-//! place of the object, and the bulb hangs in its mirror direction.
+//! A room has more bright things than a model of it: lamps, windows, screens. So in each view a point on the
+//! object is drawn, and the bulb is placed in its mirror direction.
 
 use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
@@ -10,16 +10,16 @@ use crate::{BoundingSphere, Scene};
 use geometry::Pose;
 use numeric::random;
 
-/// Share of the views with one. chosen: half
+/// Share of the views with a reflection. chosen: half
 const SHARE: f64 = 0.5;
-/// Nearest and farthest distance of a bulb, in radii of the object. chosen: within a room
+/// Range of a bulb's distance, in radii of the object. chosen: within a room
 const DISTANCE_RADII: [f64; 2] = [1.5, 4.0];
-/// Brightness of a bulb's mirror image against a white surface. chosen: near white
+/// Brightness of a bulb's reflection relative to a white surface. chosen: near white
 const SHINE: f64 = 0.7;
-/// Tried rays for a place of the object.
+/// Most rays tried to find a point on the object.
 const TRIES: usize = 20;
 
-/// Place of a bulb mirrored in a view by the object of a sphere; none in the other views.
+/// Position of a bulb mirrored by the object in a view; `None` in views without one.
 pub(super) fn drawn_bulb(
     scene: &Scene,
     world_from_camera: &Pose,
@@ -36,13 +36,13 @@ pub(super) fn drawn_bulb(
             + random::random_direction(rng).into_inner() * (0.8 * radius_m * random::unit_uniform(rng));
         let ray = (aim - eye).normalize();
         let sight = scene.first_sight(&eye, &ray, f64::INFINITY).filter(|s| s.part.is_some())?;
-        // A bulb along the mirrored ray is seen at this place.
+        // A bulb along the mirrored ray is seen at this point.
         let mirrored: Vector3<f64> = ray - sight.normal * (2.0 * ray.dot(&sight.normal));
         Some(eye + ray * sight.at + mirrored * distance_m)
     })
 }
 
-/// Linear brightness of a mirror image.
+/// Linear brightness of a reflection.
 pub(super) fn bulb_brightness(level: f64) -> f64 {
     level * SHINE
 }

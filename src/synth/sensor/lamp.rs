@@ -1,18 +1,18 @@
-//! Another light in each state: the lamp has turned and its color has changed.
+//! Different light in each state: the lamp has moved and its color has changed.
 
 use nalgebra::{Rotation3, Vector3};
 use rand_core::Rng;
 
 use numeric::random;
 
-/// Least and largest turn of the lamp about the vertical, radians: 70 and 130 degrees.
+/// Range of the lamp's rotation about the vertical, radians: 70 to 130 degrees.
 /// chosen: from the side to behind
 const TURN_RAD: [f64; 2] = [1.22, 2.27];
-/// One standard deviation of the logarithm of its red and of its blue against green.
-/// chosen: between two bulbs
+/// Standard deviation of the log of red and blue relative to green.
+/// chosen: the difference of two bulbs
 const TINT: f64 = 0.05;
 
-/// Direction and tint of the lamp of another take.
+/// Direction and tint of the lamp in another take.
 pub(super) fn turned_lamp(
     level: f64,
     lamp: &Vector3<f64>,

@@ -1,8 +1,8 @@
-//! A consumer depth camera carried by hand: effects beyond clean recordings, a file each.
+//! Model of a handheld consumer depth camera: effects beyond recordings without errors, one file each.
 //!
-//! Each file states the size of its effect at level 1 and its origin. Depth off by half a percent, poses of
-//! an odometry without loop closure, and surroundings without masks are usual in measured recordings; the
-//! literature of a file explains its sizes.
+//! Each file states the size of its effect at level 1 and where it comes from. Depth errors of half a
+//! percent, poses from odometry without loop closure, and surroundings without masks are usual in real
+//! recordings.
 
 mod bilinear;
 mod camera;

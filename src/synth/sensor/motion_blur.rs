@@ -1,4 +1,4 @@
-//! Colors smeared by the motion of the camera during the exposure.
+//! Blur of colors by camera motion during the exposure.
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -7,15 +7,15 @@ use super::bilinear::bilinear_color;
 use crate::View;
 use geometry::Intrinsics;
 
-/// Exposure, seconds: about half of librealsense's setting for color without automatic exposure, 156 steps of
-/// 0.1 ms. chosen: half of the default, rounded
+/// Exposure, seconds: about half of librealsense's color setting without automatic exposure, 156 steps of 0.1
+/// ms. chosen: half of that default, rounded
 const EXPOSURE_S: f64 = 0.008;
-/// Most samples along a trace. chosen: time against visible steps
+/// Most samples along a trace. chosen: fewer are faster, but show steps
 const MOST_SAMPLES: f64 = 15.0;
-/// Depth where no surface is seen, meters. chosen: beyond any room
+/// Depth of pixels without a surface, meters. chosen: beyond any room
 const FAR_M: f64 = 1e3;
 
-/// Colors of a view, each a mean along the trace of its surface point while the shutter is open; `velocity`
+/// Colors of a view, each averaged along the trace of its surface point while the shutter is open; `velocity`
 /// is the camera's in its optical frame, m/s and rad/s.
 pub(super) fn blurred_colors(
     level: f64,
@@ -28,7 +28,7 @@ pub(super) fn blurred_colors(
         let [u, v] = [(i % k.width) as f64, (i / k.width) as f64];
         let trace = trace_px(view.depth_m[i], k, [u, v], velocity).map(|s| s * level * EXPOSURE_S);
         let samples = (trace[0].hypot(trace[1]).ceil() + 1.0).min(MOST_SAMPLES);
-        // About the middle of the exposure: blur does not shift the image.
+        // Centered on the exposure, so that blur does not shift the image.
         let shares = (0..samples as usize).map(|s| (s as f64 + 0.5) / samples - 0.5);
         let along =
             shares.map(|share| bilinear_color(colors, k.width, [u + share * trace[0], v + share * trace[1]]));
@@ -37,10 +37,10 @@ pub(super) fn blurred_colors(
     blurred.collect()
 }
 
-/// Speed in the image of the surface point at a pixel, pixels a second.
+/// Image speed of the surface point at a pixel, pixels per second.
 fn trace_px(depth_m: f64, k: &Intrinsics, [u, v]: [f64; 2], velocity: &[Vector3<f64>; 2]) -> [f64; 2] {
     let ray = k.ray_at(u, v);
-    // Far off only the turn of the camera smears.
+    // For distant points, only the rotation matters.
     let z = if depth_m > 0.0 { depth_m } else { FAR_M };
     let [shift, turn] = velocity;
     let moves = -(shift / z + turn.cross(&ray));

@@ -1,4 +1,4 @@
-//! Poses with the drift of odometry without loop closure: every step between two views has an error.
+//! Drift of odometry without loop closure: every step between two views has an error.
 
 use nalgebra::Vector3;
 use rand_core::Rng;
@@ -6,16 +6,16 @@ use rand_core::Rng;
 use geometry::Pose;
 use numeric::random;
 
-/// One standard deviation of a step's error along each axis, for the steps of a sweep of [`SWEEP_VIEWS`]
-/// views. chosen: 4 mm over a sweep
+/// Standard deviation of a step's translation error per axis, in a sweep of [`SWEEP_VIEWS`] views, meters.
+/// chosen: 4 mm over a sweep
 const STEP_M: f64 = 0.0008;
-/// The same about each axis, radians: 0.06 degrees. chosen: a third of a degree over a sweep
+/// The same for rotation, radians: 0.06 degrees. chosen: a third of a degree over a sweep
 const STEP_RAD: f64 = 0.06 * std::f64::consts::PI / 180.0;
-/// A sweep of more views has smaller steps, with errors as large in sum.
+/// Number of views for which step errors are stated; with more views the steps err less, with the same total.
 /// derived: the default number of views
 const SWEEP_VIEWS: f64 = 30.0;
 
-/// The world's place at each view by odometry from the first view on, for true camera poses.
+/// The transform from the true to the reported world at each view, for true camera poses.
 pub(super) fn drift_walk(level: f64, cameras: &[Pose], rng: &mut impl Rng) -> Vec<Pose> {
     // Variances of independent steps add up.
     let step = level * (SWEEP_VIEWS / cameras.len() as f64).sqrt();
@@ -25,7 +25,7 @@ pub(super) fn drift_walk(level: f64, cameras: &[Pose], rng: &mut impl Rng) -> Ve
         let [shift, turn] = [STEP_M, STEP_RAD]
             .map(|sigma| Vector3::from_fn(|_, _| step * sigma * random::standard_normal(rng)));
         if i > 0 {
-            // A step errs in the camera's frame, and all later poses keep its error.
+            // A step errs in the camera's frame, and the error persists in all later poses.
             reported_from_world = reported_from_world * camera * Pose::new(shift, turn) * camera.inverse();
         }
         at.push(reported_from_world);

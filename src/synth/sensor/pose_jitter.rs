@@ -1,4 +1,4 @@
-//! An error of every pose by itself.
+//! Independent error of every pose.
 
 use nalgebra::Vector3;
 use rand_core::Rng;
@@ -6,9 +6,9 @@ use rand_core::Rng;
 use geometry::Pose;
 use numeric::random;
 
-/// One standard deviation along each axis, meters. chosen: of the order of good trackers
+/// Standard deviation along each axis, meters. chosen: of the order of good trackers
 const SHIFT_M: f64 = 0.001;
-/// One standard deviation about each axis, radians: 0.05 degrees. chosen: of the order of good trackers
+/// Standard deviation about each axis, radians: 0.05 degrees. chosen: of the order of good trackers
 const TURN_RAD: f64 = 0.05 * std::f64::consts::PI / 180.0;
 
 /// Error of a pose in the camera's frame.

@@ -1,17 +1,17 @@
-//! Poses behind the images: clocks and delays of two devices.
+//! Delay of poses against the images, from the clocks and delays of two devices.
 //!
-//! Furgale, Rehder and Siegwart 2013 and Qin and Shen 2018 estimate such offsets between camera and inertial
-//! unit, of milliseconds to tens of them. This is the remainder of such a correction.
+//! Furgale, Rehder and Siegwart 2013 and Qin and Shen 2018 estimate such delays between camera and inertial
+//! sensor, of milliseconds to tens of them. This models the error that remains after correction.
 
 use rand_core::Rng;
 
 use numeric::random;
 
-/// Mean over cameras, seconds; a camera has half to one and a half of it.
+/// Mean delay over cameras, seconds; each camera has 0.5 to 1.5 times this value.
 /// chosen: clocks of two devices differ by milliseconds
 const LAG_S: f64 = 0.003;
 
-/// By how much the reported poses of one camera are older than its images, seconds.
+/// Delay of one camera's reported poses against its images, seconds.
 pub(super) fn drawn_lag_s(level: f64, rng: &mut impl Rng) -> f64 {
     level * LAG_S * random::uniform_in(rng, 0.5, 1.5)
 }

@@ -1,17 +1,17 @@
-//! The world of each state off state 0's: a restarted system finds its place anew.
+//! Displacement of each state's world from state 0's: a restarted tracker localizes anew.
 
 use rand_core::Rng;
 
 use geometry::Pose;
 use numeric::random;
 
-/// Length of the shift, meters. chosen: a jump of millimeters
+/// Length of the translation, meters. chosen: a jump of millimeters
 const SHIFT_M: f64 = 0.0037;
-/// Angle of the turn, radians: 0.3 degrees. chosen: a jump of some tenths
+/// Angle of the rotation, radians: 0.3 degrees. chosen: a jump of some tenths
 const TURN_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
 
-/// Place of state 0's world in another take's: the whole amount, in a random direction and about a random
-/// axis through the origin, near the object's foot.
+/// Pose of state 0's world in another take's: the full amount, in a random direction and about a random axis
+/// through the origin, near the object's base.
 pub(super) fn drawn_relocalization(level: f64, rng: &mut impl Rng) -> Pose {
     let shift = random::random_direction(rng).into_inner() * (level * SHIFT_M);
     let turn = random::random_direction(rng).into_inner() * (level * TURN_RAD);

@@ -1,10 +1,10 @@
-//! Corners darker than the middle.
+//! Vignetting: image corners darker than the center.
 
 use geometry::Intrinsics;
 
-/// Share of the light missing in a corner of the image. The fourth power of the cosine of the field angle,
-/// the law of an ideal lens, gives 0.4 at 36 degrees; drivers correct about half.
-/// chosen: half of the law's value
+/// Share of light lost in an image corner. The law of an ideal lens, the fourth power of the cosine of the
+/// field angle, gives 0.4 at 36 degrees; drivers correct about half.
+/// chosen: half of that value
 const CORNER: f64 = 0.2;
 
 /// Factor on the linear color of a pixel.
