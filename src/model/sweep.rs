@@ -18,7 +18,8 @@ const MIN_VOLUME_M3: f64 = 1e-8;
 /// Largest depth of a moving part in another than its parent without being stopped by it, as a share of its
 /// extent. chosen: solids are so inexact
 const GRAZE_SHARE: f64 = 0.05;
-/// Gap ahead of a part and behind it, as a share of that on its sides.
+/// Gap of a part on its seat, and ahead of it and behind it anywhere, as a share of the gap on its sides along
+/// the way.
 /// measured: over 2 mm MuJoCo and Bullet make no contact; a part that slides along that close jams in Bullet
 const SEAT_GAP: f64 = 2.0 / 3.0;
 /// A part comes straight onto a face, or leaves it so, where its velocity and the face's normal have at least
@@ -39,8 +40,21 @@ pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
     for j in 0..model.joints.len() {
         let joint = model.joints[j].clone();
         let [lower, upper] = model.observed_interval(j);
-        let positions =
-            sweep_positions(model, &joint, lower.min(joint.limit.lower), upper.max(joint.limit.upper));
+        // At most a gap before the limit it comes near its seat.
+        let near = config.gap_m / lever_m(model, &joint).max(f64::MIN_POSITIVE);
+        let [first, last] = [lower.min(joint.limit.lower + near), upper.max(joint.limit.upper - near)];
+        let way = sweep_positions(model, &joint, first, last);
+        let mut ends = Vec::new();
+        for [a, b] in [[joint.limit.lower, first], [last, joint.limit.upper]] {
+            if a < b {
+                ends.extend(sweep_positions(model, &joint, a, b));
+            }
+        }
+        let seat_m = SEAT_GAP * config.gap_m;
+        let stretches = [
+            (&way, Gap { along_m: seat_m, across_m: config.gap_m }),
+            (&ends, Gap { along_m: seat_m, across_m: seat_m }),
+        ];
         for other in 0..model.links.len() {
             // Links below the child move with it.
             if other == joint.child || model.is_below(other, joint.child) {
@@ -53,10 +67,12 @@ pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
                 if other == joint.parent { f64::INFINITY } else { GRAZE_SHARE * extent_m(&moving) };
             // The other joints as they were seen: nothing is known of other combinations.
             for state in model.states.clone() {
-                let path = relative_poses(model, j, other, &state, &positions);
                 let seen = relative_poses(model, j, other, &state, &[state[j]]);
-                let sweep = Sweep { joint: &joint, path: &path, seen: &seen, grazed_m };
-                carve_paths(&mut model.links[other].collision, &moving, &sweep, config);
+                for (positions, gap) in stretches {
+                    let path = relative_poses(model, j, other, &state, positions);
+                    let sweep = Sweep { joint: &joint, path: &path, seen: &seen, gap, grazed_m };
+                    carve_paths(&mut model.links[other].collision, &moving, &sweep, config);
+                }
             }
         }
     }
@@ -188,6 +204,15 @@ fn boxes_meet(a: &Corners, b: &Corners, gap_m: f64) -> bool {
     (0..3).all(|k| a.0[k] <= b.1[k] + gap_m && b.0[k] <= a.1[k] + gap_m)
 }
 
+/// The gap about a moving part, meters.
+#[derive(Clone, Copy)]
+struct Gap {
+    /// Along its motion.
+    along_m: f64,
+    /// Across its motion; no smaller.
+    across_m: f64,
+}
+
 /// Poses `fixed_from_moving` of a joint's child, and how deep it may reach into a solid that it only grazes,
 /// meters.
 struct Sweep<'a> {
@@ -196,6 +221,7 @@ struct Sweep<'a> {
     path: &'a [Pose],
     /// As it was seen.
     seen: &'a [Pose],
+    gap: Gap,
     grazed_m: f64,
 }
 
@@ -211,9 +237,8 @@ fn carve_paths(
         .par_iter()
         .map(|solid| [sweep.path, sweep.seen].map(|poses| Path::new(sweep.joint, solid, poses)))
         .collect();
-    let pieces = std::mem::take(fixed)
-        .into_par_iter()
-        .map(|solid| carved_solid(solid, &paths, sweep.grazed_m, config));
+    let pieces =
+        std::mem::take(fixed).into_par_iter().map(|solid| carved_solid(solid, &paths, sweep, config));
     let pieces: Vec<Vec<ConvexSolid>> = pieces.collect();
     *fixed = pieces.into_iter().flatten().collect();
 }
@@ -222,16 +247,17 @@ fn carve_paths(
 fn carved_solid(
     solid: ConvexSolid,
     paths: &[[Path<'_>; 2]],
-    grazed_m: f64,
+    sweep: &Sweep<'_>,
     config: &ConvexConfig,
 ) -> Vec<ConvexSolid> {
     // Along the solid's own axes: cuts run with its faces.
     let axes = solid.main_axes();
     let mut gaps = Vec::new();
     for [path, seen] in paths {
-        let stands_in_the_way = grazed_m.is_finite() && path.deepest_m(&solid, config.gap_m) > grazed_m;
+        let stands_in_the_way =
+            sweep.grazed_m.is_finite() && path.deepest_m(&solid, sweep.gap.across_m) > sweep.grazed_m;
         let poses = if stands_in_the_way { seen } else { path };
-        gaps.extend(poses.block_within(&solid, &axes, config.gap_m));
+        gaps.extend(poses.block_within(&solid, &axes, sweep.gap));
     }
     let mut pieces = vec![solid];
     for gap in fused_blocks(gaps) {
@@ -276,17 +302,17 @@ impl<'a> Path<'a> {
 
     /// The block around the path's pieces within a solid, with a gap: the box around the whole part would cut
     /// far more.
-    fn block_within(&self, piece: &ConvexSolid, axes: &Matrix3<f64>, gap_m: f64) -> Option<CutBlock> {
-        let grown: Vec<Plane> =
-            piece.face_planes().into_iter().map(|p| Plane { offset_m: p.offset_m + gap_m, ..p }).collect();
+    fn block_within(&self, piece: &ConvexSolid, axes: &Matrix3<f64>, gap: Gap) -> Option<CutBlock> {
+        let mut grown = piece.face_planes();
+        grown.iter_mut().for_each(|plane| plane.offset_m += gap.across_m);
         let mut block: Option<CutBlock> = None;
-        for step in self.solids_near(piece, gap_m) {
+        for step in self.solids_near(piece, gap.across_m) {
             let Some(inside) = step.solid.clipped_by(&grown) else { continue };
             for vertex in &inside.vertices {
                 let direction = axes.tr_mul(&direction_of(self.joint, &step.fixed_from_moving, vertex));
-                let gap = direction.map(|d| if d.abs() >= STRAIGHT { SEAT_GAP * gap_m } else { gap_m });
+                let gap_m = direction.map(|d| if d.abs() >= STRAIGHT { gap.along_m } else { gap.across_m });
                 let vertex = axes.tr_mul(&vertex.coords);
-                let own = CutBlock { lo: vertex - gap, hi: vertex + gap };
+                let own = CutBlock { lo: vertex - gap_m, hi: vertex + gap_m };
                 block = Some(block.map_or(own, |b| b.united_with(&own)));
             }
         }
