@@ -183,7 +183,7 @@ fn headlight(normal: &Vector3<f32>, position: &Vector3<f32>) -> f32 {
     AMBIENT + (1.0 - AMBIENT) * cosine
 }
 
-/// Color of a vertex in a light, levels; of a texture the place in it, pixels.
+/// Color of a vertex at a brightness, levels; with a texture, the place in it, pixels.
 fn vertex_color(item: &RenderItem, vertex: usize, light: f32) -> Vector3<f32> {
     let own = Vector3::from(item.mesh.colors.get(vertex).copied().unwrap_or(PLAIN).map(f32::from));
     match item.paint {

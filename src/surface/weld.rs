@@ -58,7 +58,7 @@ fn first_of_cells(vertices: &[Point3<f32>], spacing_m: f32) -> Vec<u32> {
     for (p, i) in vertices.iter().zip(0..) {
         order.push(([p.x, p.y, p.z].map(|x| lattice_key(x, spacing_m)), i));
     }
-    // By cell and then by number: each run begins with the first vertex of its cell.
+    // Sorted by cell and then by index: each run begins with the first vertex of its cell.
     order.sort_unstable();
     let mut representative = vec![0; vertices.len()];
     let mut first = 0;

@@ -163,7 +163,7 @@ impl BlockMap {
                         truncation_m,
                     ) {
                         None => None,
-                        // A reading from far behind empty space is as certain about it.
+                        // Free space weighs the same, however far behind it the reading is.
                         Some(NodeReading::Free { .. }) => {
                             block.take_distance(node, truncation_m, FREE_WEIGHT, near_m)
                         }

@@ -93,7 +93,7 @@ impl Clearance {
     }
 
     /// State of a ball around a point in the optical frame; space up to `behind_m` behind the seen surface
-    /// still counts as seen.
+    /// is still [`SpaceState::Mixed`].
     pub(super) fn state_of_ball(&self, p: &Vector3<f32>, radius_m: f32, behind_m: f32) -> SpaceState {
         if p.z + radius_m <= 0.0 || p.z - radius_m > self.farthest_m + behind_m {
             return SpaceState::Nothing;
