@@ -9,7 +9,7 @@ use crate::joints::minimise::{DIFFERENCE, left_difference};
 use geometry::{Pose, Screw, log_so3};
 use model::JointFamily;
 
-/// Cosine from which on an axis is too near a direction to help to span the plane across it.
+/// Cosine above which an axis is too close to a direction to span the plane perpendicular to it.
 /// chosen: the other one is then at least 36 degrees off: the product keeps its digits
 const HELPER_COSINE: f64 = 0.6;
 

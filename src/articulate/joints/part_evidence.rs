@@ -13,7 +13,7 @@ use crate::{
     observations::SurfaceSamples,
 };
 
-/// All evidence on one part: of state 0 with every other state, in their order.
+/// All evidence on one part: state 0 paired with every other state, in their order.
 pub struct PartEvidence<'a> {
     first: PairEvidence<'a>,
     others: Vec<PairEvidence<'a>>,
