@@ -103,9 +103,9 @@ impl Consistency<'_> {
         }
     }
 
-    /// `L_c = sum w v mean_rgb (sum_i P_i c'(y_i, R_i d) - c(x, d))^2 / sum w`, estimated by one sample a ray
-    /// with the weight of the ray. Gradients take the view direction as given. `probabilities` are those of
-    /// all samples.
+    /// `L_c = sum w v mean_rgb (sum_i P_i c'(y_i, R_i d) - c(x, d))^2 / sum w`, estimated from one sample a
+    /// ray with the weight of the ray. View directions are constant in the gradients. `probabilities` are
+    /// those of all samples.
     pub(crate) fn color_loss(&self, probabilities: &[f32]) -> LossTerm {
         let parts = self.parts();
         let samples = self.batch.samples_per_ray;
