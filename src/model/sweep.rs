@@ -199,7 +199,7 @@ struct Sweep<'a> {
     grazed_m: f64,
 }
 
-/// Cuts moving solids out of the fixed ones: along the whole path where they only graze one, otherwise at the
+/// Cuts moving solids out of the fixed ones: along the whole path where they only graze one, else only at the
 /// observed poses.
 fn carve_paths(
     fixed: &mut Vec<ConvexSolid>,
