@@ -13,7 +13,7 @@ use super::{
 };
 use model::{impossible_inertia, is_plain_name, principal_moments};
 
-/// MuJoCo refuses less, kg. chosen: above its bound
+/// MuJoCo refuses a smaller mass, kg. chosen: above its bound
 const MIN_MASS_KG: f64 = 1e-6;
 
 pub(super) fn check_links(description: &Description, welds: &Welds, found: &mut Findings) {
