@@ -74,7 +74,7 @@ fn observe_state(
     let config = &scene.config.surface;
     let stage = format!("surface/state{state}");
     // The volume is not kept: it is twice as large as its surface, and writing it takes a tenth of the time
-    // of fusing it again, which a field needs.
+    // of its fusion. For a field it is fused again.
     if !scene.config.trains_fields()
         && let Some(kept) = stages.recall::<_, RunError>(&stage)?
     {

@@ -52,7 +52,7 @@ pub enum TrialsError {
     /// A run was stopped, or could not be begun or written.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// An object has no ground truth, or two of its parts have one name.
+    /// An object has no ground truth, or two objects have the same name.
     #[error(transparent)]
     Evaluate(#[from] EvaluateError),
     /// Two objects would use the same folder.
