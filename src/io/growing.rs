@@ -16,7 +16,8 @@ use capture::{CaptureConfig, CaptureError, RgbdFrame};
 use common::files;
 use common::stop::Stop;
 
-/// A growing recording is read for one part of the time in so many and one, as all of it is read again.
+/// After a reading, a growing recording is left alone for this many times as long, because each reading reads
+/// all of it.
 /// measured: shared/bags/laptop played to the node, 2 cores: with 3 its twin came 0.2 s later
 const REST: u32 = 1;
 

@@ -13,7 +13,7 @@ use common::{
     stop::{Stop, Stopped},
 };
 
-/// A coming stage.
+/// A stage that is still to come.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Planned {
     /// Name, e.g. `field/state0`.

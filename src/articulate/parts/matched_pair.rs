@@ -13,7 +13,7 @@ use crate::{
 };
 use geometry::Pose;
 
-/// The observations for the judgment of sets of motions.
+/// The observations from which sets of motions are judged.
 pub(crate) struct MatchedPair<'a> {
     pub matches: &'a [LiftedMatch],
     /// The matches that can be evidence for a motion.

@@ -100,8 +100,8 @@ impl DrawnJoint<'_> {
         (Point3::from(frame.translation.vector), frame.rotation * joint.axis)
     }
 
-    /// The point of the moved part, at position 0, for the drawn way: at the part's farthest reach from the
-    /// axis, at the height of its mass.
+    /// The point of the moved part whose path is drawn, at position 0: as far from the axis as the part
+    /// reaches, at the height of its center of mass.
     fn tracer_point(&self, origin: &Point3<f64>, axis: &Unit<Vector3<f64>>) -> Point3<f64> {
         let poses = self.poses_at(0.0);
         let links: Vec<usize> = (0..poses.len()).filter(|l| self.is_moved(*l)).collect();

@@ -37,10 +37,10 @@ pub(super) struct StateSeed {
     pub seed: u64,
 }
 
-/// Tracks the camera through some views of a recording, in the order of time; `passed` hears of every view.
+/// Tracks the camera through some views of a recording, in the order of time; `passed` is called with every
+/// view.
 ///
-/// # Errors
-/// Those of the decoding; [`CaptureError::NotTracked`] where no two views hang together.
+/// # Errors Those of decoding; [`CaptureError::NotTracked`] if no two views can be connected.
 pub(super) fn track(
     recording: &Recording,
     of_state: &[usize],
