@@ -1,4 +1,4 @@
-//! Observations for the search for parts and motions: lifted matches and surface samples.
+//! Observations used in the search for parts and motions: lifted matches and surface samples.
 
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -10,7 +10,7 @@ pub struct LiftedMatch {
     pub point0: Point3<f64>,
     /// World point in state 1, meters.
     pub point1: Point3<f64>,
-    /// Expected standard deviation of their distance after the true motion, meters.
+    /// Expected standard deviation of the distance between the points after the true motion, meters.
     pub sigma_m: f64,
     /// Frame of state 0 and of state 1.
     pub frames: [usize; 2],
@@ -33,7 +33,7 @@ pub struct SurfaceSamples {
 }
 
 impl SurfaceSamples {
-    /// Some of the samples.
+    /// The chosen samples only.
     #[must_use]
     pub fn chosen_samples(&self, samples: &[usize]) -> Self {
         Self {

@@ -1,5 +1,5 @@
-//! What was worked out of recordings before the run that needs it, while they grew: in memory, each result
-//! under the key of what it follows from.
+//! Results computed from growing recordings before the run that needs them, kept in memory under a key of
+//! their inputs.
 
 use std::{
     any::Any,
@@ -12,22 +12,22 @@ use crate::fingerprint::Key;
 
 type Kept = VecDeque<(Key, Arc<dyn Any + Send + Sync>)>;
 
-/// Work done ahead of a run: it changes the time alone. The default keeps nothing.
+/// Work done ahead of a run, which only makes the run faster. The default keeps nothing.
 #[derive(Default)]
 pub struct Ahead {
     keeps: bool,
-    /// The oldest first.
+    /// Kept results, the oldest first.
     kept: Mutex<Kept>,
 }
 
 impl Ahead {
-    /// Nothing is worked out yet; with room for it.
+    /// An empty store that keeps results.
     #[must_use]
     pub fn new() -> Self {
         Self { keeps: true, kept: Mutex::default() }
     }
 
-    /// The result under a key, computed where it is not known; of its stage the latest `most` are kept.
+    /// The result under a key, computed if it is not known; the latest `most` results of its stage are kept.
     pub fn get_or_compute<T: Send + Sync + 'static>(
         &self,
         key: impl FnOnce() -> Key,
@@ -38,7 +38,7 @@ impl Ahead {
             return Arc::new(compute());
         }
         let key = key();
-        // Not computed under the lock: others look for other results meanwhile.
+        // Computed without the lock, as other threads look for other results meanwhile.
         let known = self.kept().iter().find(|(k, _)| *k == key).map(|(_, value)| Arc::clone(value));
         known.and_then(|value| value.downcast().ok()).unwrap_or_else(|| {
             let computed = Arc::new(compute());
@@ -47,13 +47,13 @@ impl Ahead {
         })
     }
 
-    /// Keeps a result as the latest of its stage, of which `most` are kept, one at least.
+    /// Keeps a result as the latest of its stage; `most` of a stage are kept, at least one.
     pub fn keep<T: Send + Sync + 'static>(&self, key: Key, most: usize, result: Arc<T>) {
         if !self.keeps {
             return;
         }
         let mut kept = self.kept();
-        // Another thread may have computed it, too.
+        // Another thread may have computed it as well.
         kept.retain(|(k, _)| *k != key);
         let of_stage: Vec<usize> = (0..kept.len()).filter(|&i| kept[i].0.stage == key.stage).collect();
         if of_stage.len() >= most {
@@ -62,7 +62,7 @@ impl Ahead {
         kept.push_back((key, result));
     }
 
-    /// The result under a key, where it is known. It is given once.
+    /// Removes the result under a key and returns it, if it is known.
     pub fn take<T: Send + Sync + 'static>(&self, key: &Key) -> Option<T> {
         let mut kept = self.kept();
         let place = kept.iter().position(|(k, _)| k == key)?;

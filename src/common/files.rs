@@ -1,5 +1,5 @@
-//! Files to read: regular ones, up to a limit. Every file named by a user is opened here. And small files,
-//! written whole.
+//! Reads regular files up to a size limit; every file that a user names is opened here. Also writes small
+//! files atomically.
 
 use std::{
     fs::{File, Metadata, OpenOptions},
@@ -9,19 +9,19 @@ use std::{
 
 use crate::limits::FileLimit;
 
-/// Opens a file to be read. Links are followed; a device, pipe or socket is refused and not waited for.
+/// Opens a file for reading. Links are followed; a device, pipe or socket is refused at once.
 ///
 /// # Errors
-/// The system's error, or the kind of the file.
+/// The system's error, or that the file is not a regular one.
 pub fn open_regular(path: &Path) -> io::Result<File> {
-    // Opening alone may do something to a device.
+    // Checked first: merely opening a device may have an effect.
     check_regular(&std::fs::metadata(path)?)?;
     let mut options = OpenOptions::new();
     options.read(true);
     #[cfg(unix)]
     {
         use std::os::unix::fs::OpenOptionsExt as _;
-        // A pipe now in the file's place is not waited for.
+        // If a pipe has replaced the file meanwhile, opening it does not block.
         options.custom_flags(nix::fcntl::OFlag::O_NONBLOCK.bits());
     }
     let file = options.open(path)?;
@@ -40,13 +40,12 @@ fn check_regular(metadata: &Metadata) -> io::Result<()> {
     }
 }
 
-/// The whole of a file.
+/// Reads a whole file.
 ///
-/// # Errors
-/// As [`open_regular`]; a file beyond the limit.
+/// # Errors As [`open_regular`], or if the file exceeds the limit.
 pub fn read_limited(path: &Path, limit: FileLimit) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    // One byte beyond the limit shows a too large file, also one growing while it is read.
+    // One byte more than the limit reveals a file that is too large, even if it grows while it is read.
     open_regular(path)?.take(limit.bytes + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > limit.bytes {
         return Err(io::Error::new(
@@ -57,20 +56,18 @@ pub fn read_limited(path: &Path, limit: FileLimit) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The whole of a text file.
+/// Reads a whole text file.
 ///
-/// # Errors
-/// As [`read_limited`]; text other than UTF-8.
+/// # Errors As [`read_limited`], or if the text is not UTF-8.
 pub fn read_text(path: &Path, limit: FileLimit) -> io::Result<String> {
     String::from_utf8(read_limited(path, limit)?)
         .map_err(|e| io::Error::new(ErrorKind::InvalidData, format!("not UTF-8 text: {e}")))
 }
 
-/// Writes a small file beside its place first: after a crash the old one is there or the new one, and no half
-/// of one.
+/// Writes a small file under a temporary name and renames it: after a crash there is the old file or the new
+/// one, never half of one.
 ///
-/// # Errors
-/// The system's error.
+/// # Errors The system's error.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut part = path.as_os_str().to_owned();
     part.push(".part");
@@ -78,11 +75,11 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
     written.inspect_err(|_| drop(std::fs::remove_file(&part)))
 }
 
-/// Most files below an input folder.
+/// Largest number of files below an input folder.
 const MAX_FILES: usize = 100_000;
 
-/// Relative paths, with `/`, of all files below a folder, sorted. Links are followed as files only: one to a
-/// folder could lead around in circles.
+/// Relative paths, with `/`, of all files below a folder, sorted. Links to files are followed; links to
+/// folders are not, as they could form a loop.
 ///
 /// # Errors
 /// If something cannot be read, or the folder holds more than 100,000 files.
@@ -106,7 +103,7 @@ pub fn files_below(folder: &Path) -> io::Result<Vec<String>> {
             }
         }
     }
-    // `read_dir` has no order.
+    // `read_dir` returns them in no particular order.
     found.sort();
     Ok(found)
 }

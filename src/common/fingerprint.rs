@@ -1,4 +1,4 @@
-//! What a result follows from: recordings, settings, seed, version. And the key by which it is found again.
+//! The inputs of a result (recordings, settings, seed, version), and the key under which the result is kept.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -13,7 +13,7 @@ use twox_hash::XxHash64;
 
 use crate::files::{files_below, open_regular};
 
-/// What a result is kept under: its stage, and the digest of all that it follows from.
+/// The key of a kept result: its stage, and a digest of everything it depends on.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Key {
     pub(crate) stage: String,
@@ -21,14 +21,14 @@ pub struct Key {
 }
 
 impl Key {
-    /// Of a result that follows from these pieces of bytes.
+    /// The key of a result that depends on these byte strings.
     #[must_use]
     pub fn of<'a>(stage: &str, pieces: impl IntoIterator<Item = &'a [u8]>) -> Self {
         Self { stage: stage.to_owned(), digest: digest(pieces) }
     }
 }
 
-/// As the name of a file.
+/// As a file name.
 impl fmt::Display for Key {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}-{:016x}", self.stage.replace('/', "."), self.digest)
@@ -39,14 +39,15 @@ impl fmt::Display for Key {
 fn digest<'a>(pieces: impl IntoIterator<Item = &'a [u8]>) -> u64 {
     let mut sum = XxHash64::default();
     for piece in pieces {
-        // With lengths, so that no two lists of pieces run together to the same bytes.
+        // Lengths are included, so that no two lists of pieces give the same bytes.
         sum.write(&(piece.len() as u64).to_le_bytes());
         sum.write(piece);
     }
     sum.finish()
 }
 
-/// A file is hashed whole up to this size, bytes; of a larger one [`SAMPLES`] pieces are, spread evenly.
+/// Up to this size, bytes, a file is hashed whole; of a larger file, [`SAMPLES`] evenly spread pieces are
+/// hashed.
 const WHOLE_BYTES: u64 = 64 << 20;
 /// Number of pieces.
 const SAMPLES: u64 = 64;
@@ -75,8 +76,8 @@ impl Fingerprint {
         Ok(self)
     }
 
-    /// Adds the content of a file, or of all files of a folder; names and sizes count, times and places do
-    /// not.
+    /// Adds the content of a file, or of all files of a folder. Names and sizes count; modification times and
+    /// locations do not.
     ///
     /// # Errors
     /// If something cannot be read, or the folder holds more than 100,000 files.
@@ -98,7 +99,7 @@ impl Fingerprint {
         Ok(self)
     }
 
-    /// Sentences about what differs from `other`, named by this one's facts.
+    /// Sentences about what differs from `other`, in terms of this one's facts.
     #[must_use]
     pub fn differences(&self, other: &Self) -> Vec<String> {
         let names: BTreeSet<&String> = self.0.keys().chain(other.0.keys()).collect();
@@ -111,7 +112,7 @@ impl Fingerprint {
             .collect()
     }
 
-    /// The facts whose names are wanted.
+    /// Only the facts whose names are `wanted`.
     #[must_use]
     pub fn only(&self, wanted: impl Fn(&str) -> bool) -> Self {
         Self(self.0.iter().filter(|(name, _)| wanted(name)).map(|(n, v)| (n.clone(), v.clone())).collect())
@@ -121,7 +122,7 @@ impl Fingerprint {
         self.0.iter().flat_map(|(name, value)| [name.as_bytes(), value.as_bytes()])
     }
 
-    /// The key of a result that follows from all facts.
+    /// The key of a result that depends on all facts.
     #[must_use]
     pub fn key(&self, stage: &str) -> Key {
         Key::of(stage, self.pieces())
@@ -143,7 +144,7 @@ impl Fingerprint {
     }
 }
 
-/// Adds size and content of a file; gives its size.
+/// Adds size and content of a file; returns its size, bytes.
 fn add_content(path: &Path, sum: &mut XxHash64) -> io::Result<u64> {
     let named = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
     let mut file = open_regular(path).map_err(named)?;

@@ -1,5 +1,5 @@
-//! Common to all layers: notes beside results, limits on sizes from outside, files named by a user, the facts
-//! that results follow from, and a flag that stops long work.
+//! Common to all layers: notes beside results, size limits for inputs, files named by a user, the facts on
+//! which results depend, and a flag that stops long work.
 //!
 //! ```
 //! use common::note::{Note, NoteCode};

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 /// A note or a warning.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Note {
-    /// Its subject; it stays the same when the sentence changes.
+    /// What it is about, for programs; it stays the same when the sentence changes.
     pub code: NoteCode,
     /// The sentence.
     pub text: String,
@@ -19,7 +19,7 @@ impl Note {
         Self { code, text: text.into() }
     }
 
-    /// The same about one of several; its name goes before the sentence.
+    /// The same note about one of several things; its name precedes the sentence.
     #[must_use]
     pub fn about(&self, whom: impl fmt::Display) -> Self {
         Self { code: self.code, text: format!("{whom}: {}", self.text) }
@@ -32,8 +32,8 @@ impl fmt::Display for Note {
     }
 }
 
-/// Doubts about a twin's parts, joints or shape; all other codes are about the recording, the run, or usable
-/// results.
+/// Codes that put a twin's parts, joints or shape in doubt; all others are about the recording, the run, or
+/// usable results.
 const DOUBTS: &[NoteCode] = &[
     NoteCode::PosesContradict,
     NoteCode::PosesFarOff,
@@ -55,7 +55,7 @@ const DOUBTS: &[NoteCode] = &[
     NoteCode::TwinDiffers,
 ];
 
-/// Codes of general interest to a user: fate of files, and progress of the run.
+/// Codes of general interest to a user: what happened to files, and how the run went.
 const OF_RUN: &[NoteCode] = &[
     NoteCode::EngineReplaced,
     NoteCode::RecordingGrows,
@@ -73,7 +73,7 @@ const OF_RUN: &[NoteCode] = &[
 
 macro_rules! codes {
     ($($name:ident = $word:literal, $meaning:literal;)*) => {
-        /// Subject of a note or a warning.
+        /// What a note or a warning is about.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
         pub enum NoteCode {
             $(#[doc = $meaning] #[serde(rename = $word)] $name,)*
@@ -83,13 +83,13 @@ macro_rules! codes {
             /// All codes, each with its word and its meaning.
             pub const ALL: &[(Self, &str, &str)] = &[$((Self::$name, $word, $meaning),)*];
 
-            /// Whether it puts a twin's parts, joints or shape in question.
+            /// Whether it puts a twin's parts, joints or shape in doubt.
             #[must_use]
             pub fn doubts_twin(self) -> bool {
                 DOUBTS.contains(&self)
             }
 
-            /// Whether it is about the user's files or the way of the run, not about choices in it.
+            /// Whether it is about the user's files or the course of the run, not about choices made in it.
             #[must_use]
             pub fn is_of_run(self) -> bool {
                 OF_RUN.contains(&self)

@@ -5,24 +5,24 @@ use std::sync::{
     atomic::{AtomicBool, Ordering},
 };
 
-/// Whether work was asked to stop. Long work asks between steps of a fraction of a second; copies share one
-/// flag.
+/// Whether work was asked to stop. Long work checks this at least every fraction of a second; copies share
+/// one flag.
 #[derive(Clone, Debug, Default)]
 pub struct Stop(Arc<AtomicBool>);
 
-/// Work ended without a result, as it was asked to stop.
+/// Work ended without a result, because it was asked to stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("stopped on request")]
 pub struct Stopped;
 
 impl Stop {
-    /// Asked once `flag` is set.
+    /// Stops once `flag` is set.
     #[must_use]
     pub fn by(flag: Arc<AtomicBool>) -> Self {
         Self(flag)
     }
 
-    /// Never asked.
+    /// Never stops.
     #[must_use]
     pub fn never() -> Self {
         Self::default()

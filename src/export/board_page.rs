@@ -1,4 +1,4 @@
-//! A page to print with a board of tags: a PDF at true scale, in vectors.
+//! A printable page with a board of tags: a PDF at true scale, as vector graphics.
 
 use std::fmt::Write as _;
 
@@ -8,20 +8,21 @@ use capture::{BoardLayout, Paper};
 
 /// Points of a PDF in a meter. derived: 72 an inch
 const POINTS: f64 = 72.0 / 0.0254;
-/// The ruler's length, and its height above the lower edge of the sheet, meters.
+/// Length of the ruler, and its height above the lower edge of the sheet, meters.
 /// chosen: a length of any ruler, beside the tags
 const RULER_M: f64 = 0.1;
 const RULER_UP_M: f64 = 0.017;
-/// From the left edge of the sheet to ruler and text, meters. chosen: a printer's border, and more
+/// Distance of ruler and text from the left edge of the sheet, meters. chosen: a printer's border, and more
 const LEFT_M: f64 = 0.023;
 
-/// The page. Tags are black with white cells in it, a path a tag: no hairlines show between cells.
+/// The page as PDF bytes. Each tag is one path, black with its white cells cut out: no hairlines show between
+/// cells.
 #[must_use]
 pub fn board_page(layout: &BoardLayout) -> Vec<u8> {
     let content = drawing(layout);
     let [width, height] = layout.sheet_m.map(|m| m * POINTS);
     let objects = [
-        // It asks viewers not to scale the page to the printer's margins.
+        // Asks viewers not to scale the page to the printer's margins.
         "<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>".to_owned(),
         "<< /Type /Pages /Kids [3 0 R] /Count 1 >>".to_owned(),
         format!(

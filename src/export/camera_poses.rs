@@ -13,14 +13,14 @@ const DIGITS: usize = 4;
 pub struct CameraPosesReport {
     /// State of the object.
     pub state: usize,
-    /// Whether the poses were corrected; if not, the other values are of the unused correction.
+    /// Whether the poses were corrected; if not, the other values are of a correction that was not used.
     pub corrected: bool,
     /// Root mean square length of the corrections, millimeters.
     pub correction_mm: f64,
     /// Root mean square angle of the corrections, degrees.
     pub correction_deg: f64,
-    /// Robust standard deviation of the distances between surfaces in two frames, before and after,
-    /// millimeters; of readings held out from the fit.
+    /// Robust standard deviation of the distances between surfaces in two frames, before and after
+    /// correction, millimeters; from readings held out of the fit.
     pub residual_mm: [f64; 2],
 }
 
@@ -48,25 +48,25 @@ impl CameraPosesReport {
 pub struct CameraTrackingReport {
     /// State of the object.
     pub state: usize,
-    /// Views of the state.
+    /// Number of views of the state.
     pub views: usize,
-    /// Views with a found pose.
+    /// Number of views whose pose was found.
     pub tracked: usize,
-    /// First and last view of each stretch without tracking, by their numbers from 0.
+    /// First and last view, numbered from 0, of each stretch in which tracking was lost.
     pub lost: Vec<[usize; 2]>,
-    /// Views with a part in placing the others.
+    /// Number of views against which the others were placed.
     pub keyframes: usize,
-    /// Pairs of keyframes of the same place at different times, beside those on the way.
+    /// Number of keyframe pairs that show one place at different times, beside consecutive ones.
     pub loops: usize,
-    /// By how much closing loops moved keyframes, root mean square, millimeters.
+    /// How far loop closure moved the keyframes, root mean square, millimeters.
     pub closed_mm: f64,
-    /// Standard deviation of a keyframe's place against its neighbors in the least known direction, median,
-    /// millimeters.
+    /// Standard deviation of a keyframe's place relative to its neighbors in the least known direction; the
+    /// median over keyframes, millimeters.
     pub least_known_mm: f64,
 }
 
 impl CameraTrackingReport {
-    /// Reports of all states; none for recorded poses.
+    /// Reports of all states; empty for recorded poses.
     #[must_use]
     pub fn of_findings(states: &[TrackingFindings]) -> Vec<Self> {
         states.iter().enumerate().map(|(state, found)| Self::of_state(state, found)).collect()
@@ -86,18 +86,18 @@ impl CameraTrackingReport {
     }
 }
 
-/// Uncertainty of the twin's frame as a whole, left out of joints and surfaces: the world of a camera's poses
-/// exists in these alone.
+/// Uncertainty of the twin's frame as a whole, not included in joints and surfaces: the camera poses alone
+/// define the world.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct WorldFrameReport {
-    /// Root mean square displacement of the middle of the root link, millimeters.
+    /// Root mean square displacement of the center of the root link, millimeters.
     pub std_mm: f64,
-    /// Root mean square turn, degrees.
+    /// Root mean square rotation, degrees.
     pub std_deg: f64,
 }
 
 impl WorldFrameReport {
-    /// The report of a displacement, meters, and a turn, radians.
+    /// The report of a displacement, meters, and a rotation, radians.
     #[must_use]
     pub fn of_uncertainty([moved_m, turned_rad]: [f64; 2]) -> Self {
         Self {
@@ -107,30 +107,31 @@ impl WorldFrameReport {
     }
 }
 
-/// Errors of the depth sensor: true depth is a reading times 1 + scale + warp.
+/// Errors of the depth sensor: true depth is a reading times (1 + scale + warp).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DepthSensorReport {
-    /// Whether depth was corrected; if not, the other values are of the unused correction.
+    /// Whether depth was corrected; if not, the other values are of a correction that was not used.
     pub corrected: bool,
     /// Mean correction over the image and its standard deviation, percent of the range.
     pub scale_percent: [f64; 2],
     /// Deviation from it over the image, root mean square, percent of the range.
     pub warp_percent: f64,
-    /// Offset of the color image against the depth image, pixels; color was moved back.
+    /// Offset of the color image relative to the depth image, pixels; it was corrected.
     pub color_shift_px: [f64; 2],
     /// Their standard deviations.
     pub color_shift_std_px: [f64; 2],
-    /// By how much the reported poses are older than the images, and its standard deviation, milliseconds;
-    /// corrected.
+    /// How much older the reported poses are than the images, and the standard deviation, milliseconds; it
+    /// was corrected.
     pub pose_lag_ms: [f64; 2],
-    /// Robust standard deviation of the distances between surfaces in two frames, with corrected poses alone
-    /// and with corrected depth, millimeters; of readings held out from the fit.
+    /// Robust standard deviation of the distances between surfaces in two frames, with only the poses
+    /// corrected and with the depth corrected too, millimeters; from readings held out of the fit.
     pub residual_mm: [f64; 2],
-    /// Pixels from one value of the cubic B-spline to the next; the first lies one step outside the image.
+    /// Distance of neighboring coefficients of the cubic B-spline, pixels; the first is one step outside the
+    /// image.
     pub step_px: f64,
-    /// Values in a row, and rows.
+    /// Coefficients in a row, and number of rows.
     pub shape: [usize; 2],
-    /// Scale and warp together, row by row, percent of the range.
+    /// Sum of scale and warp, row by row, percent of the range.
     pub values_percent: Vec<f64>,
     /// Their standard deviations.
     pub sigmas_percent: Vec<f64>,

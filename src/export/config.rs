@@ -1,23 +1,23 @@
-//! Choices among equivalent forms of the files, and facts beyond a recording.
+//! Choices between equivalent forms of the files, and facts that no recording contains.
 
 use serde::{Deserialize, Serialize};
 
 use model::{PartNames, is_plain_name};
 
-/// Longest prefix: a name of 64 characters still has room for itself.
+/// Largest length of the prefix: names of 64 characters keep room for the rest.
 const MAX_PREFIX: usize = 24;
-/// Longest license and maintainer, characters.
+/// Largest length of license and maintainer, characters.
 const MAX_TEXT: usize = 200;
 
 /// How the files of a twin are written.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ExportConfig {
-    /// How `NAME.urdf` holds a screw joint.
+    /// How `NAME.urdf` represents a screw joint.
     pub urdf_screw: UrdfScrew,
-    /// Put before the name of every link and joint: several twins in one scene.
+    /// Prefix of the names of all links and joints, for several twins in one scene.
     pub prefix: String,
-    /// Whether the twin stands still in the world or is free to move.
+    /// Whether the twin is fixed in the world or free to move.
     pub base: Base,
     /// How the moving parts are named.
     pub names: PartNames,
@@ -42,10 +42,9 @@ impl Default for ExportConfig {
 }
 
 impl ExportConfig {
-    /// Refuses values without a form in the files.
+    /// Refuses values that the files cannot represent.
     ///
-    /// # Errors
-    /// Key within the group and the fault of its value.
+    /// # Errors The key within the group, and what is wrong with its value.
     pub fn check_values(&self) -> Result<(), (&'static str, String)> {
         let is_short_name = is_plain_name(&self.prefix) && self.prefix.len() <= MAX_PREFIX;
         if !self.prefix.is_empty() && !is_short_name {
@@ -80,7 +79,7 @@ fn is_plain_line(text: &str) -> bool {
     !text.trim().is_empty() && text.chars().count() <= MAX_TEXT && !text.chars().any(|c| c.is_control())
 }
 
-/// The form of a screw joint in URDF, a format without one.
+/// How a screw joint is represented in URDF, which has none.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum UrdfScrew {
@@ -88,7 +87,7 @@ pub enum UrdfScrew {
     /// without `mimic`.
     #[default]
     Pair,
-    /// As the nearest joint, its pitch in an element `artitwin:thread`.
+    /// As the nearest joint, with its pitch in an element `artitwin:thread`.
     Nearest,
 }
 
@@ -96,10 +95,10 @@ pub enum UrdfScrew {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Base {
-    /// It stands still in the world.
+    /// It is fixed in the world.
     #[default]
     Fixed,
-    /// It moves freely. URDF has no word for either: there the simulator's own option decides.
+    /// It moves freely. URDF cannot express either: there the simulator's own option decides.
     Floating,
 }
 

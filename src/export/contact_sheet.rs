@@ -6,7 +6,7 @@ use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 
 use capture::{Capture, Coverage, RgbdFrame, SECTORS};
 
-/// Views shown of each state.
+/// Number of views shown of each state.
 const VIEWS: usize = 3;
 /// Size of a view, and side of the disc, pixels.
 const VIEW: [usize; 2] = [320, 240];
@@ -18,9 +18,9 @@ const UNSEEN: [u8; 3] = [244, 214, 208];
 const LINE: [u8; 3] = [120; 3];
 const EYE: [u8; 3] = [20, 60, 160];
 
-/// A PNG: a row for each state, with some of its views, the object bright, and a disc of the directions of
-/// all views. The disc is seen from above, the front is below, its rim is the horizon and its middle the
-/// zenith; directions without a view are red.
+/// A PNG with a row for each state: some of its views, with the object bright, and a disc of the directions
+/// of all views. The disc is seen from above with the front at the bottom; its rim is the horizon and its
+/// center the zenith; directions without a view are red.
 #[must_use]
 pub fn contact_sheet(capture: &Capture, coverage: &[Option<Coverage>]) -> Vec<u8> {
     let width = VIEWS * (VIEW[0] + GAP) + VIEW[1] + 2 * GAP;
@@ -75,7 +75,7 @@ impl Sheet {
     }
 }
 
-/// Views of the first, the middle and the last part of a state.
+/// One view each from the first, the middle and the last part of a state.
 fn spread_views(frames: &[RgbdFrame]) -> Vec<&RgbdFrame> {
     let mut numbers: Vec<usize> = (0..VIEWS).map(|k| (2 * k + 1) * frames.len() / (2 * VIEWS)).collect();
     numbers.retain(|i| *i < frames.len());
@@ -83,7 +83,7 @@ fn spread_views(frames: &[RgbdFrame]) -> Vec<&RgbdFrame> {
     numbers.into_iter().map(|i| &frames[i]).collect()
 }
 
-/// A pixel of a view scaled to fit; around the object it is dark gray.
+/// A pixel of a view scaled to fit; dark gray around the photo.
 fn photo_pixel(frame: &RgbdFrame, [u, v]: [usize; 2]) -> [u8; 3] {
     let width = frame.intrinsics.width;
     let height = frame.intrinsics.height;

@@ -8,11 +8,11 @@ use surface::Difference;
 
 /// Significant digits of a share.
 const DIGITS: usize = 3;
-/// A larger share, of a state or of a link's readings in it, gives a warning.
+/// Share, of a state or of a link's readings in it, above which there is a warning.
 ///
 /// measured: docs/method.md 11.4, between right twins and twins with a joint off or a part left out
 const MOST: f64 = 0.05;
-/// A smaller share of a state's readings gives none, on any link.
+/// Share of a state's readings below which no link gives a warning.
 ///
 /// derived: a part explains at least as much (docs/method.md 7)
 const LEAST: f64 = 0.004;
@@ -20,11 +20,11 @@ const LEAST: f64 = 0.004;
 /// How many readings were compared, and how many of them the twin does not explain.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
-    /// Compared.
+    /// Number of compared readings.
     pub compared: usize,
-    /// Of these the object where the twin has nothing.
+    /// Number of these that show the object where the twin has nothing.
     pub lacks: usize,
-    /// Of these the twin where the camera saw through.
+    /// Number of these that see through the twin.
     pub surplus: usize,
 }
 
@@ -43,7 +43,7 @@ impl Tally {
         self.surplus += other.surplus;
     }
 
-    /// Share of the readings without explanation by the twin, from 0 to 1.
+    /// Share of the readings that the twin does not explain, from 0 to 1.
     #[must_use]
     pub fn unexplained_share(&self) -> f64 {
         self.share_of(self.lacks + self.surplus)
@@ -54,33 +54,33 @@ impl Tally {
     }
 }
 
-/// A state of the object, all views of it together.
+/// The differences in a state of the object, over all its views.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StateDifference {
-    /// The state.
+    /// Index of the state.
     pub state: usize,
-    /// Compared readings.
+    /// Number of compared readings.
     pub readings: usize,
-    /// Share of them without explanation by the twin.
+    /// Share of them that the twin does not explain.
     pub share: f64,
-    /// Share of them on the object where the twin has nothing.
+    /// Share of them that show the object where the twin has nothing.
     pub lacks: f64,
-    /// Share of them behind the twin's surface.
+    /// Share of them that lie behind the twin's surface.
     pub surplus: f64,
-    /// The same by view.
+    /// The unexplained share by view.
     pub views: Vec<NamedShare>,
-    /// The same by link, of the readings where the twin shows it.
+    /// The unexplained share by link, among the readings where the twin shows the link.
     pub links: Vec<NamedShare>,
 }
 
-/// The share of a view or of a link.
+/// The unexplained share of a view or of a link.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct NamedShare {
     /// The name.
     pub name: String,
-    /// Compared readings.
+    /// Number of compared readings.
     pub readings: usize,
-    /// Share of them without explanation by the twin.
+    /// Share of them that the twin does not explain.
     pub share: f64,
 }
 
@@ -106,7 +106,7 @@ impl StateDifference {
         Some(Note::new(NoteCode::TwinDiffers, text))
     }
 
-    /// The differences of a state by the tallies of its views and of all links.
+    /// The differences in a state, from the tallies of its views and of all links.
     #[must_use]
     pub fn new(state: usize, views: &[(String, Tally)], links: &[(String, Tally)]) -> Self {
         let mut all = Tally::default();

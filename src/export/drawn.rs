@@ -18,7 +18,7 @@ pub struct Visual<'a> {
     pub path: String,
     /// The mesh, in the frame of the link.
     pub mesh: &'a TriangleMesh,
-    /// No view saw it.
+    /// Whether no view saw it.
     pub is_assumed: bool,
 }
 
@@ -34,7 +34,7 @@ impl Visual<'_> {
     }
 }
 
-/// The visual meshes of a link, without empty ones.
+/// The visual meshes of a link; empty ones are left out.
 pub(crate) fn link_visuals(link: &Link) -> impl Iterator<Item = Visual<'_>> {
     let name = &link.name;
     let file = identifier(&link.name);
@@ -45,7 +45,7 @@ pub(crate) fn link_visuals(link: &Link) -> impl Iterator<Item = Visual<'_>> {
         mesh: &link.visual,
         is_assumed: false,
     };
-    // Some readers look for meshes by their last name alone: it differs, too.
+    // The file name differs as well, as some readers identify meshes by it alone.
     let assumed = Visual {
         name: format!("{name}_assumed"),
         material: format!("{name}_assumed"),
@@ -60,15 +60,15 @@ pub(crate) fn link_visuals(link: &Link) -> impl Iterator<Item = Visual<'_>> {
 pub struct Drawn<'a> {
     /// Index of the link.
     pub link: usize,
-    /// The mesh as it was made.
+    /// The mesh before decimation.
     pub visual: Visual<'a>,
-    /// The mesh as it is drawn.
+    /// The decimated mesh with its texture.
     pub look: Cow<'a, Look>,
     /// Its texture as a PNG.
     pub png: Vec<u8>,
 }
 
-/// All meshes of a model, link by link; `looks` of the seen surfaces in the order of the links.
+/// All meshes of a model, link by link; `looks` are those of the seen surfaces, in the order of the links.
 #[must_use]
 pub(crate) fn drawn_meshes<'a>(model: &'a ArticulatedModel, looks: &'a [Look]) -> Vec<Drawn<'a>> {
     let mut all = Vec::new();
@@ -80,12 +80,12 @@ pub(crate) fn drawn_meshes<'a>(model: &'a ArticulatedModel, looks: &'a [Look]) -
 
 fn drawn_visual<'a>(link: usize, visual: Visual<'a>, seen: &'a Look) -> Drawn<'a> {
     let look = if visual.is_assumed { Cow::Owned(plain_look(visual.mesh)) } else { Cow::Borrowed(seen) };
-    // Encoded once: the folder and the viewer hold the same textures.
+    // Encoded once, as the folder and the viewer contain the same textures.
     let png = look.png_of_texture();
     Drawn { link, visual, look, png }
 }
 
-/// Looks of links without photos: the meshes' own colors are their textures.
+/// Looks of links without photos: the textures show the meshes' own colors.
 #[must_use]
 pub(crate) fn plain_looks(model: &ArticulatedModel) -> Vec<Look> {
     model.links.iter().map(|link| plain_look(&link.visual)).collect()

@@ -1,4 +1,4 @@
-//! A page of many results: of each a card with its picture, its verdict, and links.
+//! A page of many results: a card for each with its picture, its verdict, and links.
 
 use std::fmt::Write as _;
 
@@ -7,7 +7,7 @@ use base64::Engine as _;
 use super::page::{self, counted_noun, push_list};
 use model::escape_xml as escape;
 
-/// Mark of a gallery page: a later run may replace a page with it.
+/// Mark of a gallery page: a later run may replace pages that contain it.
 pub const GALLERY_MARK: &str = "<!-- artitwin gallery -->";
 
 const STYLE: &str =
@@ -24,19 +24,19 @@ const STYLE: &str =
 pub struct GalleryCard {
     /// Its name.
     pub name: String,
-    /// Its folder, for people.
+    /// Its folder, as shown to people.
     pub folder: String,
     /// A picture of it, PNG.
     pub picture: Option<Vec<u8>>,
-    /// The verdict in a word or two, and whether it asks for no further look.
+    /// The verdict in a word or two, and whether it is good enough to need no further look.
     pub verdict: (String, bool),
-    /// Findings, a line each.
+    /// Findings, one line each.
     pub found: Vec<String>,
-    /// Names and paths of files to open; paths relative to the page, percent-encoded.
+    /// Names and paths of files to open; paths are relative to the page and percent-encoded.
     pub links: Vec<(String, String)>,
 }
 
-/// The page; `unread` has a sentence for each unreadable result.
+/// The page; `unread` has a sentence for each result that could not be read.
 #[must_use]
 pub fn gallery_page(cards: &[GalleryCard], unread: &[String]) -> String {
     let mut out = page::page_head("artitwin: gallery", STYLE);

@@ -1,4 +1,4 @@
-//! `README.md` of a twin's folder: the purpose of each file.
+//! `README.md` of a twin's folder, with the purpose of each file.
 
 use std::fmt::Write as _;
 
@@ -11,7 +11,7 @@ use super::{
 use common::note::{Note, NoteCode};
 use model::{ArticulatedModel, Joint, identifier};
 
-/// A sentence on the frames at places to grasp.
+/// A sentence on the frames at grasps.
 const GRASPS: &str = "\nSites (MJCF), frames (SDF, xacro) and Xforms (USD) named `PART_grasp_K` are places \
     where a parallel gripper can take a part: the origin lies between the fingertips, x is the closing \
     direction, z the approach. Widths are in report.json.\n";
@@ -60,7 +60,7 @@ pub(crate) fn guide(model: &ArticulatedModel, config: &ExportConfig) -> String {
     text
 }
 
-/// How the files hold each screw.
+/// How the files represent each screw.
 #[must_use]
 pub fn screw_notes(model: &ArticulatedModel, config: &ExportConfig) -> Vec<Note> {
     let name = identifier(&model.name);

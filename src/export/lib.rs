@@ -1,5 +1,5 @@
-//! Files in memory from a model: simulator formats, meshes, textures, viewer, report. Nothing here touches a
-//! disk.
+//! Creates files in memory from a model: simulator formats, meshes, textures, viewer, report. Nothing here
+//! accesses the disk.
 //!
 //! ```
 //! use export::{ExportConfig, urdf_package};

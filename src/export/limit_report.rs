@@ -19,17 +19,17 @@ pub struct LimitReport {
     pub effort: f64,
     /// Largest speed, rad/s or m/s.
     pub velocity: f64,
-    /// Origin of both bounds: `seated`, the interval of the states with a margin, at the closed end up to the
-    /// seat; `observed`, the interval of the states, reached at least; or `swept`, as far as the collision
-    /// solids let it go.
+    /// What both bounds are based on: `seated`, the interval of the states with a margin, at the closed end
+    /// up to the seat; `observed`, the interval of the states, which the joint reaches at least; or `swept`,
+    /// as far as the collision solids let it go.
     pub source: String,
     /// Inner bound: lowest and highest observed position.
     pub observed: [f64; 2],
-    /// States that show these two.
+    /// Index of the states in which these two were observed.
     pub observed_in: [usize; 2],
-    /// Outer bound: the interval without collision; none where it was not swept.
+    /// Outer bound: the collision-free interval; none if it was not computed.
     pub swept: Option<[f64; 2]>,
-    /// Where a face of the part meets its seat; none where no end shows it.
+    /// Where a face of the part meets its seat; none if neither end shows it.
     pub closed: Option<SeatReport>,
 }
 
@@ -38,7 +38,7 @@ pub struct LimitReport {
 pub struct SeatReport {
     /// Position, radians or meters.
     pub position: f64,
-    /// Root mean square deviation of the surface cells in contact there.
+    /// Root mean square deviation of the surface cells in contact there, radians or meters.
     pub std: f64,
     /// Share of the part's leading surface in contact.
     pub contact_share: f64,
@@ -71,7 +71,7 @@ impl LimitReport {
     }
 }
 
-/// The first states at the lowest and at the highest position.
+/// Indices of the first states at the lowest and at the highest position.
 fn observed_in(model: &ArticulatedModel, joint: usize) -> [usize; 2] {
     // Equal bit for bit: the ends of the interval are positions of states.
     model.observed_interval(joint).map(|q| model.states.iter().position(|s| s[joint] == q).unwrap_or(0))

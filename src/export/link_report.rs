@@ -14,7 +14,7 @@ use model::{Grasp, Link};
 /// Significant digits of numbers.
 const DIGITS: usize = 10;
 
-/// A link.
+/// A link in the report.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LinkReport {
     /// Name.
@@ -25,7 +25,7 @@ pub struct LinkReport {
     pub assumption: String,
     /// Lowest and highest mass under that assumption, kg.
     pub mass_range_kg: [f64; 2],
-    /// Convex collision solids.
+    /// Number of convex collision solids.
     pub solids: usize,
     /// Area of the surface, square meters.
     pub area_m2: f64,
@@ -33,24 +33,24 @@ pub struct LinkReport {
     pub assumed_area_m2: f64,
     /// Area of walls that no view saw and that are drawn as `meshes/assumed`, square meters.
     pub assumed_walls_m2: f64,
-    /// Vertices of the mesh.
+    /// Number of vertices of the mesh.
     pub vertices: usize,
-    /// Triangles of the mesh.
+    /// Number of triangles of the mesh.
     pub triangles: usize,
-    /// Triangles of its files.
+    /// Numbers of triangles in its files.
     pub file_triangles: FileTriangles,
-    /// Where a parallel gripper can take it, best first.
+    /// Poses at which a parallel gripper can hold it, best first.
     pub grasps: Vec<GraspReport>,
 }
 
-/// Triangles of the files of a link.
+/// Numbers of triangles in the files of a link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct FileTriangles {
-    /// Of `meshes/visual`: the mesh above, decimated.
+    /// In `meshes/visual`: the mesh above, decimated.
     pub visual: usize,
-    /// Of `meshes/assumed`.
+    /// In `meshes/assumed`.
     pub assumed: usize,
-    /// Of all its solids in `meshes/collision`.
+    /// In all its solids in `meshes/collision`.
     pub collision: usize,
 }
 
@@ -74,25 +74,25 @@ fn file_triangles(files: &[ExportFile], path: &str) -> usize {
     bytes.split(|b| *b == b'\n').filter(|line| line.starts_with(b"f ")).count()
 }
 
-/// A place to grasp a link.
+/// A pose at which a gripper can hold a link.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct GraspReport {
     /// Name of its site or frame.
     pub name: String,
-    /// Place between the fingertips in the link frame, meters.
+    /// Point between the fingertips in the link frame, meters.
     pub position: [f64; 3],
-    /// Turn of the hand in the link frame, w first: x is the closing direction, z the approach.
+    /// Rotation of the hand in the link frame, w first: x is the closing direction, z the approach.
     pub quaternion: [f64; 4],
     /// Width of the part there, millimeters.
     pub width_mm: f64,
-    /// Angle between the closing direction and the normals of the faces, the worse of both, degrees.
+    /// Largest angle between the closing direction and the normal of a face at a pad, degrees.
     pub off_deg: f64,
     /// Whether views saw both faces.
     pub seen: bool,
 }
 
 impl LinkReport {
-    /// The report of a link; `files` have its meshes.
+    /// The report of a link; `files` contains its meshes.
     #[must_use]
     pub fn of_link(l: &Link, files: &[ExportFile]) -> Self {
         Self {

@@ -1,4 +1,4 @@
-//! How a link looks: a decimated mesh with a texture painted from the photos.
+//! The appearance of a link: a decimated mesh with a texture baked from the photos.
 
 use std::collections::BTreeMap;
 
@@ -17,12 +17,13 @@ use surface::{
     keep_components, render, samples_of_spots, simplify,
 };
 
-/// Components of a visual mesh with a smaller share of the largest one's triangles are loose fragments.
+/// Components of a visual mesh are loose fragments if they have a smaller share of the largest one's
+/// triangles.
 /// chosen: too small to be missed
 const MIN_COMPONENT: f64 = 0.01;
 /// Texels per pixel of the photos, as lengths on the surface. chosen: photos are blurred by more than a pixel
 const TEXEL_SHARE: f64 = 0.8;
-/// Spots of a mesh at which photos are compared for their exposure and light.
+/// Number of spots on a mesh at which photos are compared for exposure and light.
 /// derived: a hundred for each of thirty photos
 const SPOTS: usize = 3000;
 /// Texels across a mesh without photos. chosen: size against what is seen
@@ -32,9 +33,9 @@ const PLAIN_TEXELS: f64 = 400.0;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LookConfig {
-    /// Most triangles of a part's visual mesh.
+    /// Largest number of triangles of a part's visual mesh.
     pub max_faces: usize,
-    /// Decimation stops before it moves the surface by more, meters.
+    /// Decimation stops before it would move the surface by more than this, meters.
     pub max_error_m: f64,
     /// Longest side of a texture, pixels.
     pub max_texture_px: usize,
@@ -46,7 +47,7 @@ impl Default for LookConfig {
     }
 }
 
-/// A corner of triangles of one chart: its place in the texture and its normal.
+/// A corner shared by triangles of one chart, with its texture coordinates and its normal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corner {
     /// Vertex of the mesh.
@@ -73,7 +74,8 @@ pub struct Look {
 }
 
 impl Look {
-    /// The mesh with one vertex a corner, as a renderer takes it, and the places of these in the texture.
+    /// The mesh with one vertex per corner, as renderers need it, and the texture coordinates of these
+    /// vertices.
     #[must_use]
     pub fn unwelded_mesh(&self) -> (TriangleMesh, Vec<[f64; 2]>) {
         let vertices = self.corners.iter().map(|c| self.mesh.vertices[c.vertex as usize]).collect();
@@ -81,7 +83,7 @@ impl Look {
         (mesh, self.corners.iter().map(|c| c.uv).collect())
     }
 
-    /// Its texture over places of vertices.
+    /// Its texture, for vertices with these coordinates.
     #[must_use]
     pub fn texture_at<'a>(&'a self, uv: &'a [[f64; 2]]) -> Texture<'a> {
         Texture { uv, size_px: self.size_px, pixels: &self.texture }
@@ -101,13 +103,13 @@ impl Look {
     }
 }
 
-/// Looks of all links from the photos of all states, in the order of the links.
+/// Looks of all links, from the photos of all states, in the order of the links.
 #[must_use]
 pub fn link_looks(model: &ArticulatedModel, capture: &Capture, config: &LookConfig) -> Vec<Look> {
     let meshes: Vec<TriangleMesh> = model.links.par_iter().map(|l| reduced_mesh(&l.visual, config)).collect();
     let mut depths: Vec<Vec<Vec<f32>>> = Vec::new();
     for (frames, positions) in capture.states.iter().zip(&model.states) {
-        // All parts together: a texel hidden by another part takes no color from the photo.
+        // All parts are rendered together: a texel that another part hides takes no color from the photo.
         let mut items = Vec::with_capacity(meshes.len());
         for (i, mesh) in meshes.iter().enumerate() {
             let world_from_mesh = model.world_from_link(i, positions);
@@ -122,7 +124,7 @@ pub fn link_looks(model: &ArticulatedModel, capture: &Capture, config: &LookConf
     }
     let mut views: Vec<Vec<BakeView>> =
         (0..meshes.len()).map(|link| views_of_link(model, capture, &depths, link)).collect();
-    // Every link has the views of all states, in one order.
+    // Every link has the views of all states, in the same order.
     let photos = views.first().map_or(0, Vec::len);
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(0);
     let spots: Vec<Vec<Shown>> = meshes
@@ -139,7 +141,7 @@ pub fn link_looks(model: &ArticulatedModel, capture: &Capture, config: &LookConf
         .collect()
 }
 
-/// The views of a link in all states; `depths` has the rendered depth of each state's frames, meters.
+/// The views of a link in all states; `depths` are the rendered depths of each state's frames, meters.
 fn views_of_link<'a>(
     model: &ArticulatedModel,
     capture: &'a Capture,
@@ -157,7 +159,7 @@ fn views_of_link<'a>(
     views
 }
 
-/// The look of one mesh from some views; without any its own colors are the texture.
+/// The look of one mesh from some views; without views, the texture shows the mesh's own colors.
 #[must_use]
 pub fn look(mesh: &TriangleMesh, views: &[BakeView], config: &LookConfig) -> Look {
     painted_look(reduced_mesh(mesh, config), views, &Light::default(), config)
@@ -166,7 +168,7 @@ pub fn look(mesh: &TriangleMesh, views: &[BakeView], config: &LookConfig) -> Loo
 fn reduced_mesh(mesh: &TriangleMesh, config: &LookConfig) -> TriangleMesh {
     let whole = keep_components(mesh, MIN_COMPONENT);
     let mut small = simplify(&whole, config.max_faces, f64::INFINITY);
-    // Fewer still at no cost.
+    // Removes further triangles if this hardly changes the shape.
     small = simplify(&small, 0, (0.25 * config.max_error_m).min(0.0005 * extent_m(mesh)));
     small
 }
@@ -201,7 +203,7 @@ fn painted_look(mesh: TriangleMesh, views: &[BakeView], light: &Light, config: &
     Look { mesh, corners, triangles, size_px: atlas.size_px, texture }
 }
 
-/// Size of a texel, meters: somewhat finer than the median pixel of the photos on the mesh.
+/// Size of a texel, meters: slightly smaller than the median pixel of the photos on the mesh.
 fn texel_m(mesh: &TriangleMesh, views: &[BakeView]) -> f64 {
     let center = mesh.bounds().map(|(lo, hi)| nalgebra::center(&lo, &hi).cast::<f64>());
     let mut pixels_m = Vec::new();

@@ -1,4 +1,4 @@
-//! MJCF text, with data missing in URDF: textures, excluded pairs, keyframes, friction, armature,
+//! MJCF text, with what URDF cannot express: textures, excluded pairs, keyframes, friction, armature,
 //! springs.
 
 use std::fmt::Write as _;
@@ -14,8 +14,8 @@ use super::{
 use geometry::Pose;
 use model::{ArticulatedModel, Joint, Limit, Link, escape_xml as escape};
 
-/// Settings of every body; PREFIX keeps the classes of several twins apart. Collision geoms carry no
-/// mass: the bodies state theirs.
+/// Defaults for all bodies; PREFIX keeps the classes of several twins apart. Collision geoms have no mass:
+/// the bodies state theirs.
 const HEAD: &str = r#"  <compiler angle="radian" meshdir="." texturedir="." autolimits="true" balanceinertia="true"/>
   <option timestep="0.002" integrator="implicitfast"/>
   <visual>
@@ -31,15 +31,15 @@ const HEAD: &str = r#"  <compiler angle="radian" meshdir="." texturedir="." auto
   </default>
 "#;
 
-/// Dry friction as stiff as the solver allows: with MuJoCo's defaults a joint creeps under a load that
-/// friction holds.
+/// Makes dry friction as stiff as the solver allows: with MuJoCo's defaults a joint creeps under a load that
+/// friction should hold.
 const HARD_FRICTION: &str = "solreffriction=\"0.004 1\" solimpfriction=\"0.9999 0.9999 0.001 0.5 2\"";
 
-/// A stiff thread: with MuJoCo's defaults a lid sinks into its jar.
+/// Makes a thread stiff: with MuJoCo's defaults a lid sinks into its jar.
 const HARD_THREAD: &str = "solref=\"0.004 1\" solimp=\"0.99 0.999 0.001 0.5 2\"";
 
-/// MJCF text of a model. Paths are relative to the file's folder; link 0 stands still in the world, or is
-/// free.
+/// MJCF text of a model. Paths are relative to the file's folder; link 0 is fixed in the world or free to
+/// move.
 #[must_use]
 pub(crate) fn mjcf(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let head = HEAD.replace("PREFIX", &config.prefix);
@@ -50,8 +50,8 @@ pub(crate) fn mjcf(model: &ArticulatedModel, config: &ExportConfig) -> String {
     text.push_str("  </asset>\n  <worldbody>\n");
     push_body(&mut text, model, config, 0, None);
     text.push_str("  </worldbody>\n  <contact>\n");
-    // MuJoCo does not filter parent and child where the parent is welded to the world: solids that touch at
-    // rest would throw the child out.
+    // MuJoCo does not exclude parent and child if the parent is welded to the world: solids that touch at
+    // rest would push the child out.
     for joint in &model.joints {
         let [parent, child] = [joint.parent, joint.child].map(|l| escape(&model.links[l].name));
         // Writing to a string cannot fail, here and below.
@@ -70,11 +70,11 @@ pub(crate) fn mjcf(model: &ArticulatedModel, config: &ExportConfig) -> String {
     text
 }
 
-/// Positions of all movable joints in the file of [`mjcf`], in its order.
+/// Positions of all movable joints of the file made by [`mjcf`], in its order.
 pub(super) fn positions(model: &ArticulatedModel, base: Base, state: &[f64]) -> String {
-    // The frame of a free root: its place, then the quaternion.
+    // A free root comes first: its position, then its quaternion.
     let root = (base == Base::Floating).then(|| "0 0 0 1 0 0 0".to_owned());
-    // A keyframe must satisfy the threads: where it breaks an equality the solver moves the joints at once.
+    // A keyframe must satisfy the threads; if it violates an equality, the solver moves the joints at once.
     let mut positions: Vec<String> = root.into_iter().collect();
     for j in joint_order(model, 0) {
         positions.extend(model.joints[j].kind.thread_m_per_rad().map(|pitch| short(pitch * state[j])));
@@ -83,8 +83,7 @@ pub(super) fn positions(model: &ArticulatedModel, base: Base, state: &[f64]) -> 
     positions.join(" ")
 }
 
-/// Joints in the order of their bodies in the text, also the order of positions in a
-/// keyframe.
+/// Joints in the order of their bodies in the text, which is also the order of positions in a keyframe.
 fn joint_order(model: &ArticulatedModel, link: usize) -> Vec<usize> {
     let children = (0..model.joints.len()).filter(|&j| model.joints[j].parent == link);
     children
@@ -105,8 +104,9 @@ fn thread_equality(joint: &Joint) -> Option<String> {
 
 /// Ties the hinge of every screw to its slide.
 fn push_threads(text: &mut String, model: &ArticulatedModel) {
-    // docs/method.md (11.2): the position of `joint1` is a polynomial in that of `joint2`. The hinge follows:
-    // MuJoCo softens a constraint by the inertia of either joint, whatever the factor, and a lid's is small.
+    // docs/method.md (11.2): the position of `joint1` is a polynomial in that of `joint2`. The hinge is
+    // `joint1`: MuJoCo softens a constraint by the inertia of either joint, whatever the factor, and a lid's
+    // is small.
     let threads: String = model.joints.iter().filter_map(thread_equality).collect();
     if !threads.is_empty() {
         write!(text, "  <equality>\n{threads}  </equality>\n").ok();
@@ -115,7 +115,7 @@ fn push_threads(text: &mut String, model: &ArticulatedModel) {
 
 fn push_assets(text: &mut String, link: &Link) {
     for visual in link_visuals(link) {
-        // MuJoCo drops the texture of a mesh file: it is named here, as PNG, the only format it reads.
+        // MuJoCo ignores the texture of a mesh file, so it is named here, as PNG, the only format it reads.
         let [name, material, file, texture] =
             [&visual.name, &visual.material, &visual.path, &visual.texture_path()].map(|s| escape(s));
         writeln!(text, "    <texture name=\"{material}\" type=\"2d\" file=\"{texture}\"/>").ok();
@@ -178,7 +178,7 @@ fn push_body(
         writeln!(text, "{pad}  <geom class=\"{prefix}collision\" name=\"{solid}\" mesh=\"{solid}\"/>").ok();
     }
     for (k, grasp) in link.grasps.iter().enumerate() {
-        // Group 4 is not drawn unless it is asked for.
+        // Group 4 is displayed only on request.
         let site = escape(&grasp_name(link, k));
         let place = place(&grasp.link_from_grasp);
         writeln!(text, "{pad}  <site name=\"{site}\" {place} size=\"0.005\" group=\"4\"/>").ok();
@@ -191,8 +191,8 @@ fn push_body(
 }
 
 fn push_joint(text: &mut String, joint: &Joint, pad: &str) {
-    // The slide comes before the hinge, as in the keyframes. The thread ties it to the hinge. The hinge has
-    // friction and damping; its range is for readers without equalities, as Drake.
+    // The slide precedes the hinge, as in the keyframes, and the thread ties both. The hinge has the friction
+    // and damping; its range is for readers that ignore equalities, such as Drake.
     if let Some(pitch) = joint.kind.thread_m_per_rad() {
         let name = escape(&joint.advance_name());
         let axis = triple(joint.axis.as_ref().as_ref());
@@ -233,7 +233,7 @@ fn place(pose: &Pose) -> String {
 
 /// w, x, y, z with w not negative.
 pub(super) fn quaternion(rotation: &UnitQuaternion<f64>) -> [f64; 4] {
-    // Of the two quaternions of a rotation always the same one, so that equal poses are equal text.
+    // Of the two quaternions of a rotation always the same one is taken, so that equal poses give equal text.
     let q: Quaternion<f64> = if rotation.w < 0.0 { -rotation.into_inner() } else { rotation.into_inner() };
     [q.w, q.i, q.j, q.k]
 }

@@ -1,21 +1,20 @@
-//! Numbers as text: few digits, no minus zero, the same on every run.
+//! Numbers as text: few digits, no minus zero, reproducible.
 
-/// `value` with `places` digits after the point at most, without trailing zeros; never `-0`, never an
-/// exponent.
+/// `value` with at most `places` decimals, without trailing zeros; never `-0`, never an exponent.
 ///
-/// For lengths and angles: noise below the last place carries no meaning.
+/// For lengths and angles, where noise below the last decimal has no meaning.
 #[must_use]
 pub fn decimal(value: f64, places: usize) -> String {
     let text = format!("{value:.places$}");
-    // Zeros are trimmed after a point alone: those of 100 count.
+    // Zeros are trimmed only after a point, not those of 100.
     let short = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
     // A small negative number rounds to minus zero; its sign is noise.
     if short == "-0" { "0".to_owned() } else { short.to_owned() }
 }
 
-/// `value` with `digits` significant digits at most, with an exponent where this is shorter; never `-0`.
+/// `value` with at most `digits` significant digits, with an exponent if this is shorter; never `-0`.
 ///
-/// For masses and inertias of unknown size.
+/// For masses and inertias, whose magnitude varies widely.
 #[must_use]
 pub fn significant(value: f64, digits: usize) -> String {
     let rounded = round_significant(value, digits);
@@ -33,8 +32,8 @@ pub fn round_significant(value: f64, digits: usize) -> f64 {
     if !value.is_finite() {
         return value;
     }
-    // By way of text: the double nearest to the decimal prints with these digits. Scaling by a power of ten
-    // does not ensure this. Adding 0 takes the sign off a minus zero.
+    // Through text, because the double nearest to the decimal then prints with these digits. Scaling by a
+    // power of ten does not guarantee this. Adding 0 removes the sign of minus zero.
     let text = format!("{value:.*e}", digits.saturating_sub(1));
     text.parse::<f64>().unwrap_or(value) + 0.0
 }

@@ -1,4 +1,4 @@
-//! Wavefront OBJ text: textured visual meshes, bare collision meshes.
+//! Wavefront OBJ text: textured visual meshes and plain collision meshes.
 
 use std::fmt::Write as _;
 
@@ -13,8 +13,8 @@ const POSITION_PLACES: usize = 7;
 /// Digits of a texture coordinate: a twentieth of a texel of a large texture.
 const UV_PLACES: usize = 6;
 
-/// OBJ text of a textured mesh: positions (meters), texture coordinates in `[0, 1]`, unit normals, triangles;
-/// the one material `name` of `name.mtl`.
+/// OBJ text of a textured mesh: positions (meters), texture coordinates in `[0, 1]`, unit normals, triangles.
+/// It uses one material, `name` of `name.mtl`.
 #[must_use]
 pub fn textured_obj(look: &Look, name: &str) -> String {
     let name = identifier(name);
@@ -31,7 +31,8 @@ pub fn textured_obj(look: &Look, name: &str) -> String {
     }
     writeln!(text, "usemtl {name}").ok();
     for (t, corners) in look.mesh.triangles.iter().zip(&look.triangles) {
-        // Indices count from 1. A vertex has one position, and a texture place and normal in each chart.
+        // Indices count from 1. A vertex has one position, and texture coordinates and a normal in each
+        // chart.
         let [a, b, c] = [0, 1, 2].map(|k| format!("{}/{}/{}", t[k] + 1, corners[k] + 1, corners[k] + 1));
         // Writing to a string cannot fail.
         writeln!(text, "f {a} {b} {c}").ok();
@@ -56,7 +57,7 @@ pub(crate) fn solid_obj(solid: &ConvexSolid, name: &str) -> String {
         push_values(&mut text, "v", &[p.x, p.y, p.z], POSITION_PLACES);
     }
     for t in 0..mesh.triangles.len() {
-        // A face without area gets some normal: the others keep their numbers.
+        // A face without area gets an arbitrary normal, so that the others keep their numbers.
         let normal = mesh.area_normal(t).cast::<f64>().try_normalize(0.0).unwrap_or_else(Vector3::z);
         push_values(&mut text, "vn", normal.as_slice(), 4);
     }

@@ -1,4 +1,4 @@
-//! One word for a whole result, and why.
+//! One word of verdict on a whole result, and the reason.
 
 use serde::Serialize;
 
@@ -12,9 +12,10 @@ pub enum OverallWord {
     /// There is no warning.
     #[default]
     Usable,
-    /// No warning puts a part, a joint or a shape in question ([`common::note::NoteCode::doubts_twin`]).
+    /// There are warnings, but none puts a part, a joint or a shape in doubt
+    /// ([`common::note::NoteCode::doubts_twin`]).
     UsableWithWarnings,
-    /// A warning does.
+    /// A warning puts a part, a joint or a shape in doubt.
     LookBeforeUse,
 }
 
@@ -28,7 +29,7 @@ pub struct Overall {
 }
 
 impl Overall {
-    /// The verdict on a twin with so many joints, from the warnings and differences of its run.
+    /// The verdict on a twin with this number of joints, from the warnings and differences of its run.
     #[must_use]
     pub fn of_run(joints: usize, warnings: &[Note], differences: &[StateDifference]) -> Self {
         let doubts: Vec<&Note> = warnings.iter().filter(|w| w.code.doubts_twin()).collect();
@@ -53,7 +54,7 @@ impl Overall {
         Self { word, reason: sentences.join("; ") }
     }
 
-    /// The word for people, of a result with so many warnings.
+    /// The verdict in words, for a result with this number of warnings.
     #[must_use]
     pub fn title_text(&self, warnings: usize) -> String {
         match self.word {
@@ -64,7 +65,7 @@ impl Overall {
     }
 }
 
-/// A sentence with the share of depth readings explained by the twin; none without readings.
+/// A sentence with the share of depth readings that the twin explains; none without readings.
 fn agreement_sentence(differences: &[StateDifference]) -> Option<String> {
     let views: usize = differences.iter().map(|d| d.views.len()).sum();
     let readings: usize = differences.iter().map(|d| d.readings).sum();

@@ -34,8 +34,8 @@ pub struct ExportFile {
     pub bytes: Vec<u8>,
 }
 
-/// All files of a model but its report: URDF (for simulators and for ROS), MJCF, SDF, USD, ROS package,
-/// meshes, textures, previews, viewer. `looks` in the order of the links. The model must be without findings
+/// All files of a model except its report: URDF (for simulators and for ROS), MJCF, SDF, USD, ROS package,
+/// meshes, textures, previews, viewer. `looks` are in the order of the links. The model must have no findings
 /// ([`model::validate`]).
 #[must_use]
 pub fn package(model: &ArticulatedModel, looks: &[Look], config: &ExportConfig) -> Vec<ExportFile> {
@@ -73,13 +73,13 @@ pub fn package(model: &ArticulatedModel, looks: &[Look], config: &ExportConfig) 
     }
     files.push(ExportFile { path: "preview/thumbnail.png".to_owned(), bytes: thumbnail });
     files.push(ExportFile { path: "preview/turntable.gif".to_owned(), bytes: turntable });
-    // Last, as it installs all others.
+    // Last, because it installs all others.
     let lists = cmake_lists(model, files.iter().map(|f| f.path.as_str()));
     files.push(ExportFile { path: CMAKE_LISTS.to_owned(), bytes: lists.into_bytes() });
     files
 }
 
-/// Path and text of the files without a look.
+/// Path and text of the files that do not depend on looks.
 fn description_files(model: &ArticulatedModel, config: &ExportConfig) -> Vec<(String, String)> {
     let name = identifier(&model.name);
     let screws = config.urdf_screw;
@@ -101,7 +101,7 @@ fn description_files(model: &ArticulatedModel, config: &ExportConfig) -> Vec<(St
         (PACKAGE_XML.to_owned(), package_xml(model, config)),
         ("README.md".to_owned(), guide(model, config)),
     ];
-    // In a folder of its own: tools look for the one URDF of the run's.
+    // In a folder of its own: tools look for the only URDF in the run's folder.
     if threaded && screws == UrdfScrew::Pair {
         texts.push((format!("{SINGLE_JOINT}/{name}.urdf"), single_joint_urdf(model)));
     }
@@ -112,7 +112,7 @@ fn description_files(model: &ArticulatedModel, config: &ExportConfig) -> Vec<(St
     texts
 }
 
-/// [`package`] of a model without photos: the meshes' own colors are their textures.
+/// [`package`] for a model without photos: the textures show the meshes' own colors.
 #[must_use]
 pub fn urdf_package(model: &ArticulatedModel, config: &ExportConfig) -> Vec<ExportFile> {
     package(model, &plain_looks(model), config)

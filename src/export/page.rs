@@ -9,11 +9,12 @@ const STYLE: &str = include_str!("report.css");
 /// The end of a page.
 pub(crate) const TAIL: &str = "</main>\n</body>\n</html>\n";
 
-/// A page up to its first section; `title` is escaped, `style` extends the style of all pages.
+/// The beginning of a page, up to its first section; `title` is escaped, `style` extends the style of all
+/// pages.
 #[must_use]
 pub(crate) fn page_head(title: &str, style: &str) -> String {
-    // The policy admits nothing but pictures inside the page and its own style: no name out of a recording
-    // can make the page load or run something.
+    // The policy allows only pictures inside the page and its own style: no name from a recording can make
+    // the page load or run anything.
     format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" \
          content=\"width=device-width, initial-scale=1\">\n\
@@ -25,7 +26,7 @@ pub(crate) fn page_head(title: &str, style: &str) -> String {
 
 // Writing to a string cannot fail: the results below are dropped.
 
-/// A section with a list of sentences, which it escapes; nothing without any.
+/// Adds a section with a list of sentences, which it escapes; nothing if there are none.
 pub(crate) fn push_list(out: &mut String, class: &str, title: &str, sentences: &[String]) {
     if sentences.is_empty() {
         return;
@@ -34,8 +35,8 @@ pub(crate) fn push_list(out: &mut String, class: &str, title: &str, sentences: &
     writeln!(out, "<section class=\"{class}\">\n<h2>{title}</h2>\n<ul>\n{items}</ul>\n</section>").ok();
 }
 
-/// A row of a table under a head. On a narrow screen every cell has a line of its own, and each but the first
-/// shows its column's head.
+/// A row of a table with column heads `head`. On a narrow screen every cell is on a line of its own, and all
+/// but the first show the head of their column.
 #[must_use]
 pub(crate) fn table_row(head: &[&str], cells: &[String]) -> String {
     let mut out = "<tr>".to_owned();
@@ -47,7 +48,7 @@ pub(crate) fn table_row(head: &[&str], cells: &[String]) -> String {
     out
 }
 
-/// A section with a table of such rows; nothing without any.
+/// Adds a section with a table of such rows; nothing if there are none.
 pub(crate) fn push_table(out: &mut String, title: &str, head: &[&str], rows: &str) {
     if rows.is_empty() {
         return;
@@ -74,7 +75,7 @@ pub(crate) fn number_with_unit(number: &str, unit: &str) -> String {
     format!("{}{space}<span class=\"unit\">{unit}</span>", escape(number))
 }
 
-/// A number with its noun, in the plural unless it is 1.
+/// A number with its noun, which is plural unless the number is 1.
 #[must_use]
 pub fn counted_noun(n: usize, what: &str) -> String {
     if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }

@@ -1,4 +1,4 @@
-//! How the number of parts was found, for both reports.
+//! How the number of parts was found, for both forms of the report.
 
 use serde::{Deserialize, Serialize};
 
@@ -29,11 +29,11 @@ pub struct PartCountReport {
 pub struct EvidencePointReport {
     /// Number of parts, the static one included.
     pub parts: usize,
-    /// Sum of the evidence explained by each motion alone.
+    /// Sum over the motions of the evidence that each alone explains.
     pub evidence: f64,
-    /// Evidence explained by the weakest motion alone.
+    /// Evidence that the weakest motion alone explains.
     pub weakest: Option<f64>,
-    /// Evidence without an explanation.
+    /// Evidence that no motion explains.
     #[serde(default)]
     pub unexplained: f64,
 }
@@ -59,8 +59,8 @@ impl PartCountReport {
         Self { given, found, least_evidence, curve }
     }
 
-    /// Head and rows of a table: number of parts, evidence, weakest motion, unexplained rest; the chosen
-    /// number marked.
+    /// Head and rows of a table: number of parts, evidence, weakest motion, unexplained rest. The chosen
+    /// number is marked.
     pub(super) fn head_and_rows(&self) -> ([&'static str; 4], String) {
         let head = ["Parts", "Evidence of all motions", "Weakest motion", "Unexplained"];
         let mut rows = String::new();

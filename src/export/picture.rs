@@ -1,4 +1,4 @@
-//! Pictures of a report: pixels, lines drawn over them, and their text form in a page.
+//! Pictures of a report: pixels, arrows over them, and their form in a page.
 
 use std::fmt::Write as _;
 
@@ -86,8 +86,8 @@ pub struct Window {
 }
 
 impl Window {
-    /// The window around the marked pixels of some masks (`width * height`, row-major) with a margin of an
-    /// eighth of its size, in the proportions of the picture; the whole picture where nothing is marked.
+    /// The window around the pixels marked in some masks (`width * height`, row-major), with a margin of an
+    /// eighth of its size and the aspect ratio of the picture; the whole picture if nothing is marked.
     #[must_use]
     pub fn around_marks(masks: &[&[bool]], width: usize, height: usize) -> Self {
         let marked = masks
@@ -115,7 +115,7 @@ impl Window {
     }
 }
 
-/// First column or row of a window of `size` around the middle of two columns or rows, inside the picture.
+/// First column or row of a window of `size` around the midpoint of two columns or rows, inside the picture.
 fn first_of_window(first: usize, last: usize, size: usize, picture_size: usize) -> usize {
     let middle = (first + last) / 2;
     middle.saturating_sub(size / 2).min(picture_size - size)
@@ -147,7 +147,7 @@ pub enum PictureError {
 }
 
 impl Picture {
-    /// The part of the picture in a window, with its arrows. The window is cut to the picture.
+    /// The part of the picture inside a window, with its arrows. The window is clipped to the picture.
     #[must_use]
     pub fn cropped_to(&self, window: &Window) -> Self {
         let x = window.x.min(self.width);
@@ -216,7 +216,7 @@ impl Picture {
     }
 }
 
-/// A PNG of the pixels with `shown` true for their index, the others transparent; empty if size and pixels
+/// A PNG of the pixels for whose index `shown` is true, with the others transparent; empty if size and pixels
 /// disagree.
 #[must_use]
 pub fn cutout_png(rgb: &[[u8; 3]], width: usize, height: usize, shown: impl Fn(usize) -> bool) -> Vec<u8> {
@@ -232,7 +232,7 @@ pub fn cutout_png(rgb: &[[u8; 3]], width: usize, height: usize, shown: impl Fn(u
     bytes
 }
 
-/// Arrows with a white rim, to stand out on any ground; labels beside the heads.
+/// Arrows with a white rim, visible on any background; labels are beside the heads.
 fn arrows_svg(arrows: &[Arrow], width: usize, height: usize) -> String {
     // Widths and fonts below are for a picture of 640 pixels.
     let size = width.max(height) as f64 / 640.0;
@@ -247,7 +247,7 @@ fn arrows_svg(arrows: &[Arrow], width: usize, height: usize) -> String {
         let path = [x0, y0, x1, y1, ax, ay, x1, y1, bx, by].map(|v| decimal(v, 1));
         let [x0, y0, x1, y1, ax, ay, _, _, bx, by] = &path;
         let path = format!("M{x0} {y0}L{x1} {y1}M{ax} {ay}L{x1} {y1}L{bx} {by}");
-        // Darker than the part it belongs to.
+        // Darker than the part to which it belongs.
         let [r, g, b] = arrow.color.map(|c| (0.6 * f64::from(c)) as u8);
         for (color, stroke) in [("#fff".to_owned(), 9.0), (format!("rgb({r} {g} {b})"), 4.5)] {
             let stroke = decimal(stroke * size, 2);
@@ -258,7 +258,7 @@ fn arrows_svg(arrows: &[Arrow], width: usize, height: usize) -> String {
             )
             .ok();
         }
-        // The label stays inside the picture: on the left of a head in the right third.
+        // The label stays inside the picture: to the left of a head in the right third.
         let right = arrow.to[0] > 0.66 * width as f64;
         let (anchor, shift) = if right { ("end", -12.0) } else { ("start", 12.0) };
         let left = arrow.to[0] + shift * size;
@@ -266,7 +266,7 @@ fn arrows_svg(arrows: &[Arrow], width: usize, height: usize) -> String {
         let y = decimal((arrow.to[1] - 4.0 * size).min(height as f64 - 8.0 * size).max(30.0 * size), 1);
         let font = decimal(29.0 * size, 1);
         let rim = decimal(7.0 * size, 1);
-        // A long name is drawn narrower: letters are about 0.62 of the font wide.
+        // A long name is condensed: letters are about 0.62 of the font size wide.
         let room = if right { left } else { width as f64 - left };
         let is_long = 0.62 * 29.0 * size * arrow.label.chars().count() as f64 > room;
         let fit = if is_long {
@@ -287,7 +287,7 @@ fn arrows_svg(arrows: &[Arrow], width: usize, height: usize) -> String {
 }
 
 /// Arrows along the joint axes of a model in a state (`axis_line`), as a camera sees them. An axis with an
-/// end behind the camera is left out; nothing hides an axis.
+/// end behind the camera is left out; axes are drawn even if something hides them.
 #[must_use]
 pub fn axis_arrows(
     model: &ArticulatedModel,
@@ -310,8 +310,8 @@ pub fn axis_arrows(
     arrows
 }
 
-/// The drawn stretch of a joint's axis, in the frame of its child: through the middle of the part, a
-/// slider's from there towards rising positions; `None` of a part without surface.
+/// The ends of the drawn axis of a joint, in the frame of its child: centered on the part or, for a slide,
+/// from the center towards rising positions; `None` for a part without surface.
 #[must_use]
 pub(crate) fn axis_line(model: &ArticulatedModel, joint: &Joint) -> Option<[Point3<f64>; 2]> {
     let (lower, upper) = model.links[joint.child].visual.bounds()?;
@@ -319,7 +319,7 @@ pub(crate) fn axis_line(model: &ArticulatedModel, joint: &Joint) -> Option<[Poin
     let half = joint.axis.into_inner() * (AXIS_SHARE * f64::from((upper - lower).max()));
     Some(match joint.kind {
         JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => {
-            // The axis passes through the origin of the link frame: this is its point nearest to the middle.
+            // The axis passes through the origin of the link frame; this is its point nearest to the center.
             let on_axis = Point3::from(joint.axis.into_inner() * middle.coords.dot(&joint.axis));
             [on_axis - half, on_axis + half]
         }

@@ -15,21 +15,21 @@ use surface::{Paint, RenderItem, render, simplify};
 const THUMBNAIL_PX: [usize; 2] = [480, 360];
 /// Sides of the turntable, pixels.
 const TURNTABLE_PX: [usize; 2] = [320, 240];
-/// Pictures of a full turn.
+/// Number of frames in a full turn.
 const FRAMES: usize = 24;
-/// Time between two pictures, hundredths of a second.
+/// Time between two frames, hundredths of a second.
 const FRAME_DELAY: u16 = 11;
-/// The fastest of the encoder's speeds: it samples fewer pixels for a palette.
+/// The fastest setting of the encoder, which samples fewer pixels for a palette.
 const SPEED: i32 = 30;
 /// Distance of the camera in radii of the object. chosen: for the eye
 const DISTANCE: f64 = 3.0;
-/// Height of the camera above the object's middle, in radii. chosen: for the eye
+/// Height of the camera above the object's center, in radii. chosen: for the eye
 const ELEVATION: f64 = 1.3;
 /// Focal length in picture widths. chosen: for the eye
 const FOCAL: f64 = 1.2;
 /// Direction of the thumbnail's camera, radians about z from x. chosen: for the eye
 const AZIMUTH_RAD: f64 = -0.9;
-/// Triangles of a mesh in the turntable.
+/// Largest number of triangles of a mesh in the turntable.
 const TURNTABLE_FACES: usize = 8000;
 
 /// A PNG of the model in its last observed state; world z is up.
@@ -49,7 +49,7 @@ pub(crate) fn thumbnail_png(model: &ArticulatedModel) -> Vec<u8> {
 /// and back.
 #[must_use]
 pub(crate) fn turntable_gif(model: &ArticulatedModel, drawn: &[Drawn]) -> Vec<u8> {
-    // Of the exported meshes: they have few triangles already.
+    // From the exported meshes, which have few triangles already.
     let small: Vec<(usize, TriangleMesh)> =
         drawn.par_iter().map(|d| (d.link, simplify(&d.look.mesh, TURNTABLE_FACES, f64::INFINITY))).collect();
     let meshes: Vec<(usize, &TriangleMesh)> = small.iter().map(|(link, mesh)| (*link, mesh)).collect();
@@ -68,7 +68,7 @@ fn turntable_frame(
     number: usize,
 ) -> Frame<'static> {
     let turn = std::f64::consts::TAU * number as f64 / FRAMES as f64;
-    // Once there and back in a turn, slow at both ends: the loop has no jump.
+    // Once there and back in a full turn, slow at both ends, so that the loop has no jump.
     let share = 0.5 - 0.5 * turn.cos();
     let positions: Vec<f64> = first.iter().zip(last).map(|(a, b)| a + (b - a) * share).collect();
     let rgb = view_pixels(model, meshes, &positions, AZIMUTH_RAD + turn, TURNTABLE_PX);
@@ -80,7 +80,7 @@ fn turntable_frame(
     frame
 }
 
-/// The bytes of an animated GIF without an end.
+/// The bytes of an animated GIF that repeats forever.
 fn gif_of_frames(frames: &[Frame]) -> Result<Vec<u8>, EncodingError> {
     let [w, h] = TURNTABLE_PX.map(|x| x as u16);
     let mut encoder = Encoder::new(Vec::new(), w, h, &[])?;
@@ -94,7 +94,7 @@ fn model_meshes(model: &ArticulatedModel) -> impl Iterator<Item = (usize, &Trian
     model.links.iter().enumerate().flat_map(|(link, own)| link_visuals(own).map(move |v| (link, v.mesh)))
 }
 
-/// The pixels of a camera at an azimuth, aimed at the middle of the model.
+/// The pixels seen by a camera at an azimuth, aimed at the center of the model.
 fn view_pixels(
     model: &ArticulatedModel,
     meshes: &[(usize, &TriangleMesh)],
@@ -102,7 +102,7 @@ fn view_pixels(
     azimuth_rad: f64,
     [width, height]: [usize; 2],
 ) -> Vec<[u8; 3]> {
-    // A sphere around all boxes in all states: the camera stands still while the joints move.
+    // A sphere around all boxes in all states, so that the camera stays still while the joints move.
     let mut corners: Vec<Point3<f64>> = Vec::new();
     for (link, mesh) in meshes {
         let Some((lo, hi)) = mesh.bounds() else { continue };

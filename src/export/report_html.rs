@@ -1,4 +1,4 @@
-//! The report as one self-contained page: pictures inside, no script, nothing loaded.
+//! The report as one self-contained page: pictures are embedded, there is no script, and nothing is loaded.
 
 use std::fmt::Write as _;
 
@@ -15,23 +15,23 @@ use super::{
 };
 use model::escape_xml as escape;
 
-/// In place of a deviation beyond any guess.
+/// Shown in place of a standard deviation that is no better than a guess's.
 const NOT_DETERMINED: &str = "not determined";
 
-/// Meaning of the colors of [`PhotoAndTwin::difference`].
+/// Explains the colors of [`PhotoAndTwin::difference`].
 const DIFFERENCE_LEGEND: &str = "Orange: a camera read the object where the twin has nothing. Violet: a \
     camera saw through where the twin is. White: edges and pixels without a reading, which say nothing.";
 
 /// The pictures of a report.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReportPictures {
-    /// A photo of every state and beside it the twin in the same pose from the same camera.
+    /// A photo of every state, and beside it the twin in the same pose from the same camera.
     pub states: Vec<PhotoAndTwin>,
-    /// The parts in the colors of [`part_color`] with their axes.
+    /// The parts in the colors of [`part_color`], with their axes.
     pub parts: Vec<Picture>,
-    /// The kept surface of the object.
+    /// The surface of the object that was kept.
     pub kept: Vec<Picture>,
-    /// Where the twin and the photos differ, over all views.
+    /// The differences between the twin and the readings, over all views.
     pub differences: Vec<StateDifference>,
 }
 
@@ -42,22 +42,22 @@ pub struct PhotoAndTwin {
     pub state: usize,
     /// Name of the view.
     pub view: String,
-    /// Peak signal-to-noise ratio over the object's pixels, where these are known.
+    /// Peak signal-to-noise ratio over the object's pixels, dB; none if these are unknown.
     pub psnr_db: Option<f64>,
     /// The photo.
     pub photo: Picture,
     /// The rendered model.
     pub twin: Picture,
-    /// Differences by the measured depth; where the object's pixels are known.
+    /// Differences by the measured depth; none if the object's pixels are unknown.
     pub difference: Option<Picture>,
-    /// The object alone as the camera saw it, and that camera; where the object's pixels are known.
+    /// PNG of the object alone as the camera saw it, and that camera; none if the object's pixels are
+    /// unknown.
     pub cutout: Option<(Vec<u8>, RecordedCamera)>,
 }
 
 /// The page of a report.
 ///
-/// # Errors
-/// A picture fails to encode.
+/// If a picture cannot be encoded.
 pub fn report_html(report: &Report, pictures: &ReportPictures) -> Result<String, PictureError> {
     let name = escape(&report.name);
     let mut out = page::page_head(&format!("{name}: articulated twin"), "");
@@ -124,7 +124,7 @@ fn sentence(joint: &JointReport) -> String {
 }
 
 fn push_warnings(out: &mut String, report: &Report) {
-    // Those of the joints are among them.
+    // The joints' warnings are among them.
     let all: Vec<String> = report.run.warnings.iter().map(ToString::to_string).collect();
     push_list(out, "warnings", "Warnings", &all);
 }
@@ -215,7 +215,7 @@ fn push_joints(out: &mut String, report: &Report) {
     let mut rows = String::new();
     for joint in &report.joints {
         let child = report.links.iter().position(|l| l.name == joint.child).unwrap_or_default();
-        // A slide has a direction and no line: it has no place across its axis.
+        // A slide has a direction but no line, so it has no position perpendicular to its axis.
         let place =
             if joint.motion.unit == "rad" { spread(joint.origin_std_mm, "mm") } else { "\u{2013}".into() };
         let through = if joint.motion.unit == "rad" {
@@ -324,7 +324,7 @@ fn push_links(out: &mut String, report: &Report) {
     push_table(out, "Parts and their files", &head, &rows);
 }
 
-/// Where a gripper can take a link, for its name's cell.
+/// Where a gripper can hold a link, for the cell with its name.
 fn grasps(link: &LinkReport) -> String {
     let widths: Vec<String> = link.grasps.iter().map(|g| decimal(g.width_mm, 0)).collect();
     match widths.split_last() {
@@ -337,7 +337,7 @@ fn grasps(link: &LinkReport) -> String {
     }
 }
 
-/// How much of a link's surface no view saw, for its area's cell.
+/// How much of a link's surface no view saw, for the cell with its area.
 fn assumed(link: &LinkReport) -> String {
     let share = link.assumed_area_m2 / link.area_m2;
     if share > 0.0 {
@@ -406,19 +406,19 @@ fn motion(value: &Quantity, std: &SpreadReport) -> String {
     let (factor, unit) =
         if value.unit == "rad" { (180.0 / std::f64::consts::PI, "\u{b0}") } else { (1000.0, " mm") };
     let spread = match std.value {
-        // Not below the last digit: "± 0" would claim certainty.
+        // At least one in the last digit: "± 0" would claim certainty.
         Some(std) => format!("\u{b1} {}{unit}", decimal((factor * std).max(0.01), 2)),
         None => format!("(deviation {NOT_DETERMINED})"),
     };
     with_true_minus(&format!("{:+.2}{unit} {spread}", factor * value.value))
 }
 
-/// A deviation with its unit, or a word for its absence.
+/// A standard deviation with its unit, or words if there is none.
 fn spread(value: Option<f64>, its_unit: &str) -> String {
     value.map_or_else(|| NOT_DETERMINED.to_owned(), |v| number_with_unit(&significant(v, 2), its_unit))
 }
 
-/// Where the joint is closed, and its positions in all states, where there are more than two.
+/// Where the joint is closed, and its positions in all states if there are more than two.
 fn positions(joint: &JointReport) -> String {
     let (factor, unit) =
         if joint.motion.unit == "rad" { (180.0 / std::f64::consts::PI, "\u{b0}") } else { (1000.0, " mm") };
@@ -432,7 +432,7 @@ fn positions(joint: &JointReport) -> String {
     let closed = closed.unwrap_or_default();
     let all: Vec<String> =
         joint.positions.iter().map(|p| with_true_minus(&decimal(factor * p.value, 2))).collect();
-    // Of two states the motion says the same.
+    // With two states, the motion already says this.
     if all.len() < 3 {
         return closed;
     }
@@ -444,7 +444,7 @@ fn positions(joint: &JointReport) -> String {
     )
 }
 
-/// Three coordinates.
+/// Three coordinates as text.
 fn vector(v: [f64; 3]) -> String {
     with_true_minus(&format!("({})", v.map(|x| decimal(x, 3)).join(", ")))
 }
@@ -456,7 +456,7 @@ fn dot(part: usize) -> String {
 
 fn duration(seconds: f64) -> String {
     match seconds {
-        // Bounds from which the shorter form would round up to a digit more.
+        // The bounds are where the shorter form would round up to one more digit.
         s if s < 9.95 => format!("{s:.1} s"),
         s if s < 119.5 => format!("{s:.0} s"),
         s => format!("{:.0} min {:02.0} s", (s.round() / 60.0).floor(), s.round() % 60.0),

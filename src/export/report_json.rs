@@ -1,4 +1,4 @@
-//! Results of a run and their evidence, as a machine-readable report.
+//! The results of a run and their evidence, as a machine-readable report.
 
 use std::collections::BTreeMap;
 
@@ -32,7 +32,7 @@ pub struct Report {
     pub format: String,
     /// Name of the object.
     pub name: String,
-    /// Possible uses of the twin.
+    /// Verdict on the uses of the twin.
     pub overall: Overall,
     /// Joint positions of the observed states.
     pub states: Vec<StateReport>,
@@ -48,7 +48,7 @@ pub struct Report {
 /// One observed state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StateReport {
-    /// Position of every joint by name, radians or meters; of a screw that of its slide, too.
+    /// Position of every joint by name, radians or meters; a screw also has that of its slide.
     pub joints: BTreeMap<String, f64>,
 }
 
@@ -60,7 +60,7 @@ pub struct JointReport {
     /// `revolute`, `prismatic`, `screw`, or `free` where no type explains the motion.
     #[serde(rename = "type")]
     pub kind: String,
-    /// Advance along the axis per radian of a screw or free motion; none for other joints.
+    /// Advance along the axis per radian for a screw or free motion; none for other joints.
     pub pitch_m_per_rad: Option<f64>,
     /// Standard deviation of the pitch.
     pub pitch_std_m_per_rad: Option<f64>,
@@ -72,7 +72,7 @@ pub struct JointReport {
     pub axis: [f64; 3],
     /// A point on the axis in the world in state 0, meters.
     pub origin: [f64; 3],
-    /// Position in state 1 minus position in state 0; of more states that of the one farthest from state 0.
+    /// Position in state 1 minus position in state 0; with more states, in the state farthest from state 0.
     pub motion: Quantity,
     /// Position in every state with its standard deviation, in the unit of the motion.
     pub positions: Vec<PositionReport>,
@@ -80,65 +80,65 @@ pub struct JointReport {
     pub limit: LimitReport,
     /// Friction and damping.
     pub dynamics: DynamicsReport,
-    /// Root mean square angle between estimated and true axis by the covariance, degrees; null: not
+    /// Root mean square angle between estimated and true axis from the covariance, degrees; null: not
     /// determined.
     pub axis_std_deg: Option<f64>,
-    /// Root mean square distance of the axis from the true one by the covariance, across the axis,
-    /// millimeters; of no meaning for a prismatic joint; null: not determined.
+    /// Root mean square distance between estimated and true axis from the covariance, perpendicular to the
+    /// axis, millimeters; meaningless for a prismatic joint; null: not determined.
     pub origin_std_mm: Option<f64>,
     /// Standard deviation of the motion.
     pub motion_std: SpreadReport,
     /// Covariance of (axis direction 3, point on the axis 3, motion 1), world, radians and meters, row by
     /// row.
     pub covariance: Vec<[f64; 7]>,
-    /// Points and matches in support of the motion.
+    /// Number of points and matches that support the motion.
     pub inliers: usize,
-    /// Tried points and matches.
+    /// Number of points and matches tried.
     pub tried: usize,
     /// Root mean square distance of the supporting points after the motion, millimeters.
     pub residual_rms_mm: f64,
     /// Cost of every joint type (Bayesian information criterion); lower is better.
     pub type_scores: BTreeMap<String, f64>,
-    /// Squared error of the parameters against that of independent observations; the covariance holds
-    /// it.
+    /// Ratio of the squared error of the parameters to that of independent observations; included in the
+    /// covariance.
     pub dispersion: f64,
-    /// How well each link would carry the child, by name.
+    /// How well each link fits as the child's parent, by name.
     pub parents: BTreeMap<String, ParentReport>,
-    /// The axis by the motion alone, where the object's other axes and flat faces had a say.
+    /// The axis from the motion alone, if the object's other axes and flat faces influenced the final one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub axis_alone: Option<AxisAloneReport>,
     /// Reasons not to trust this joint.
     pub cautions: Vec<Note>,
-    /// Unobservable parameters in the states.
+    /// Properties that the states cannot show.
     pub not_observable: Vec<Note>,
 }
 
-/// An axis by the motion of its part alone.
+/// An axis estimated from the motion of its part alone.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct AxisAloneReport {
-    /// Unit direction, world.
+    /// Unit direction in the world.
     pub axis: [f64; 3],
     /// Its standard deviation, degrees; null: not determined.
     pub std_deg: Option<f64>,
 }
 
-/// How well a link would carry a part.
+/// How well a link fits as the parent of a part.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ParentReport {
-    /// Score of the best joint of one freedom against that of the free motion; lower is simpler.
+    /// Score of the best joint with one degree of freedom, less that of the free motion; lower is simpler.
     pub excess: f64,
-    /// Distance of both, the larger of both states, millimeters.
+    /// Distance between both, the largest over the states, millimeters.
     pub gap_mm: f64,
 }
 
 /// Position of a joint in a state.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PositionReport {
-    /// The state.
+    /// Index of the state.
     pub state: usize,
     /// Position, radians or meters.
     pub value: f64,
-    /// Standard deviation; none where it is not known. State 0 is where positions are counted from.
+    /// Standard deviation; none if unknown. Positions count from state 0.
     pub std: Option<f64>,
 }
 
@@ -168,26 +168,25 @@ pub struct DynamicsReport {
     pub friction: f64,
     /// Viscous damping.
     pub damping: f64,
-    /// Source of both.
+    /// What both are based on.
     pub assumption: String,
 }
 
-/// Facts about a run beside its model.
+/// Facts about a run, beside its model.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct RunFacts {
     /// The input.
     pub input: InputFacts,
-    /// How the motions started and how far refinement took them.
+    /// Where the motions started, and how far refinement changed them.
     pub initialization: Vec<InitialMotion>,
-    /// How close the twin looks to photos.
+    /// How closely the rendered twin resembles photos.
     pub renderings: Vec<Rendering>,
-    /// Differences between the photos and the twin, by state; none of a state whose object
-    /// pixels are not known.
+    /// Differences between the camera readings and the twin, by state; a state whose object pixels are
+    /// unknown is left out.
     pub differences: Vec<StateDifference>,
     /// How the number of parts was found.
     pub part_count: Option<PartCountReport>,
-    /// Box about the object in all states as it was isolated, lower and upper corner in the
-    /// world, meters.
+    /// Bounding box of the isolated object over all states, lower and upper corner in the world, meters.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub object_box_m: Option<[[f64; 3]; 2]>,
     /// How the camera was tracked through each state; empty where its poses were recorded.
@@ -195,7 +194,7 @@ pub struct RunFacts {
     pub camera_tracking: Vec<CameraTrackingReport>,
     /// Corrections of the camera poses of each state.
     pub camera_poses: Vec<CameraPosesReport>,
-    /// By how much the twin's frame may be off as a whole, where poses were corrected.
+    /// How far the twin's frame may be off as a whole, if poses were corrected.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub world_frame: Option<WorldFrameReport>,
     /// Corrections of the depth sensor.
@@ -207,21 +206,21 @@ pub struct RunFacts {
     pub versions: BTreeMap<String, String>,
     /// Seed of all random streams.
     pub seed: u64,
-    /// Name of the preset of the settings, and its cost in accuracy.
+    /// Name of the settings' preset, and its cost in accuracy.
     pub preset: String,
     /// Digest of the effective configuration.
     pub config_digest: String,
-    /// Digest of recordings, settings, seed and version: runs in which it is the same compute the same.
+    /// Digest of recordings, settings, seed and version: runs with equal digests compute the same.
     pub fingerprint: String,
-    /// Device: processor or graphics adapter, threads.
+    /// Device that computed: processor or graphics adapter, threads.
     pub device: String,
     /// Findings and choices.
     pub notes: Vec<Note>,
-    /// Degradations.
+    /// Warnings about degraded results.
     pub warnings: Vec<Note>,
 }
 
-/// How close the rendered twin looks to a photo.
+/// How closely the rendered twin resembles a photo.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Rendering {
     /// State of the object.
@@ -230,7 +229,7 @@ pub struct Rendering {
     pub view: String,
     /// Peak signal-to-noise ratio over the object's pixels, dB.
     pub psnr_db: f64,
-    /// PNG of the object's pixels, all others transparent, relative to the run folder.
+    /// Path of a PNG of the object's pixels, with all others transparent, relative to the run folder.
     pub photo: String,
     /// Camera of the photo.
     pub camera: Option<RecordedCamera>,
@@ -257,12 +256,12 @@ impl RecordedCamera {
     }
 }
 
-/// The input.
+/// The recordings used.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct InputFacts {
-    /// Files and folders, as they were named.
+    /// Files and folders as the user named them.
     pub paths: Vec<String>,
-    /// Used frames of each state.
+    /// Number of frames used of each state.
     pub frames: Vec<usize>,
 }
 
@@ -276,8 +275,7 @@ pub struct StageTime {
 }
 
 impl Report {
-    /// The report of a model, its `files` and its run. The model must be without findings
-    /// ([`model::validate`]).
+    /// The report of a model, its `files` and its run. The model must have no findings ([`model::validate`]).
     #[must_use]
     pub fn new(model: &ArticulatedModel, files: &[ExportFile], run: RunFacts) -> Self {
         Self {
@@ -308,7 +306,7 @@ impl Report {
 fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointReport {
     let none = vec![0.0; model.joints.len()];
     let first = model.states.first().unwrap_or(&none);
-    // Axis and origin in the world, as they stand in state 0.
+    // Axis and origin in the world, as they are in state 0.
     let world_from_joint = model.world_from_link(joint.parent, first) * joint.parent_from_joint;
     let axis = world_from_joint.rotation * joint.axis.into_inner();
     let unit = unit(joint.kind);
@@ -317,7 +315,7 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
     let extent_m = model.extent_m();
     let direction = Unit::new_normalize(axis);
     let deviation = Deviations::of_covariance(&e.covariance, &direction, joint.kind.turns(), extent_m);
-    // No deviation is known to more than some digits.
+    // Standard deviations are known to a few digits only.
     let spread = |value: Option<f64>, factor: f64| value.map(|v| round_significant(factor * v, 4));
     JointReport {
         name: joint.name.clone(),
@@ -369,7 +367,7 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
 fn state_report(model: &ArticulatedModel, positions: &[f64]) -> StateReport {
     let joints = model.joints.iter().zip(positions).flat_map(|(j, &q)| {
         let turn = (j.name.clone(), round_significant(q, 12));
-        // The slide of a screw leads in the URDF.
+        // In the URDF the slide of a screw leads.
         let pitch = j.kind.thread_m_per_rad();
         let advance = pitch.map(|p| (j.advance_name(), round_significant(p * q, 12)));
         advance.into_iter().chain([turn])
@@ -379,7 +377,7 @@ fn state_report(model: &ArticulatedModel, positions: &[f64]) -> StateReport {
 
 /// Standard deviation of a position; `None` where it is unknown.
 fn position_std(joint: &Joint, state: usize) -> Option<f64> {
-    // Positions count from state 0, so state 0 has no deviation; the evidence begins with state 1.
+    // Positions count from state 0, which therefore has no deviation; the evidence begins with state 1.
     let Some(k) = state.checked_sub(1) else { return Some(0.0) };
     let std = joint.evidence.position_std.get(k).copied().filter(|s| s.is_finite());
     std.map(|s| round_significant(s, 4))
@@ -410,7 +408,7 @@ fn unit(kind: JointKind) -> &'static str {
 }
 
 fn round3(v: [f64; 3]) -> [f64; 3] {
-    // Positions and directions: noise below a picometer says nothing.
+    // Positions and directions: noise below a picometer has no meaning.
     v.map(|x| (x * 1e12).round() * 1e-12 + 0.0).map(|x| round_significant(x, DIGITS))
 }
 

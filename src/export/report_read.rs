@@ -1,12 +1,12 @@
-//! What is read of the `report.json` of a reconstruction.
+//! The parts of a reconstruction's `report.json` that later commands read.
 
 use serde::{Deserialize, de::IgnoredAny};
 
 use super::report_json::{SpreadReport, StateReport};
 
-/// What is read of a [`Report`](super::Report), of this version or an earlier one: what is missing is empty,
-/// and other keys may hold anything. A whole report is not read: codes come and go, and `null` stands for
-/// what is not finite.
+/// The parts of a [`Report`](super::Report) that are read, from this version or an earlier one. Missing keys
+/// are empty, and other keys may hold anything. A whole report is not read, as codes come and go and `null`
+/// replaces numbers that are not finite.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct ReadReport {
@@ -16,17 +16,17 @@ pub struct ReadReport {
     pub states: Vec<StateReport>,
     /// Joints.
     pub joints: Vec<ReadJoint>,
-    /// As many as there are links.
+    /// Only their number is used.
     pub links: Vec<IgnoredAny>,
-    /// As many as there are warnings.
+    /// Only their number is used.
     pub warnings: Vec<IgnoredAny>,
-    /// Box about the object in all states, lower and upper corner in the world, meters.
+    /// Bounding box of the object over all states, lower and upper corner in the world, meters.
     pub object_box_m: Option<[[f64; 3]; 2]>,
     /// Digest of recordings, settings, seed and version.
     pub fingerprint: String,
 }
 
-/// What is read of a joint; `None` for what is not determined.
+/// The parts of a joint that are read; `None` for what is not determined.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct ReadJoint {
@@ -40,7 +40,7 @@ pub struct ReadJoint {
     pub motion: Option<SpreadReport>,
     /// Standard deviation of the axis' direction, degrees.
     pub axis_std_deg: Option<f64>,
-    /// Standard deviation of the axis' place, millimeters.
+    /// Standard deviation of the axis line's place, millimeters.
     pub origin_std_mm: Option<f64>,
     /// Standard deviation of the motion.
     pub motion_std: Option<SpreadReport>,

@@ -8,12 +8,12 @@ use super::{
 };
 use model::{ArticulatedModel, escape_xml as escape, identifier};
 
-/// `package.xml`. ament installs it by itself.
+/// `package.xml`, which ament installs by itself.
 pub(crate) const PACKAGE_XML: &str = "package.xml";
 /// `CMakeLists.txt`.
 pub(crate) const CMAKE_LISTS: &str = "CMakeLists.txt";
 
-/// `package.xml`.
+/// Text of `package.xml`.
 #[must_use]
 pub(crate) fn package_xml(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let name = escape(&model.name);
@@ -36,7 +36,8 @@ pub(crate) fn package_xml(model: &ArticulatedModel, config: &ExportConfig) -> St
     )
 }
 
-/// `CMakeLists.txt`: installs all files at these paths, those of folders by their folder.
+/// Text of `CMakeLists.txt`, which installs all files at these paths; files in folders are installed by
+/// folder.
 #[must_use]
 pub(crate) fn cmake_lists<'a>(model: &ArticulatedModel, paths: impl Iterator<Item = &'a str>) -> String {
     let name = identifier(&model.name);
@@ -58,7 +59,7 @@ pub(crate) fn cmake_lists<'a>(model: &ArticulatedModel, paths: impl Iterator<Ite
     )
 }
 
-/// `launch/display.launch.py`: the twin in RViz, with a slider for every joint.
+/// Text of `launch/display.launch.py`: the twin in RViz, with a slider for every joint.
 #[must_use]
 pub(crate) fn display_launch(model: &ArticulatedModel) -> String {
     format!(
@@ -86,7 +87,7 @@ def generate_launch_description():
     )
 }
 
-/// `rviz/display.rviz`: the twin in the frame of its root.
+/// Text of `rviz/display.rviz`: the twin in the frame of its root.
 #[must_use]
 pub(crate) fn display_rviz(model: &ArticulatedModel) -> String {
     let root = model.links.first().map_or("world", |l| l.name.as_str());
@@ -120,7 +121,7 @@ pub(crate) fn display_rviz(model: &ArticulatedModel) -> String {
     )
 }
 
-/// `config/controllers.yaml`: controllers for the block of `ros2_control`, without a prefix of xacro.
+/// Text of `config/controllers.yaml`: controllers for the `ros2_control` block, for an empty xacro prefix.
 #[must_use]
 pub(crate) fn controllers(model: &ArticulatedModel, screws: UrdfScrew) -> String {
     let name = identifier(&model.name);

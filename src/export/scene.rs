@@ -1,5 +1,5 @@
-//! MJCF files around the twin: a scene with floor, light and camera, and the same with a position actuator a
-//! joint. The twin's own file stays passive.
+//! MJCF files around the twin: a scene with floor, light and camera, and the same with a position actuator
+//! per joint. The twin's own file stays passive.
 
 use std::fmt::Write as _;
 
@@ -12,7 +12,7 @@ use super::{
 };
 use model::{ArticulatedModel, Joint, JointLoad, escape_xml as escape, joint_load};
 
-/// Where the camera stands, from the object's middle: before it, to the side and above; along no axis.
+/// Direction to the camera from the object's center: in front, to the side and above; along no axis.
 /// chosen: for the eye
 const VIEW: [f64; 3] = [1.0, -0.7, 0.6];
 /// Distance of the camera in radii of the object. chosen: for the eye
@@ -23,10 +23,10 @@ const SERVO_RAD_S: f64 = 10.0;
 /// Largest error of an actuator against friction or gravity, as a share of the range.
 /// chosen: too little to be seen.
 const SERVO_ERROR: f64 = 0.02;
-/// Highest natural frequency for the time step of 2 ms, rad/s. chosen: 0.4 rad a step.
+/// Highest natural frequency that the time step of 2 ms can follow, rad/s. chosen: 0.4 rad a step.
 const FASTEST_RAD_S: f64 = 200.0;
 
-/// `scene.xml`: the twin on a floor, with a light and a camera.
+/// Text of `scene.xml`: the twin on a floor, with a light and a camera.
 #[must_use]
 pub(crate) fn scene_text(model: &ArticulatedModel, twin_file: &str) -> String {
     let (lower, upper) = model_bounds(model);
@@ -69,8 +69,8 @@ pub(crate) fn scene_text(model: &ArticulatedModel, twin_file: &str) -> String {
     )
 }
 
-/// `scene_actuated.xml`: the scene with a position actuator a joint, and a keyframe `hold0`, ... for each
-/// held state.
+/// Text of `scene_actuated.xml`: the scene with a position actuator per joint, and a keyframe `hold0`, ...
+/// for each state held by them.
 #[must_use]
 pub(crate) fn actuated_scene(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let mut text = format!(
@@ -105,8 +105,8 @@ pub(crate) fn actuated_scene(model: &ArticulatedModel, config: &ExportConfig) ->
     text
 }
 
-/// Stiffness and damping of an actuator: as stiff as friction asks for, as far as the time step follows;
-/// damped critically.
+/// Stiffness and damping of an actuator: as stiff as friction requires, limited by the time step, and
+/// critically damped.
 fn actuator_gains(joint: &Joint, load: &JointLoad) -> [f64; 2] {
     let range = (joint.limit.upper - joint.limit.lower).max(1e-6);
     let held = joint.dynamics.friction + load.effort;
@@ -115,7 +115,7 @@ fn actuator_gains(joint: &Joint, load: &JointLoad) -> [f64; 2] {
     [kp, 2.0 * (kp * load.inertia).sqrt()]
 }
 
-/// The box of all solids and surfaces in all states, world.
+/// Bounding box of all solids and surfaces in all states, in the world.
 fn model_bounds(model: &ArticulatedModel) -> (Point3<f64>, Point3<f64>) {
     let closed = vec![vec![0.0; model.joints.len()]];
     let states = if model.states.is_empty() { &closed } else { &model.states };

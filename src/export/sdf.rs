@@ -13,32 +13,32 @@ use super::{
 use geometry::Pose;
 use model::{ArticulatedModel, Joint, JointDynamics, Limit, Link, escape_xml as escape};
 
-/// File with SDF's own screw joints, beside `model.sdf`, of a model that has some.
+/// File with SDF's own screw joints, beside `model.sdf`; only for models that have screws.
 pub(crate) const SCREW_SDF: &str = "screw.sdf";
-/// Names elements for Drake; other readers leave them out.
+/// Namespace of elements for Drake, which other readers skip.
 const DRAKE: &str = "http://drake.mit.edu";
-/// Friction between surfaces: assumed, like wood on wood.
+/// Friction between surfaces: assumed, as of wood on wood.
 const SURFACE: &str = "        <surface>\n          <friction>\n            \
     <ode><mu>0.6</mu><mu2>0.6</mu2></ode>\n          </friction>\n        </surface>\n";
 
-/// How a screw is held.
+/// How a screw is represented.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Screws {
     /// As a slide and a turn that follows it, for Drake.
     Pair,
-    /// As SDF's screw.
+    /// As a screw joint of SDF.
     Own,
 }
 
 /// SDF text of a model; mesh paths are relative to its folder. Link 0 is fixed to the world, or floats.
 ///
-/// A screw is a slide and a turn that Drake ties to it: Drake's screw joint has no limits.
+/// A screw is written as a slide and a turn that Drake ties to it: Drake's screw joint has no limits.
 #[must_use]
 pub(crate) fn sdf(model: &ArticulatedModel, config: &ExportConfig) -> String {
     text_of(model, config, Screws::Pair)
 }
 
-/// The same with SDF's own screw joints, for Gazebo; `None` where no joint is one.
+/// The same with SDF's own screw joints, for Gazebo; `None` if no joint is a screw.
 #[must_use]
 pub(crate) fn screw_sdf(model: &ArticulatedModel, config: &ExportConfig) -> Option<String> {
     let is_screw = |j: &Joint| j.kind.thread_m_per_rad().is_some();
@@ -49,7 +49,7 @@ fn text_of(model: &ArticulatedModel, config: &ExportConfig, screws: Screws) -> S
     let root = model.links.first().map_or(String::new(), |l| escape(&l.name));
     let threaded = screws == Screws::Pair && screw_joints(model) > 0;
     let space = if threaded { format!(" xmlns:drake=\"{DRAKE}\"") } else { String::new() };
-    // Links do not collide with each other: solids that touch at rest would throw a part out.
+    // Links do not collide with each other: solids that touch at rest would push a part out.
     let mut text = format!(
         "<?xml version=\"1.0\"?>\n<sdf version=\"1.9\"{space}>\n  <model name=\"{}\" \
          canonical_link=\"{root}\">\n    <self_collide>false</self_collide>\n",
@@ -88,7 +88,7 @@ fn screw_joints(model: &ArticulatedModel) -> usize {
     model.joints.iter().filter(|j| j.kind.thread_m_per_rad().is_some()).count()
 }
 
-/// `model.config`, by which Gazebo finds the model.
+/// Text of `model.config`, by which Gazebo finds the model.
 #[must_use]
 pub(crate) fn model_config(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let file = if screw_joints(model) > 0 { SCREW_SDF } else { "model.sdf" };
@@ -108,7 +108,7 @@ fn push_link(text: &mut String, link: &Link, model_from_link: &Pose) {
     let mass = &link.inertial;
     let i = &link.inertial.inertia;
     writeln!(text, "    <link name=\"{name}\">\n      <pose>{}</pose>", pose(model_from_link)).ok();
-    // The tensor is along the link's axes: the inertial frame is shifted and not turned.
+    // The tensor is along the link's axes, so the inertial frame is shifted but not rotated.
     let com = triple(mass.center_of_mass.coords.as_ref());
     writeln!(
         text,
@@ -131,7 +131,7 @@ fn push_link(text: &mut String, link: &Link, model_from_link: &Pose) {
     text.push_str("    </link>\n");
 }
 
-/// Places to grasp a link, as frames on it.
+/// Adds the grasps of a link, as frames on it.
 fn push_grasps(text: &mut String, link: &Link) {
     for (k, grasp) in link.grasps.iter().enumerate() {
         let name = escape(&grasp_name(link, k));
@@ -150,7 +150,7 @@ fn push_geometry(text: &mut String, tag: &str, name: &str, path: &str) {
     writeln!(text, "        </geometry>\n{surface}      </{tag}>").ok();
 }
 
-/// A screw as a slide and the turn on it that follows, over a link that is a point of little mass.
+/// Adds a screw as a slide and a turn that follows it, with a nearly massless link between them.
 fn push_pair(
     text: &mut String,
     joint: &Joint,
@@ -176,7 +176,7 @@ fn push_pair(
          <child>{carrier}</child>"
     )
     .ok();
-    // Friction and damping act once, at the turn.
+    // Friction and damping act only once, at the turn.
     push_axis(text, joint, &advance_limit(joint, pitch_m_per_rad), &JointDynamics::default());
     writeln!(
         text,
@@ -219,7 +219,7 @@ fn push_axis(text: &mut String, joint: &Joint, l: &Limit, d: &JointDynamics) {
         writeln!(text, "          <{tag}>{}</{tag}>", short(value)).ok();
     }
     text.push_str("        </limit>\n        <dynamics>\n");
-    // SDF has a place for a spring, which URDF lacks.
+    // Unlike URDF, SDF has a place for a spring.
     let dynamics = [
         ("damping", d.damping),
         ("friction", d.friction),

@@ -1,4 +1,5 @@
-//! SRDF text, for MoveIt: the joints as a group, the observed states, and pairs of links exempt from checks.
+//! SRDF text for MoveIt: the joints as a group, the observed states, and link pairs exempt from collision
+//! checks.
 
 use std::fmt::Write as _;
 
@@ -11,11 +12,12 @@ use super::{
 };
 use model::{ArticulatedModel, Joint, escape_xml as escape};
 
-/// Positions looked at along a chain of one, two or three joints, each; longer chains are not looked at.
+/// Number of positions examined of each joint, in a chain of one, two or three joints; longer chains are not
+/// examined.
 const STEPS: [usize; 3] = [25, 12, 6];
 
-/// SRDF text of a model. A pair is disabled if a joint connects its links, or if the boxes of their reach
-/// within the limits lie apart.
+/// SRDF text of a model. A pair is exempt if a joint connects its links, or if the boxes of their reach
+/// within the limits are apart.
 #[must_use]
 pub(crate) fn srdf_text(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let root = model.links.first().map_or(String::new(), |l| escape(&l.name));
@@ -50,7 +52,7 @@ pub(crate) fn srdf_text(model: &ArticulatedModel, config: &ExportConfig) -> Stri
     text
 }
 
-/// Two links exempt from collision checks, and the reason in the words of MoveIt.
+/// Two links exempt from collision checks, and the reason in MoveIt's words.
 struct UncheckedPair {
     links: [usize; 2],
     reason: &'static str,
@@ -74,8 +76,8 @@ fn unchecked_pairs(model: &ArticulatedModel) -> Vec<UncheckedPair> {
     pairs
 }
 
-/// Lower and upper corner of a box around all places of a link's solids within the limits of the joints above
-/// it, meters in the world; `None` for a link without solids or below too many joints.
+/// Lower and upper corner of a box around all places that a link's solids reach within the limits of the
+/// joints above it, meters in the world; `None` for a link without solids or below too many joints.
 fn reach_box(model: &ArticulatedModel, link: usize) -> Option<(Point3<f64>, Point3<f64>)> {
     let chain: Vec<usize> = (0..model.joints.len())
         .filter(|&j| model.joints[j].child == link || model.is_below(link, model.joints[j].child))
@@ -104,13 +106,13 @@ fn reach_box(model: &ArticulatedModel, link: usize) -> Option<(Point3<f64>, Poin
         }
     }
     let (lower, upper) = all?;
-    // Between two positions nothing goes farther from both than half of its way from one to the other.
+    // Between two positions, a point is never farther from both than half its path from one to the other.
     let lever_m = (upper - lower).norm();
     let margin = Vector3::repeat(chain.iter().map(|&j| half_step_m(&model.joints[j], steps, lever_m)).sum());
     Some((lower - margin, upper + margin))
 }
 
-/// Half of the longest way of a point between two of `steps` positions of a joint, meters.
+/// Half of the longest path of a point between two of `steps` positions of a joint, meters.
 fn half_step_m(joint: &Joint, steps: usize, lever_m: f64) -> f64 {
     let step = (joint.limit.upper - joint.limit.lower) / (steps - 1) as f64;
     let per_step =

@@ -1,4 +1,4 @@
-//! Start and end of a refined motion.
+//! How far refinement moved a part's motion from its start.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,14 +6,14 @@ use geometry::Pose;
 use geometry::rotation_angle_rad;
 use model::ArticulatedModel;
 
-/// A used or possible start of a part's refinement, and its distance to the final motion.
+/// An actual or possible start of a part's refinement, and its distance from the final motion.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct InitialMotion {
     /// Name of the joint.
     pub joint: String,
     /// Source of the start: `registration` or `identity`.
     pub source: String,
-    /// Whether the refinement started from it; if not, it is the motion of this source alone.
+    /// Whether the refinement started from it; if not, it is the motion that this source alone gives.
     pub used: bool,
     /// Angle of the start's rotation, degrees.
     pub start_rotation_deg: f64,
@@ -50,8 +50,8 @@ pub fn compare_starts(
     motions
 }
 
-/// Motions in the order of the joints: the closest pair of joint and motion first, each used once. For
-/// motions in the order of another search for parts.
+/// Motions assigned to the joints, in their order: the closest pair of joint and motion first, each used
+/// once. For motions in the order of another search for parts.
 #[must_use]
 pub fn nearest_starts(model: &ArticulatedModel, motions: &[Pose]) -> Vec<Pose> {
     let parts: Vec<MovingPart> = (0..model.joints.len()).map(|j| MovingPart::of_joint(model, j)).collect();
@@ -61,7 +61,7 @@ pub fn nearest_starts(model: &ArticulatedModel, motions: &[Pose]) -> Vec<Pose> {
             pairs.push((part.displacement_m(motion, &part.state1_from_state0), j, m));
         }
     }
-    // Equal distances fall back on the order: the result is the same on every run.
+    // Equal distances are ordered by index, so that the result is the same on every run.
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
     let mut of_joint: Vec<Option<usize>> = vec![None; parts.len()];
     for (_, j, m) in pairs {

@@ -1,7 +1,7 @@
 //! URDF text of an articulated model.
 //!
-//! Written by hand because URDF libraries drop the `<mujoco>` element, without which MuJoCo drops the visual
-//! meshes, strips their folder and fuses the root link away.
+//! Written by hand because URDF libraries drop the `<mujoco>` element; without it MuJoCo drops the visual
+//! meshes, strips their folder and fuses the root link with the world.
 
 use std::fmt::Write as _;
 
@@ -15,58 +15,58 @@ use super::{
 use geometry::Pose;
 use model::{ArticulatedModel, Joint, JointDynamics, Limit, Link, escape_xml as escape, identifier};
 
-/// Folder of the URDF with the nearest joint in place of a screw.
+/// Folder of the URDF in which the nearest simple joint replaces a screw.
 pub const SINGLE_JOINT: &str = "single_joint";
 
-/// Digits after the point of lengths, angles and axes.
+/// Decimals of lengths, angles and axes.
 const PLACES: usize = 12;
 /// Significant digits of masses, inertias and limits.
 const DIGITS: usize = 9;
 /// Cosine of the pitch below which yaw is not defined. chosen: above the rounding of a double
 const GIMBAL_LOCK: f64 = 1e-10;
-/// Read by MuJoCo, ignored by every other importer.
+/// MuJoCo reads this element; every other importer ignores it.
 const MUJOCO: &str = r#"  <mujoco>
     <compiler meshdir="." strippath="false" discardvisual="false" fusestatic="false" balanceinertia="true"/>
   </mujoco>
 "#;
 
-/// Names elements outside URDF; readers leave them out.
+/// Namespace of elements outside URDF, which readers skip.
 const NAMESPACE: &str = "urn:artitwin:urdf";
-/// Mass and inertia of the link between the two joints of a pair: simulators refuse none, and it should weigh
-/// nothing. chosen: a gram, with a radius of gyration of 3 cm
+/// Mass of the link between the two joints of a pair, kg. It should weigh nothing, but simulators need a mass
+/// and an inertia. chosen: a gram, with a radius of gyration of 3 cm
 pub(super) const CARRIER_KG: f64 = 1e-3;
 pub(super) const CARRIER_KG_M2: f64 = 1e-6;
 
-/// Friction of surfaces in Gazebo's words.
+/// Friction of surfaces, for Gazebo.
 const GAZEBO_FRICTION: &str = "<mu1>0.6</mu1><mu2>0.6</mu2>";
 
 /// How names and paths are written.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Form<'a> {
-    /// Before the path of every mesh.
+    /// Prefix of the path of every mesh.
     pub paths: &'a str,
-    /// Before the name of every link and joint.
+    /// Prefix of the name of every link and joint.
     pub names: &'a str,
-    /// How a screw is held.
+    /// How a screw is represented.
     pub screws: UrdfScrew,
-    /// Whether Gazebo gets the friction of surfaces.
+    /// Whether the friction of surfaces is written for Gazebo.
     pub gazebo: bool,
 }
 
-/// URDF text of a model. Mesh paths are relative to the URDF's folder. The model must be without findings
+/// URDF text of a model. Mesh paths are relative to the URDF's folder. The model must have no findings
 /// ([`model::validate`]).
 #[must_use]
 pub(crate) fn urdf(model: &ArticulatedModel, screws: UrdfScrew) -> String {
     robot(model, Form { screws, ..Form::default() })
 }
 
-/// URDF text with a joint for each joint, for the folder [`SINGLE_JOINT`].
+/// URDF text in which every joint is a single joint, for the folder [`SINGLE_JOINT`].
 #[must_use]
 pub(crate) fn single_joint_urdf(model: &ArticulatedModel) -> String {
     robot(model, Form { paths: "../", screws: UrdfScrew::Nearest, ..Form::default() })
 }
 
-/// URDF text for ROS tools. They resolve no relative paths: `package://<name>/...`.
+/// URDF text for ROS tools, which need `package://<name>/...` instead of relative paths.
 #[must_use]
 pub(crate) fn ros_urdf(model: &ArticulatedModel, screws: UrdfScrew) -> String {
     let paths = format!("package://{}/", identifier(&model.name));
@@ -80,7 +80,7 @@ fn is_nearest(j: &Joint, screws: UrdfScrew) -> bool {
 }
 
 fn robot(model: &ArticulatedModel, form: Form) -> String {
-    // Only where it is used: the namespace of elements outside URDF.
+    // The namespace is declared only if elements outside URDF are used.
     let space = if model.joints.iter().any(|j| is_nearest(j, form.screws)) {
         format!(" xmlns:artitwin=\"{NAMESPACE}\"")
     } else {
@@ -88,13 +88,13 @@ fn robot(model: &ArticulatedModel, form: Form) -> String {
     };
     let mut text = format!("<?xml version=\"1.0\"?>\n<robot name=\"{}\"{space}>\n", escape(&model.name));
     push_elements(&mut text, model, form);
-    // Last: there every tried importer accepts or skips it.
+    // Last, where every importer tried accepts or skips it.
     text.push_str(MUJOCO);
     text.push_str("</robot>\n");
     text
 }
 
-/// Links and joints.
+/// Adds links and joints.
 pub(super) fn push_elements(text: &mut String, model: &ArticulatedModel, form: Form) {
     for link in &model.links {
         push_link(text, link, form);
@@ -120,7 +120,7 @@ pub(crate) fn solid_name(link: &Link, solid: usize) -> String {
     format!("{}_solid_{solid}", link.name)
 }
 
-/// Name of a place to grasp a link in all formats, counted from 1.
+/// Name of a grasp of a link in all formats, counted from 1.
 #[must_use]
 pub(crate) fn grasp_name(link: &Link, grasp: usize) -> String {
     format!("{}_grasp_{}", link.name, grasp + 1)
@@ -134,9 +134,9 @@ pub(crate) fn solid_path(link: &Link, solid: usize) -> String {
 
 /// Roll, pitch and yaw about the fixed axes x, y, z: `R = Rz(yaw) Ry(pitch) Rx(roll)`, radians.
 ///
-/// The pitch comes from a tangent and the roll from what yaw leaves over, so that the angles give the
-/// rotation back to rounding also near a pitch of a right angle. At it only a sum of roll and yaw is defined:
-/// yaw is 0 there.
+/// The pitch is computed from a tangent and the roll from what yaw leaves over, so that the angles reproduce
+/// the rotation to rounding even near a pitch of a right angle. There only a sum of roll and yaw is defined,
+/// and yaw is 0.
 #[must_use]
 pub fn roll_pitch_yaw(rotation: &UnitQuaternion<f64>) -> [f64; 3] {
     let r = rotation.to_rotation_matrix();
@@ -153,7 +153,8 @@ fn push_link(text: &mut String, link: &Link, Form { paths, names, .. }: Form) {
     let name = format!("{names}{}", escape(&link.name));
     let mass = &link.inertial;
     let i = &mass.inertia;
-    // Always an inertial: without one Gazebo drops the link, Drake gives it no mass and PyBullet 1 kg.
+    // An inertial is always written: without it Gazebo drops the link, Drake gives it no mass and PyBullet 1
+    // kg.
     let com = triple(mass.center_of_mass.coords.as_ref());
     writeln!(text, "  <link name=\"{name}\">").ok();
     writeln!(
@@ -173,13 +174,14 @@ fn push_link(text: &mut String, link: &Link, Form { paths, names, .. }: Form) {
         short(i[(2, 2)])
     )
     .ok();
-    // No `<material>` beside the texture: Newton would take it in the texture's place.
+    // No `<material>` beside the texture: Newton would use it instead of the texture.
     for visual in link_visuals(link) {
         writeln!(text, "    <visual name=\"{names}{}\">", escape(&visual.name)).ok();
         push_mesh(text, &format!("{paths}{}", visual.path));
         text.push_str("    </visual>\n");
     }
-    // One convex solid a collision: importers close a concave mesh by its hull, and a drawer could not move.
+    // One convex solid per collision: importers replace a concave mesh by its hull, and a drawer could not
+    // move.
     for k in 0..link.collision.len() {
         writeln!(text, "    <collision name=\"{names}{}\">", escape(&solid_name(link, k))).ok();
         push_mesh(text, &format!("{paths}{}", solid_path(link, k)));
@@ -189,7 +191,7 @@ fn push_link(text: &mut String, link: &Link, Form { paths, names, .. }: Form) {
 }
 
 fn push_mesh(text: &mut String, path: &str) {
-    // The vertices are in the link frame already: there is no origin or scale to read otherwise.
+    // The vertices are in the link frame already, so there is no origin or scale to misread.
     let path = escape(path);
     writeln!(
         text,
@@ -222,8 +224,8 @@ fn push_joint(text: &mut String, joint: &Joint, links: &[Link], names: &str) {
     push_limit(text, joint);
 }
 
-/// A screw as a slide and the turn on it that follows, over a link that is a point of little mass. The turn
-/// follows, as MuJoCo holds it stiffly then ([`super::mjcf`]).
+/// Adds a screw as a slide and a turn that follows it, with a nearly massless link between them. The turn is
+/// the follower, as MuJoCo then holds it stiffly ([`super::mjcf`]).
 fn push_pair(text: &mut String, joint: &Joint, pitch_m_per_rad: f64, links: &[Link], names: &str) {
     let carrier = carrier_name(joint);
     let advance = joint.advance_name();
@@ -245,7 +247,7 @@ fn push_pair(text: &mut String, joint: &Joint, pitch_m_per_rad: f64, links: &[Li
     let ends = [links[joint.parent].name.as_str(), carrier.as_str()];
     open_joint(text, &advance, "prismatic", &joint.parent_from_joint, ends, joint, names);
     let limit = advance_limit(joint, pitch_m_per_rad);
-    // Friction and damping act once, at the turn.
+    // Friction and damping act only once, at the turn.
     push_limit(text, &Joint { limit, dynamics: JointDynamics::default(), ..joint.clone() });
     // The turn keeps the joint's name: the positions in the report are turns.
     let ends = [carrier.as_str(), links[joint.child].name.as_str()];
@@ -267,7 +269,7 @@ pub(super) fn carrier_name(joint: &Joint) -> String {
 
 /// Limits of the slide of a screw.
 pub(super) fn advance_limit(joint: &Joint, pitch_m_per_rad: f64) -> Limit {
-    // A left-handed thread has a negative pitch: it swaps the ends.
+    // A left-handed thread has a negative pitch, which swaps the ends.
     let mut ends = [joint.limit.lower, joint.limit.upper].map(|q| pitch_m_per_rad * q);
     ends.sort_by(f64::total_cmp);
     Limit { lower: ends[0], upper: ends[1], ..joint.limit }
@@ -290,9 +292,9 @@ fn open_joint(
     writeln!(text, "    <axis xyz=\"{}\"/>", triple(joint.axis.as_ref().as_ref())).ok();
 }
 
-/// Limits and dynamics, and the end of the joint.
+/// Adds limits and dynamics, and closes the joint element.
 fn push_limit(text: &mut String, joint: &Joint) {
-    // urdfdom refuses a whole model for a joint without effort or velocity.
+    // urdfdom refuses a whole model because of a joint without effort or velocity.
     let l = &joint.limit;
     writeln!(
         text,
@@ -303,7 +305,7 @@ fn push_limit(text: &mut String, joint: &Joint) {
         short(l.velocity)
     )
     .ok();
-    // Drake, PyBullet and SAPIEN take the damping and ignore the friction.
+    // Drake, PyBullet and SAPIEN use the damping but ignore the friction.
     let d = &joint.dynamics;
     writeln!(
         text,

@@ -1,7 +1,7 @@
 //! USD text: a UsdPhysics articulation with textured meshes.
 //!
-//! One layer: rigid bodies as siblings, joints between them, convex colliders, mass, preview materials. USD
-//! angles are degrees; joint axes are X, so joint frames are turned.
+//! It is one layer: rigid bodies as siblings, joints between them, convex colliders, mass, preview materials.
+//! USD angles are in degrees; joint axes are X, so joint frames are rotated.
 
 use std::fmt::Write as _;
 
@@ -18,11 +18,11 @@ use geometry::Pose;
 use model::{ArticulatedModel, Inertial, Joint, identifier};
 use surface::TriangleMesh;
 
-/// USD text of a model; `drawn` are its meshes. The root is held to the world, or floats.
+/// USD text of a model; `drawn` are its meshes. The root is fixed to the world, or floats.
 #[must_use]
 pub fn usda(model: &ArticulatedModel, drawn: &[Drawn], base: Base) -> String {
     let name = &*identifier(&model.name);
-    // Units and the up axis are stated: USD would take centimeters and y.
+    // Units and up axis are stated, as USD's defaults are centimeters and y.
     let mut text = format!(
         "#usda 1.0\n(\n    defaultPrim = \"{name}\"\n    metersPerUnit = 1\n    kilogramsPerUnit = \
          1\n    upAxis = \"Z\"\n)\n\n\
@@ -36,7 +36,7 @@ pub fn usda(model: &ArticulatedModel, drawn: &[Drawn], base: Base) -> String {
     text.push_str(PHYSICS_MATERIAL);
     text.push_str("    }\n");
     let closed = vec![0.0; model.joints.len()];
-    // Bodies are siblings, each placed in the model: a prim below a rigid body is a part of that body.
+    // Bodies are siblings, each placed in the model: a prim below a rigid body would be part of that body.
     for (i, link) in model.links.iter().enumerate() {
         let pose = model.world_from_link(i, &closed);
         // Writing to a string cannot fail, here and below.
@@ -64,7 +64,7 @@ pub fn usda(model: &ArticulatedModel, drawn: &[Drawn], base: Base) -> String {
         text.push_str("    }\n");
     }
     text.push_str("\n    def Scope \"Joints\"\n    {\n");
-    // A joint without a first body holds the other one to the world.
+    // A joint without a first body ties the other body to the world.
     if let Some(root) = model.links.first().filter(|_| base == Base::Fixed) {
         writeln!(
             text,
@@ -81,7 +81,7 @@ pub fn usda(model: &ArticulatedModel, drawn: &[Drawn], base: Base) -> String {
     text
 }
 
-/// Where a prim stands in its parent.
+/// Adds the pose of a prim in its parent.
 fn push_place(text: &mut String, pose: &Pose, pad: &str) {
     let translate = tuple(&pose.translation.vector);
     let orient = turn(&pose.rotation);
@@ -90,7 +90,7 @@ fn push_place(text: &mut String, pose: &Pose, pad: &str) {
     writeln!(text, "{pad}uniform token[] xformOpOrder = [\"xformOp:translate\", \"xformOp:orient\"]").ok();
 }
 
-/// Friction between surfaces: assumed, like wood on wood.
+/// Friction between surfaces: assumed, as of wood on wood.
 const PHYSICS_MATERIAL: &str = "        def Material \"Contact\" (\n            prepend apiSchemas = \
     [\"PhysicsMaterialAPI\"]\n        )\n        {\n            \
      float physics:staticFriction = 0.6\n            float physics:dynamicFriction = \
@@ -145,7 +145,7 @@ fn push_mass(text: &mut String, inertial: &Inertial) {
 
 /// Principal moments and the rotation of their axes.
 fn principal(inertia: &Matrix3<f64>) -> ([f64; 3], UnitQuaternion<f64>) {
-    // docs/method.md 11.2. Eigenvectors may form a reflection, without a quaternion.
+    // docs/method.md 11.2. Eigenvectors may form a reflection, which has no quaternion.
     let eigen = SymmetricEigen::new(*inertia);
     let mut axes = eigen.eigenvectors;
     if axes.determinant() < 0.0 {
@@ -158,7 +158,7 @@ fn push_visual(text: &mut String, model: &str, Drawn { visual, look, .. }: &Draw
     let material = identifier(&visual.material);
     open_mesh(text, &visual.name, "\"MaterialBindingAPI\"");
     push_points(text, &look.mesh);
-    // One value a corner of a face: a vertex on a seam has a place in each of its charts.
+    // One value per face corner: a vertex on a seam has texture coordinates in each of its charts.
     let corner = |i: &u32| &look.corners[*i as usize];
     let all: Vec<_> = look.triangles.iter().flatten().map(corner).collect();
     let normals = all
@@ -177,7 +177,7 @@ fn push_visual(text: &mut String, model: &str, Drawn { visual, look, .. }: &Draw
         uv,
         " (\n                interpolation = \"faceVarying\"\n            )",
     );
-    // A seen surface is open: from behind its walls it is drawn, too.
+    // A seen surface is open, so it is also drawn from behind.
     text.push_str("            uniform bool doubleSided = 1\n");
     writeln!(text, "            rel material:binding = </{model}/Looks/{material}>\n        }}").ok();
 }
@@ -191,7 +191,7 @@ fn normal_text(mesh: &TriangleMesh, triangle: usize) -> String {
 fn push_collider(text: &mut String, model: &str, name: &str, mesh: &TriangleMesh) {
     open_mesh(text, name, "\"PhysicsCollisionAPI\", \"PhysicsMeshCollisionAPI\", \"MaterialBindingAPI\"");
     push_points(text, mesh);
-    // NVIDIA's asset validator asks for normals of colliders, too.
+    // NVIDIA's asset validator also requires normals of colliders.
     let normals = (0..mesh.triangles.len()).map(|t| normal_text(mesh, t));
     push_list(
         text,
@@ -200,7 +200,8 @@ fn push_collider(text: &mut String, model: &str, name: &str, mesh: &TriangleMesh
         " (\n                interpolation = \"uniform\"\n            )",
     );
     text.push_str(
-        // PhysX collides no triangle mesh of a moving body. A guide is not drawn over the visual mesh.
+        // PhysX does not collide triangle meshes of moving bodies. A guide is not displayed over the visual
+        // mesh.
         "            uniform token physics:approximation = \"convexHull\"\n            uniform \
         token purpose = \"guide\"\n",
     );
@@ -237,20 +238,21 @@ fn push_list(text: &mut String, name: &str, items: impl Iterator<Item = String>,
 
 fn push_joint(text: &mut String, model: &ArticulatedModel, joint: &Joint) {
     let name = identifier(&model.name);
-    // USD has no screw: the nearest joint, with its pitch beside it.
+    // USD has no screw: the nearest joint is written, with its pitch as an extra attribute.
     let (kind, drive) = if joint.kind.turns() { ("Revolute", "angular") } else { ("Prismatic", "linear") };
     let pitch = joint
         .kind
         .pitch_m_per_rad()
         .map(|p| format!("\n            custom double artitwin:pitchPerRadian = {}", short(p)));
     let pitch = pitch.unwrap_or_default();
-    // Per degree where USD counts degrees; efforts are the same.
+    // Per degree where USD uses degrees; efforts are the same.
     let per_rad = if joint.kind.turns() { 1f64.to_radians() } else { 1.0 };
     // Opposite directions have no shortest turn between them; half a turn about y also takes x to -x.
     let axis = UnitQuaternion::rotation_between(&Vector3::x(), &joint.axis)
         .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::PI));
-    // The drive is the spring. Damping stands with PhysX and Newton instead, so that it acts once. Friction
-    // is PhysX's effort in N m; the older `physxJoint:jointFriction` is a coefficient without a unit.
+    // The drive acts as the spring. Damping is written for PhysX and Newton instead, so that it acts only
+    // once. Friction is PhysX's effort in N m; the older `physxJoint:jointFriction` is a coefficient without
+    // a unit.
     let l = &joint.limit;
     let d = &joint.dynamics;
     let [body0, body1] = [joint.parent, joint.child].map(|k| identifier(&model.links[k].name));

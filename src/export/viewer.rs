@@ -27,14 +27,14 @@ struct Data {
 struct LinkData {
     name: String,
     color: [u8; 3],
-    /// Collision solids: three little-endian `f32` a corner, three corners a triangle, each solid its own.
+    /// Collision solids: three little-endian `f32` a corner, three corners a triangle, one string per solid.
     solids: Vec<String>,
 }
 
 #[derive(Serialize)]
 struct MeshData {
     link: usize,
-    /// No view saw it.
+    /// Whether no view saw it.
     assumed: bool,
     /// Eight little-endian `f32` a corner, three corners a triangle: position, normal, texture coordinates.
     corners: String,
@@ -49,17 +49,17 @@ struct JointData {
     pitch: f64,
     parent: usize,
     child: usize,
-    /// Column by column.
+    /// Homogeneous matrix, column by column.
     parent_from_joint: Vec<f64>,
     axis: [f64; 3],
-    /// Where the axis is drawn, in the frame of the child; a slider's arrow towards rising positions.
+    /// Ends of the drawn axis in the frame of the child; a slide's arrow points towards rising positions.
     line: Option<[[f64; 3]; 2]>,
     lower: f64,
     upper: f64,
     start: f64,
 }
 
-/// The page with the meshes of a model. It loads nothing else.
+/// The page with the meshes of a model. It loads nothing.
 #[must_use]
 pub(crate) fn viewer_html(model: &ArticulatedModel, drawn: &[Drawn]) -> String {
     let (center, radius) = bounding_sphere(model);
@@ -72,7 +72,7 @@ pub(crate) fn viewer_html(model: &ArticulatedModel, drawn: &[Drawn]) -> String {
     };
     // Text and numbers always serialize.
     let json = script_json(&serde_json::to_string(&data).unwrap_or_default());
-    // The title is put in on both sides of the data: no mark is replaced inside the data.
+    // The title is inserted on both sides of the data, so that no placeholder inside the data is replaced.
     let [head, tail] = PAGE.split_once("@DATA@").map_or([PAGE, ""], |(head, tail)| [head, tail]);
     let titled = |part: &str| part.replace("@TITLE@", &escape_xml(&model.name));
     format!("{}{json}{}", titled(head), titled(tail))
@@ -113,7 +113,7 @@ fn joint_data(model: &ArticulatedModel, j: usize) -> JointData {
     }
 }
 
-/// Floats in base64 are exact and take less room than numbers in JSON.
+/// Base64 text of floats, which is exact and shorter than JSON numbers.
 fn base64_text(bytes: &[u8]) -> String {
     base64::engine::general_purpose::STANDARD.encode(bytes)
 }

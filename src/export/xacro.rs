@@ -1,5 +1,5 @@
-//! The twin as xacro macros, for robots and cells: links and joints behind a prefix, and a block
-//! for `ros2_control`.
+//! The twin as xacro macros, for robots and work cells: links and joints with a prefix, and a block for
+//! `ros2_control`.
 
 use std::fmt::Write as _;
 
@@ -11,7 +11,7 @@ use model::{ArticulatedModel, Joint, Limit, Link, escape_xml as escape, identifi
 
 /// Xacro's namespace.
 const SPACE: &str = "xmlns:xacro=\"http://www.ros.org/wiki/xacro\"";
-/// The default plugin of the hardware.
+/// The default hardware plugin.
 const MOCK: &str = "mock_components/GenericSystem";
 
 /// Name of the file of [`macros`].
@@ -20,8 +20,8 @@ pub(crate) fn macro_file(model: &ArticulatedModel) -> String {
     format!("{}_macro.xacro", identifier(&model.name))
 }
 
-/// Two macros: the twin, with a prefix before all names and on request held by a link; and its joints for
-/// `ros2_control`.
+/// Text of two macros: the twin, with a prefix for all names and optionally attached to a link; and its
+/// joints for `ros2_control`.
 #[must_use]
 pub(crate) fn macros_text(model: &ArticulatedModel, screws: UrdfScrew) -> String {
     let name = identifier(&model.name);
@@ -47,7 +47,7 @@ pub(crate) fn macros_text(model: &ArticulatedModel, screws: UrdfScrew) -> String
     text
 }
 
-/// Places to grasp a link, as frames on it: links without mass, for `robot_state_publisher`. A simulator
+/// Adds the grasps of a link as frames on it: links without mass, for `robot_state_publisher`. A simulator
 /// would give each a mass of its own, so no other URDF has them.
 fn push_grasps(text: &mut String, link: &Link) {
     for (k, grasp) in link.grasps.iter().enumerate() {
@@ -64,7 +64,7 @@ fn push_grasps(text: &mut String, link: &Link) {
     }
 }
 
-/// The twin by itself, made by the macros.
+/// Text of the twin by itself, made by the macros.
 #[must_use]
 pub(crate) fn twin_text(model: &ArticulatedModel) -> String {
     let name = identifier(&model.name);
@@ -82,9 +82,9 @@ pub(crate) fn twin_text(model: &ArticulatedModel) -> String {
     )
 }
 
-/// Name and limits of the joint commanded by `ros2_control`.
+/// Name and limits of the joint that `ros2_control` commands.
 pub(super) fn commanded_joint(joint: &Joint, screws: UrdfScrew) -> (String, Limit) {
-    // Of a pair the slide leads; the turn follows it.
+    // In a pair the slide leads and the turn follows it.
     match joint.kind.thread_m_per_rad().filter(|_| screws == UrdfScrew::Pair) {
         Some(pitch) => (joint.advance_name(), advance_limit(joint, pitch)),
         None => (joint.name.clone(), joint.limit),
@@ -123,7 +123,7 @@ fn push_control(text: &mut String, model: &ArticulatedModel, screws: UrdfScrew, 
     text.push_str("  </ros2_control>\n</xacro:macro>\n");
 }
 
-/// The state interfaces of a joint and its end tag.
+/// Adds the state interfaces of a joint and its end tag.
 fn push_states(text: &mut String, start: f64) {
     writeln!(
         text,

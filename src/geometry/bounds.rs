@@ -23,7 +23,7 @@ impl SceneBox {
     /// The cube with the box `[lower, upper]` (meters, world) at `[-0.9, 0.9]` along its longest side.
     #[must_use]
     pub fn around_box(lower: &Point3<f64>, upper: &Point3<f64>) -> Self {
-        // A single point has a scale as well.
+        // Even a single point gets a scale.
         let extent = (upper - lower).max().max(1e-6);
         Self { center: nalgebra::center(lower, upper), scale: 2.0 * FILL / extent }
     }
@@ -40,14 +40,14 @@ impl SceneBox {
         self.center + normalised.coords / self.scale
     }
 
-    /// A motion in the world, meters, as it takes normalised points.
+    /// Converts a motion in the world, meters, to one of normalised points.
     #[must_use]
     pub fn normalised_motion(&self, world: &Pose) -> Pose {
         // x_n = s (x - c), y = R x + t  =>  y_n = R x_n + s (R c + t - c).
         Pose::from_parts(((world * self.center - self.center) * self.scale).into(), world.rotation)
     }
 
-    /// A motion of normalised points as it takes those of the world, meters.
+    /// Converts a motion of normalised points to one in the world, meters.
     #[must_use]
     pub fn world_motion(&self, normalised: &Pose) -> Pose {
         let c = self.center.coords;
@@ -78,7 +78,7 @@ pub fn bounding_box<T: RealField + Copy>(
     Some(points.fold((first, first), |(lower, upper), p| (lower.inf(&p), upper.sup(&p))))
 }
 
-/// Whether a place and the six at a distance from it along the axes, meters, all do.
+/// Whether `does` holds at a place and at the six places `distance_m` from it along the axes.
 pub fn all_about(place: &Point3<f64>, distance_m: f64, does: impl Fn(&Point3<f64>) -> bool) -> bool {
     let mut shifts = (0..6).map(|k| Vector3::ith(k % 3, if k < 3 { distance_m } else { -distance_m }));
     does(place) && shifts.all(|shift| does(&(place + shift)))

@@ -1,6 +1,6 @@
-//! Long arrays of numbers as pieces of raw bytes, for `#[serde(with = "bytes")]`: a format with numbers one
-//! by one would take longer over a volume than its computation saves. Little-endian; a reader holds one piece
-//! beside the array.
+//! Long arrays of numbers as pieces of raw bytes, for `#[serde(with = "bytes")]`: writing a volume number by
+//! number would take longer than computing it again. Little-endian; a reader holds one piece in addition to
+//! the array.
 
 use std::{fmt, marker::PhantomData};
 
@@ -15,13 +15,13 @@ use serde_bytes::{ByteBuf, Bytes};
 /// Most bytes of a piece.
 pub const PIECE_BYTES: usize = 1 << 16;
 
-/// A value of so many bytes; any bytes make one.
+/// A value of a fixed number of bytes; any bytes are a valid value.
 pub trait Plain: Sized {
-    /// How many.
+    /// Number of bytes.
     const BYTES: usize;
-    /// Writes them to a slice of this length.
+    /// Writes the value to a slice of this length.
     fn put(&self, slot: &mut [u8]);
-    /// Reads them from a slice of this length.
+    /// Reads a value from a slice of this length.
     fn get(slot: &[u8]) -> Self;
 }
 
@@ -48,7 +48,7 @@ impl Plain for bool {
         slot[0] = u8::from(*self);
     }
     fn get(slot: &[u8]) -> Self {
-        // Any byte makes a bool: a damaged file gives no invalid value.
+        // Any byte is a valid bool, so a damaged file gives no invalid value.
         slot[0] != 0
     }
 }
@@ -83,7 +83,7 @@ impl<T: Plain + Scalar> Plain for Point3<T> {
     }
 }
 
-/// Values of a piece.
+/// Number of values in a piece.
 const fn of_piece<T: Plain>() -> usize {
     PIECE_BYTES / T::BYTES
 }
@@ -106,8 +106,7 @@ pub fn serialize<T: Plain, S: Serializer>(values: &[T], serializer: S) -> Result
 
 /// Reads an array.
 ///
-/// # Errors
-/// Those of the format; a piece with a cut value.
+/// Those of the format, or a piece that ends within a value.
 pub fn deserialize<'de, T: Plain, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<T>, D::Error> {
     deserializer.deserialize_seq(Pieces(PhantomData))
 }
@@ -122,7 +121,7 @@ impl<'de, T: Plain> Visitor<'de> for Pieces<T> {
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Vec<T>, A::Error> {
-        // Grows by the bytes read, never by a claimed length.
+        // Grows with the bytes read, never by a claimed length.
         let mut values = Vec::new();
         while let Some(bytes) = seq.next_element::<ByteBuf>()? {
             let whole = bytes.chunks_exact(T::BYTES);
@@ -131,13 +130,13 @@ impl<'de, T: Plain> Visitor<'de> for Pieces<T> {
             }
             values.extend(whole.map(T::get));
         }
-        // Memory reserved by growing beyond the need would stay for the whole run.
+        // Excess memory reserved while growing would stay for the whole run.
         values.shrink_to_fit();
         Ok(values)
     }
 }
 
-/// The same of an optional array.
+/// The same for an optional array.
 pub mod option {
     use super::{Deserialize, Deserializer, Plain, Serialize, Serializer};
 

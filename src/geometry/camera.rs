@@ -40,14 +40,14 @@ impl Intrinsics {
     /// Index of the pixel at a place in the image, row-major; `None` outside the image.
     #[must_use]
     pub fn pixel_at(&self, u: f64, v: f64) -> Option<usize> {
-        // The cast cuts off and so rounds here; `round` is a library call on processors without SSE 4.1.
+        // With the half added, the cast rounds; `round` is a library call on processors without SSE 4.1.
         let x = u + 0.5;
         let y = v + 0.5;
         (x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64)
             .then(|| y as usize * self.width + x as usize)
     }
 
-    /// Direction of a pixel's ray in the optical frame with z = 1: the ray parameter is z-depth.
+    /// Direction of a pixel's ray in the optical frame with z = 1, so that the ray parameter is the z-depth.
     #[must_use]
     pub fn ray_at(&self, u: f64, v: f64) -> Vector3<f64> {
         Vector3::new((u - self.cx) / self.fx, (v - self.cy) / self.fy, 1.0)

@@ -68,7 +68,7 @@ impl<T> Grid3<T> {
         let mut c = [0; 3];
         for k in 0..3 {
             let r = g[k] + 0.5;
-            // Negated: NaN is outside.
+            // Negated, so that NaN counts as outside.
             if !(r >= 0.0 && r < self.dims[k] as f64) {
                 return None;
             }
@@ -82,7 +82,7 @@ impl<T> Grid3<T> {
 struct GridCell {
     /// Its lowest node.
     base: [usize; 3],
-    /// Place of the point in it along each axis, `[0, 1]`.
+    /// Position of the point in it along each axis, `[0, 1]`.
     fractions: [f32; 3],
     /// Whether the point was inside the grid along each axis.
     inside: [bool; 3],
@@ -106,7 +106,7 @@ fn cell_of<T>(grid: &Grid3<T>, point: &Point3<f64>) -> GridCell {
 }
 
 impl<T> Grid3<T> {
-    /// Whether all eight nodes of the cell around a point do; not so outside the grid.
+    /// Whether `does` holds at all eight nodes of the cell around a point; false outside the grid.
     #[must_use]
     pub fn all_around(&self, point: &Point3<f64>, does: impl Fn(&T) -> bool) -> bool {
         let GridCell { base: [x, y, z], inside, .. } = cell_of(self, point);
@@ -117,7 +117,7 @@ impl<T> Grid3<T> {
 }
 
 impl Grid3<bool> {
-    /// Whether all eight nodes of the cell around a point hold; not so outside the grid.
+    /// Whether all eight nodes of the cell around a point are true; false outside the grid.
     #[must_use]
     pub fn holds_around(&self, point: &Point3<f64>) -> bool {
         self.all_around(point, |holds| *holds)
@@ -141,8 +141,8 @@ impl Grid3<f32> {
         lerp(in_layer(i), in_layer(i + dz), c)
     }
 
-    /// Trilinear value and its gradient per meter (exact derivative of the interpolant; zero along an axis
-    /// with the point outside, where the value is clamped).
+    /// Trilinear value and its gradient per meter: the exact derivative of the interpolant, zero along an
+    /// axis on which the point is outside and the value clamped.
     #[must_use]
     pub fn sample_with_gradient(&self, point: &Point3<f64>) -> (f32, Vector3<f32>) {
         let GridCell { base: [x, y, z], fractions: [a, b, c], inside } = cell_of(self, point);

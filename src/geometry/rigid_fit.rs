@@ -31,11 +31,11 @@ pub fn rigid_fit(pairs: impl Iterator<Item = (Point3<f64>, Point3<f64>, f64)> + 
     let v_t = svd.v_t?;
     let mut order = [0, 1, 2];
     order.sort_by(|&i, &j| svd.singular_values[j].total_cmp(&svd.singular_values[i]));
-    // Points on a line leave the turn about it open.
+    // Points on a line leave the rotation about it open.
     if svd.singular_values[order[1]] <= 1e-9 * svd.singular_values[order[0]] {
         return None;
     }
-    // The best fit would be a reflection; turning the weakest direction round costs least.
+    // The best fit would be a reflection; reversing the weakest direction costs least.
     if (u.determinant() * v_t.determinant()) < 0.0 {
         let flipped = -u.column(order[2]);
         u.set_column(order[2], &flipped);

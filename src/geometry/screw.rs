@@ -1,4 +1,4 @@
-//! Screw axes: the line of a part's turn or slide.
+//! Screw axes: the line about which a part turns or along which it slides.
 //!
 //! Turning by `angle_rad` about a directed line also advances `pitch_m_per_rad * angle_rad` along it. A pure
 //! rotation has pitch zero; a pure translation has a direction and no location.
@@ -29,13 +29,13 @@ pub struct Screw {
 
 impl Screw {
     /// Screw of a rigid motion by docs/method.md (1.3): closed-form pivot `p = (t + cot(angle/2) u x t) / 2`
-    /// on the part of `t` normal to `u`. `None` for the identity.
+    /// with the component of `t` perpendicular to `u`. `None` for the identity.
     #[must_use]
     pub fn of_motion(motion: &Pose) -> Option<Self> {
         let w = log_so3(&motion.rotation);
         let angle_rad = w.norm();
         let t = motion.translation.vector;
-        // A turn this small shows no line: the motion counts as a translation (docs/method.md 1.4).
+        // Such a small turn shows no axis: the motion counts as a translation (docs/method.md 1.4).
         if angle_rad < MIN_ANGLE_RAD {
             let direction = Unit::try_new(t, 1e-12)?;
             return Some(Self { direction, point: Point3::origin(), angle_rad: 0.0, advance_m: t.norm() });
@@ -55,7 +55,7 @@ impl Screw {
         self.motion_by(self.angle_rad, self.advance_m)
     }
 
-    /// The motion of another amount about the same line.
+    /// The motion about the same line by other amounts.
     #[must_use]
     pub fn motion_by(&self, angle_rad: f64, advance_m: f64) -> Pose {
         let r = UnitQuaternion::from_axis_angle(&self.direction, angle_rad);
@@ -68,11 +68,11 @@ impl Screw {
 /// Rotation vector of a rotation: axis times angle in `[0, pi]`.
 #[must_use]
 pub fn log_so3(rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
-    // Of the two quaternions of a rotation the one with the smaller angle.
+    // Of the two quaternions of a rotation, takes the one with the smaller angle.
     let q = if rotation.w < 0.0 { -rotation.into_inner() } else { rotation.into_inner() };
     let v = q.imag();
     let s = v.norm();
-    // Near the identity the sine is its argument, and the quotient is not defined.
+    // Near the identity the sine equals its argument, and the quotient is not defined.
     if s < 1e-12 { 2.0 * v } else { v * (2.0 * s.atan2(q.w) / s) }
 }
 
@@ -84,7 +84,7 @@ pub fn shift_and_turn(motion: &Pose) -> Vector6<f64> {
     Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
 }
 
-/// Rotation of a rotation vector.
+/// Rotation with a given rotation vector.
 #[must_use]
 pub fn exp_so3(rotation_vector: &Vector3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::from_scaled_axis(*rotation_vector)
@@ -114,7 +114,7 @@ pub fn line_distance_m(
     let offset = point_b - point_a;
     let normal = direction_a.cross(direction_b);
     let sin = normal.norm();
-    // Nearly parallel lines: both numbers of the quotient are rounding.
+    // For nearly parallel lines, numerator and denominator of the quotient are only rounding.
     if sin < PARALLEL_SIN { offset.cross(direction_a).norm() } else { offset.dot(&normal).abs() / sin }
 }
 

@@ -1,7 +1,7 @@
 //! A recording on disk: a rosbag2 folder or a bare `.mcap` file.
 //!
-//! `metadata.yaml` is read for the files' names and their compression only; the contents are found by
-//! reading it.
+//! `metadata.yaml` is read only for the files' names and compression; everything else comes from the files
+//! themselves.
 
 use std::{
     collections::BTreeSet,
@@ -21,7 +21,7 @@ use common::files;
 use common::limits::{METADATA, NAMED, YamlError, parse_yaml};
 use common::note::{Note, NoteCode};
 
-/// Most files of one bag.
+/// Largest number of files of one bag.
 const MAX_FILES: usize = 10_000;
 
 /// The files of one recording.
@@ -31,7 +31,7 @@ pub struct Bag {
     pub path: PathBuf,
     /// Its MCAP files.
     pub files: Vec<PathBuf>,
-    /// Every message is compressed with zstd by itself (`compression_mode: message`).
+    /// Whether every message is compressed by itself with zstd (`compression_mode: message`).
     compressed_messages: bool,
     /// Notes about the folder.
     pub warnings: Vec<Note>,
@@ -51,16 +51,16 @@ struct Metadata {
     relative_file_paths: Vec<String>,
 }
 
-/// Messages of a file that could not be decompressed.
+/// Counts messages of a file that could not be decompressed.
 #[derive(Default)]
 struct Undecodable {
     count: usize,
-    /// Why the first could not.
+    /// Why the first of them could not.
     first: String,
 }
 
 impl Undecodable {
-    /// Visits a message as it is without its own compression, or counts it.
+    /// Passes a message to the visitor without its own compression, or counts it as undecodable.
     fn visit_unpacked(
         &mut self,
         message: &RawMessage,
@@ -94,9 +94,8 @@ impl Bag {
 
     /// Finds the files of a bag.
     ///
-    /// # Errors
-    /// [`CaptureError`] for sqlite3 bags, metadata that points outside the folder, unknown compression, no
-    /// files.
+    /// [`CaptureError`] for sqlite3 bags, metadata that points outside the folder, unknown compression, or a
+    /// bag without files.
     pub fn open(path: &Path) -> Result<Self, CaptureError> {
         let mut bag = Self {
             path: path.to_owned(),
@@ -135,7 +134,7 @@ impl Bag {
                 ),
             ));
         }
-        // metadata.yaml may also name files renamed since: the existing ones are read.
+        // metadata.yaml may name files that were renamed since: the existing ones are read.
         if bag.files.is_empty() {
             bag.files = files_with(path, is_mcap);
         }
@@ -194,7 +193,7 @@ impl Bag {
         let mut seen = BTreeSet::new();
         for name in &metadata.relative_file_paths {
             let relative = Path::new(name);
-            // A bag from elsewhere must not have other files of this machine read.
+            // A bag from elsewhere must not make the program read other files of this machine.
             let inside = relative.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
             if !inside || relative.components().next().is_none() {
                 return refuse(format!(
@@ -209,7 +208,8 @@ impl Bag {
             if !file.is_file() {
                 missing.push(name.escape_debug().to_string());
             } else if !seen.insert(fs::canonicalize(&file).unwrap_or_else(|_| file.clone())) {
-                // By the canonical path: messages of `a.mcap` would come again as those of `./a.mcap`.
+                // Compared by canonical path: otherwise messages of `a.mcap` would be read again as those of
+                // `./a.mcap`.
                 return refuse(format!(
                     "relative_file_paths names `{}` twice; name every file once",
                     name.escape_debug()
@@ -233,8 +233,8 @@ impl Bag {
         Ok(())
     }
 
-    /// Hands out every message of every file, in file order, and reports how each file was read. Reading
-    /// twice gives the same messages in the same order.
+    /// Passes every message of every file to the visitor, in file order, and reports how each file was read.
+    /// Reading twice gives the same messages in the same order.
     ///
     /// # Errors
     /// The visitor's error; [`CaptureError::Read`]; [`CaptureError::Corrupt`] if no file gave a single
@@ -244,10 +244,10 @@ impl Bag {
         visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>,
     ) -> Result<Vec<(PathBuf, FileReport)>, CaptureError> {
         let mut reports = Vec::new();
-        // One budget for all files: ten thousand small ones get no more than a large one.
+        // One budget for all files: ten thousand small ones may not unpack to more than one large one.
         let bytes = self.files.iter().filter_map(|f| fs::metadata(f).ok()).map(|m| m.len()).sum();
         let mut expansion = Expansion::of(bytes);
-        // Messages that are compressed by themselves have a budget of their own: their chunks are not
+        // Messages that are compressed by themselves have a budget of their own, as their chunks are not
         // compressed again.
         let mut of_messages = expansion;
         for path in &self.files {
@@ -263,7 +263,7 @@ impl Bag {
             }
             reports.push((path.clone(), report));
         }
-        // Damage is an error only where it left nothing.
+        // Damage is an error only if nothing could be read.
         match reports.iter().find(|(_, r)| !r.is_whole()) {
             Some((path, report)) if reports.iter().all(|(_, r)| r.messages == 0) => {
                 let chunk = || report.bad_chunks.first().map(|(n, why)| format!("chunk {n}: {why}"));
@@ -287,8 +287,8 @@ fn read_file(
     let failed = |source| CaptureError::Read { path: path.to_owned(), source };
     let mut file = BufReader::with_capacity(1 << 20, files::open_regular(path).map_err(failed)?);
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("zstd")) {
-        // A stream cannot be read from its end: no summary is at hand. Chunks inside have a budget of their
-        // own, as the stream around them is counted against the bag's.
+        // A stream cannot be read from its end, so there is no summary. Chunks inside have a budget of their
+        // own, as the stream around them already counts against the bag's.
         let decoder = zstd::Decoder::with_buffer(file).map_err(failed)?;
         let mut inside = *expansion;
         let source = Within { source: decoder, expansion };

@@ -1,4 +1,4 @@
-//! First reading of a bag: everything but the pixels: topics, times and camera poses.
+//! First reading of a bag: topics, times and camera poses; everything but the pixels.
 
 use std::{
     collections::{BTreeMap, HashMap},
@@ -23,33 +23,33 @@ use geometry::Pose;
 
 /// Largest number of indexed transforms, images and poses.
 const MAX_ENTRIES: usize = 5_000_000;
-/// Most topics of one bag.
+/// Largest number of topics of one bag.
 const MAX_TOPICS: usize = 10_000;
-/// Largest number of different camera parameters of a topic: a focusing camera changes them every frame.
+/// Largest number of distinct camera parameters of a topic: a focusing camera changes them every frame.
 const MAX_CAMERAS: usize = 100_000;
-/// Most coefficients of a lens; the largest model of OpenCV has 14.
+/// Largest number of lens coefficients; the largest model of OpenCV has 14.
 const MAX_COEFFICIENTS: usize = 64;
 
-/// Images of other topics are kept so long after the end of a state, and before the next, nanoseconds: they
-/// are paired by stamps, and recorded at other times.
+/// Images of other topics are kept this long after the end of a state and before the next, nanoseconds: they
+/// are paired by stamps but recorded at other times.
 const BETWEEN_NANOS: i64 = 1_000_000_000;
 
 /// Why a message is not used.
 #[derive(Debug, thiserror::Error)]
 pub enum MessageError {
-    /// It is no CDR.
+    /// Its encoding is not CDR.
     #[error("message encoding `{0}` is not cdr")]
     Encoding(String),
-    /// It is another message.
+    /// It cannot be decoded.
     #[error(transparent)]
     Decode(#[from] DecodeError),
-    /// Its stamp or frame is none.
+    /// Its stamp or frame is invalid.
     #[error("its header is invalid")]
     Header,
-    /// A lens with more coefficients than any model has.
+    /// Its lens has more coefficients than any model.
     #[error("it has {0} lens coefficients; {MAX_COEFFICIENTS} are the limit")]
     Lens(usize),
-    /// A camera beyond the kept ones.
+    /// There are too many distinct cameras already.
     #[error("it is one more than {MAX_CAMERAS} different camera_infos")]
     Cameras,
 }
@@ -63,7 +63,7 @@ pub struct TopicStat {
     pub count: usize,
     /// Undecodable messages of a known type.
     pub undecodable: usize,
-    /// Why the first of them could not.
+    /// Why the first of them could not be decoded.
     pub problem: Option<String>,
     /// Recording time of the first message, nanoseconds.
     pub first_nanos: i64,
@@ -74,42 +74,42 @@ pub struct TopicStat {
 /// One image message, without its pixels.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ImageEntry {
-    /// Number among all messages of its topic, from 0, in the order of reading.
+    /// Index among all messages of its topic, in the order of reading.
     pub ordinal: usize,
     /// Header stamp, nanoseconds.
     pub stamp_nanos: i64,
     /// Recording time, nanoseconds.
     pub log_nanos: i64,
-    /// Width and height, where the message says.
+    /// Width and height, if the message states them.
     pub size: Option<(usize, usize)>,
 }
 
 /// The images of a topic.
 #[derive(Clone, Debug, Default)]
 pub struct ImageTopic {
-    /// Encoding or format of the first.
+    /// Encoding or format of the first image.
     pub encoding: String,
-    /// Optical frame of the first.
+    /// Optical frame of the first image.
     pub frame: String,
-    /// Messages in another frame than the first; they are not used.
+    /// Number of messages in another frame than the first; they are not used.
     pub strays: usize,
-    /// In the order of reading.
+    /// The images, in the order of reading.
     pub entries: Vec<ImageEntry>,
 }
 
 /// The camera parameters of a topic.
 #[derive(Clone, Debug, Default)]
 pub struct InfoTopic {
-    /// Distinct parameters; stamps left out.
+    /// Distinct parameters, without stamps.
     pub distinct: Vec<CameraInfo>,
-    /// Stamp and index into `distinct`.
+    /// Stamp of each message, nanoseconds, and its index into `distinct`.
     pub entries: Vec<(i64, usize)>,
-    /// Index into `distinct`, by the parameters as they are written.
+    /// Index into `distinct`, by the encoded parameters.
     known: HashMap<Vec<u8>, usize>,
 }
 
 impl InfoTopic {
-    /// Leaves out parameters contradicted by nearly all messages (damage); returns the number left out.
+    /// Drops parameters that nearly all messages contradict (damage); returns the number of dropped messages.
     pub fn settle(&mut self) -> usize {
         let mut counts = vec![0; self.distinct.len()];
         self.entries.iter().for_each(|e| counts[e.1] += 1);
@@ -135,30 +135,30 @@ impl InfoTopic {
 pub struct PoseTopic {
     /// Frame of the poses.
     pub parent: String,
-    /// The posed frame, where the message names it.
+    /// The frame whose pose is given, if the message names it.
     pub child: Option<String>,
-    /// By header stamp.
+    /// Poses by header stamp, nanoseconds.
     pub samples: BTreeMap<i64, Pose>,
-    /// Messages left out: NaN, no unit quaternion, other frames.
+    /// Number of dropped messages: NaN, no unit quaternion, other frames.
     pub invalid: usize,
 }
 
-/// Everything but the pixels.
+/// The contents of a bag without the pixels.
 #[derive(Clone, Debug, Default)]
 pub struct BagIndex {
-    /// By name.
+    /// Statistics of all topics, by name.
     pub topics: BTreeMap<String, TopicStat>,
-    /// By topic.
+    /// Image topics, by name.
     pub images: BTreeMap<String, ImageTopic>,
-    /// By topic.
+    /// CameraInfo topics, by name.
     pub infos: BTreeMap<String, InfoTopic>,
-    /// By topic.
+    /// Pose topics, by name.
     pub poses: BTreeMap<String, PoseTopic>,
-    /// By topic.
+    /// IMU topics, by name.
     pub imus: BTreeMap<String, ImuTopic>,
     /// Recording times of the messages of std_msgs topics.
     pub markers: BTreeMap<String, Vec<i64>>,
-    /// Of /tf and /tf_static.
+    /// Transforms of /tf and /tf_static.
     pub tf: TfBuffer,
     /// How each file was read.
     pub files: Vec<(PathBuf, FileReport)>,
@@ -168,9 +168,7 @@ pub struct BagIndex {
 impl BagIndex {
     /// Reads a bag once, front to back.
     ///
-    /// # Errors
-    /// Those of [`Bag::read`]; [`CaptureError::Unsupported`] for ROS 1 messages and for more entries than are
-    /// taken.
+    /// Those of [`Bag::read`]; [`CaptureError::Unsupported`] for ROS 1 messages or too many entries.
     pub fn read(bag: &Bag, stop: &Stop) -> Result<Self, CaptureError> {
         let mut index = Self::default();
         index.files = bag.read(&mut |message| {
@@ -187,7 +185,7 @@ impl BagIndex {
         Some((first, self.topics.values().map(|t| t.last_nanos).max()?))
     }
 
-    /// Notes about damage; of many files or topics the first ones.
+    /// Notes about damage; if there are many files or topics, only about the first ones.
     #[must_use]
     pub fn damage(&self) -> Vec<Note> {
         let undecodable = |text| Note::new(NoteCode::MessagesUndecodable, text);
@@ -213,7 +211,7 @@ impl BagIndex {
         files.take(NAMED).chain(topics.take(NAMED)).chain(more).chain(surplus).collect()
     }
 
-    /// The topics as the choice between them needs them.
+    /// A summary of each topic, for choosing among them.
     #[must_use]
     pub fn summaries(&self) -> Vec<TopicSummary> {
         self.topics.iter().map(|(name, stat)| self.topic_summary(name, stat)).collect()
@@ -228,8 +226,8 @@ impl BagIndex {
         }
     }
 
-    /// Leaves out the images between two states. Messages belonging to a color image of a
-    /// state may have been recorded a little before or after it.
+    /// Removes the images between two states. Messages that belong to a color image of a state may have been
+    /// recorded a little before or after it.
     pub fn leave_out_between(&mut self, split: &Split, color: &str) {
         for (topic, images) in &mut self.images {
             let margin = if topic == color { 0 } else { BETWEEN_NANOS };
@@ -246,7 +244,8 @@ impl BagIndex {
                 "convert the bag to ROS 2 with `rosbags-convert --src BAG --dst DIR --dst-storage mcap`",
             );
         }
-        // Before the message is indexed: a small compressed bag may hold more of them than memory does.
+        // Checked before the message is indexed: a small compressed bag may contain more of them than fit in
+        // memory.
         if self.entries >= MAX_ENTRIES || self.topics.len() >= MAX_TOPICS {
             return refuse_bag(
                 bag,
@@ -271,7 +270,7 @@ impl BagIndex {
             other => Err(MessageError::Encoding(other.to_owned())),
         };
         if let Some(stat) = self.topics.get_mut(message.topic) {
-            // After decoding, because an image takes the count before it as its ordinal.
+            // After decoding, because the ordinal of an image is the count before it.
             stat.count += 1;
             stat.first_nanos = stat.first_nanos.min(log_nanos);
             stat.last_nanos = stat.last_nanos.max(log_nanos);
@@ -288,7 +287,7 @@ impl BagIndex {
         let data = message.data;
         match message.type_name {
             "sensor_msgs/msg/Image" => {
-                // The front alone: pixels are read after the choice of views.
+                // Only the fields before the pixels, which are read once the views are chosen.
                 let front: ImageFront = decode(data)?;
                 let (stamp, frame) = front.header.checked().ok_or(MessageError::Header)?;
                 self.add_image(
@@ -325,7 +324,7 @@ impl BagIndex {
                 let child = m.child_frame_id.trim_start_matches('/').to_owned();
                 self.add_pose(topic, stamp, parent, Some(child), m.pose.checked());
             }
-            // Any of them may mark the end of a state; its recording time is all that counts.
+            // Any of them may mark the end of a state; only its recording time is needed.
             name if name.starts_with("std_msgs/") => {
                 self.entries += 1;
                 self.markers.entry(topic.to_owned()).or_default().push(log_nanos);
@@ -368,7 +367,7 @@ impl BagIndex {
         // Without the stamp, so that equal parameters have equal bytes.
         info.header = super::ros2msg::Header { frame_id: frame, ..Default::default() };
         let infos = self.infos.entry(topic.to_owned()).or_default();
-        // Bytes, as a NaN is not equal to itself.
+        // Compared as bytes, because NaN is not equal to itself.
         let key = encode(&info)?;
         let next = infos.distinct.len();
         if next >= MAX_CAMERAS && !infos.known.contains_key(&key) {
@@ -388,7 +387,7 @@ impl BagIndex {
             // Old recordings write `/base_link`; tf2 knows frames without the slash.
             let child = t.child_frame_id.trim_start_matches('/');
             match (t.header.checked(), t.transform.checked()) {
-                // The topic may stand in a namespace, so its end decides.
+                // The topic may be in a namespace, so its end decides.
                 (Some((_, parent)), Some(pose)) if topic.ends_with("tf_static") => {
                     self.tf.add_static(&parent, child, pose)
                 }

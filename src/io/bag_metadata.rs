@@ -4,12 +4,12 @@ use std::fmt::Write as _;
 
 use super::offered_qos::OfferedQos;
 
-/// Contents of a bag.
+/// Contents of a bag, for its metadata.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct BagFacts {
     /// Name of its file.
     pub file: String,
-    /// In the order of their first messages.
+    /// Topics, in the order of their first messages.
     pub topics: Vec<TopicFacts>,
     /// First and last recording time, nanoseconds.
     span_nanos: Option<(u64, u64)>,
@@ -22,7 +22,7 @@ pub struct TopicFacts {
     pub name: String,
     /// Type of its messages.
     pub type_name: String,
-    /// How it is offered.
+    /// Its QoS profile.
     pub qos: OfferedQos,
     /// Hash of the type.
     pub hash: &'static str,
@@ -31,7 +31,8 @@ pub struct TopicFacts {
 }
 
 impl TopicFacts {
-    /// The offered profile as rosbag2 keeps it: a YAML list in a string, policies as rmw's numbers.
+    /// The offered QoS profile as rosbag2 stores it: a YAML list in a string, with rmw's numbers for
+    /// policies.
     #[must_use]
     pub fn qos_yaml(&self) -> String {
         const KEEP_LAST: u8 = 1;
@@ -58,7 +59,7 @@ impl BagFacts {
         Self { file, ..Self::default() }
     }
 
-    /// Counts a message of the topic at this place.
+    /// Counts a message of the topic with this index.
     pub fn count(&mut self, place: usize, log_nanos: u64) {
         if let Some(topic) = self.topics.get_mut(place) {
             topic.messages += 1;
@@ -67,7 +68,7 @@ impl BagFacts {
         self.span_nanos = Some((first.min(log_nanos), last.max(log_nanos)));
     }
 
-    /// Messages of all topics.
+    /// Number of messages of all topics.
     #[must_use]
     pub fn messages(&self) -> u64 {
         self.topics.iter().map(|t| t.messages).sum()

@@ -1,7 +1,7 @@
-//! Writes a rosbag2 folder (MCAP storage) as messages come.
+//! Writes a rosbag2 folder (MCAP storage) while messages arrive.
 //!
-//! The messages written so far survive a crash up to the last [`BagWriter::flush`]; `metadata.yaml` appears
-//! when the bag is finished, and a folder without one is read as an unclosed recording.
+//! After a crash, the messages up to the last [`BagWriter::flush`] are kept; `metadata.yaml` appears only
+//! when the bag is finished, and a folder without it is read as an unclosed recording.
 
 use std::{
     collections::BTreeMap,
@@ -19,7 +19,7 @@ use super::{
     ros2msg::definitions::definition,
 };
 
-/// Uncompressed bytes of a chunk: the loss in a crash besides the last second.
+/// Uncompressed bytes of a chunk; a crash may lose this much besides the last second.
 const CHUNK_BYTES: u64 = 768 << 10;
 
 /// Why a bag could not be written.
@@ -44,7 +44,7 @@ pub enum BagWriteError {
         /// Error of the writer.
         source: mcap::McapError,
     },
-    /// A type without definition.
+    /// The definition of a type is unknown.
     #[error("messages of type `{0}` cannot be recorded: its definition is not known")]
     Type(String),
 }
@@ -61,7 +61,7 @@ pub struct BagWriter {
 struct WrittenChannel {
     id: u16,
     sequence: u32,
-    /// Its place in the facts.
+    /// Index of the topic in the facts.
     place: usize,
 }
 
@@ -78,7 +78,7 @@ impl BagWriter {
         if let Some(above) = folder.parent() {
             fs::create_dir_all(above).map_err(|source| io_error(above, source))?;
         }
-        // Not `create_dir_all`: it would take an existing bag for a new one.
+        // Not `create_dir_all`, which would accept an existing bag as a new one.
         fs::create_dir(folder).map_err(|source| match source.kind() {
             std::io::ErrorKind::AlreadyExists => BagWriteError::Exists(folder.to_owned()),
             _ => BagWriteError::Io { path: folder.to_owned(), source },
@@ -106,7 +106,7 @@ impl BagWriter {
         &self.folder
     }
 
-    /// Messages written.
+    /// Number of messages written.
     #[must_use]
     pub fn count(&self) -> u64 {
         self.facts.messages()
@@ -159,7 +159,7 @@ impl BagWriter {
             hash: definition.hash,
             messages: 0,
         };
-        // `ros2 bag play` offers the topic again by these two; both are text, the profile a YAML list in it.
+        // `ros2 bag play` offers the topic again with these two; both are text, the profile as a YAML list.
         let metadata = BTreeMap::from([
             ("offered_qos_profiles".to_owned(), facts.qos_yaml()),
             ("topic_type_hash".to_owned(), definition.hash.to_owned()),
@@ -171,16 +171,16 @@ impl BagWriter {
         Ok(WrittenChannel { id, sequence: 0, place: self.facts.topics.len() - 1 })
     }
 
-    /// Puts everything written so far on the disk.
+    /// Writes everything so far to the disk.
     ///
     /// # Errors
     /// If the disk refuses.
     pub fn flush(&mut self) -> Result<(), BagWriteError> {
-        // This ends the open chunk, too: a reader cannot use half of one.
+        // This also ends the open chunk, as a reader cannot use half of one.
         self.writer.flush().map_err(|source| BagWriteError::Mcap { path: self.file.clone(), source })
     }
 
-    /// Closes the file and writes `metadata.yaml`; the number of messages.
+    /// Closes the file and writes `metadata.yaml`; returns the number of messages.
     ///
     /// # Errors
     /// If the disk refuses.
@@ -198,8 +198,9 @@ impl BagWriter {
             .map_err(|source| BagWriteError::Io { path: self.file.clone(), source })?;
         let path = self.folder.join("metadata.yaml");
         let text = format!("rosbag2_bagfile_information:\n{}", self.facts.body(2));
-        // A metadata.yaml is there whole or not at all: half of one would pass as damage, none says that the
-        // recording was not closed. `create_plain` follows no link planted under the foreseeable name.
+        // metadata.yaml is written whole or not at all: half of it would look like damage, and its absence
+        // says that the recording was not closed. `create_plain` follows no link planted under the
+        // predictable name.
         let temporary = self.folder.join(".metadata.yaml.part");
         let written = create_plain(&temporary)
             .and_then(|mut f| f.write_all(text.as_bytes()).and_then(|()| f.sync_all()));

@@ -1,4 +1,4 @@
-//! Whether a recording shows a printed board of tags, by a few of its views.
+//! Checks in a few views whether a recording shows a printed board of tags.
 
 use rayon::prelude::*;
 
@@ -10,7 +10,7 @@ use common::stop::Stop;
 /// Number of inspected views, spread over the recording.
 const LOOKED_AT: usize = 6;
 
-/// Note about a board; `None` if none is seen, or none is to be looked for.
+/// A note about a board; `None` if no board is seen or looked for.
 pub(super) fn board_note(bag: &Bag, views: &Views, config: &CaptureConfig) -> Option<Note> {
     let count = views.views.len();
     if config.board == UseBoard::Never || count == 0 {

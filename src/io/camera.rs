@@ -4,8 +4,8 @@ use super::{image_codec::MAX_SIDE, ros2msg::CameraInfo};
 use capture::{CaptureError, Distortion};
 use geometry::Intrinsics;
 
-/// The ideal camera and the lens of a camera_info. A topic with a rectified image's name has no
-/// distortion left and the camera matrix of `P`.
+/// The pinhole camera and the lens distortion of a camera_info. If the topic has a rectified image's name,
+/// there is no distortion left, and the camera matrix is that of `P`.
 ///
 /// # Errors
 /// [`CaptureError::CameraInfo`] and [`CaptureError::Distortion`].

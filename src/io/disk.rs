@@ -1,4 +1,4 @@
-//! Free space.
+//! Free disk space.
 
 use std::path::Path;
 

@@ -1,23 +1,23 @@
-//! How much a bag may unpack to.
+//! Limits how much a bag may unpack to.
 
 use std::io::{self, Read};
 
 use common::limits::{CHUNK_FREE, EXPANDED_FREE, EXPANSION};
 
-/// A bag above the limit of decompressed bytes.
+/// A bag exceeds the limit of decompressed bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ExpansionError {
-    /// One piece of it.
+    /// One piece of it does.
     #[error("{packed} bytes would unpack to {unpacked}, more than the limit of {most}")]
     Piece {
-        /// Its bytes.
+        /// Its compressed size, bytes.
         packed: u64,
         /// Its stated decompressed size.
         unpacked: u64,
         /// The allowed decompressed size.
         most: u64,
     },
-    /// All pieces together.
+    /// All pieces together do.
     #[error(
         "the bag unpacks to more than {total} bytes, {EXPANSION} times its size; cut it with `ros2 bag \
          convert`"
@@ -28,7 +28,7 @@ pub enum ExpansionError {
     },
 }
 
-/// Remaining decompressed bytes of one reading of a bag.
+/// How many decompressed bytes one reading of a bag may still produce.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Expansion {
     total: u64,
@@ -36,24 +36,23 @@ pub struct Expansion {
 }
 
 impl Expansion {
-    /// For a bag of so many bytes.
+    /// The budget for a bag of `bytes` bytes.
     #[must_use]
     pub const fn of(bytes: u64) -> Self {
         let total = EXPANDED_FREE.saturating_add(bytes.saturating_mul(EXPANSION));
         Self { total, left: total }
     }
 
-    /// Takes the stated decompressed size of a piece.
+    /// Takes the stated decompressed size of a piece from the budget.
     ///
-    /// # Errors
-    /// If it is far more than its bytes can hold, or all pieces together are beyond the budget.
+    /// # Errors If it is far more than its bytes can hold, or all pieces together exceed the budget.
     pub fn take(&mut self, packed: u64, unpacked: u64) -> Result<(), ExpansionError> {
-        // Each piece by itself, too: one chunk must not claim the budget of the whole bag.
+        // Each piece is limited by itself too: one chunk must not claim the budget of the whole bag.
         let most = CHUNK_FREE.saturating_add(packed.saturating_mul(EXPANSION));
         if unpacked > most {
             return Err(ExpansionError::Piece { packed, unpacked, most });
         }
-        // Taken by the chunk's claim: the reader checks that it unpacks to no more.
+        // The stated size is taken; the reader checks that the chunk unpacks to no more.
         self.left = self.left.checked_sub(unpacked).ok_or(self.exhausted())?;
         Ok(())
     }
@@ -63,7 +62,7 @@ impl Expansion {
     }
 }
 
-/// A decompressed stream that fails at the end of the budget.
+/// A decompressed stream that fails when the budget is used up.
 pub struct Within<'a, R> {
     /// The stream.
     pub source: R,

@@ -1,4 +1,4 @@
-//! A file with reads of any range of bytes.
+//! Reads any range of bytes of a file.
 
 use std::{
     fs::File,
@@ -22,16 +22,15 @@ impl FileRanges {
         Ok(Self { size: file.metadata()?.len(), file })
     }
 
-    /// All bytes.
+    /// Size of the file, bytes.
     #[must_use]
     pub fn size(&self) -> u64 {
         self.size
     }
 
-    /// Bytes from `start` on, `count` of them.
+    /// Reads `count` bytes from `start` on.
     ///
-    /// # Errors
-    /// Where they cannot be read, or there are fewer.
+    /// # Errors If they cannot be read, or there are fewer.
     pub fn range(&self, start: u64, count: u64) -> io::Result<Vec<u8>> {
         let mut file = &self.file;
         file.seek(SeekFrom::Start(start))?;

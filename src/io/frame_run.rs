@@ -1,4 +1,5 @@
-//! An RGB-D recording of an object at rest, for a diagnosis: frames, the camera's velocity, joint positions.
+//! Reads an RGB-D recording of an object at rest for a diagnosis: frames, the camera's velocity, joint
+//! positions.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -13,12 +14,12 @@ use gap::{camera::record::frames::FrameRun, record::tracks::Streams};
 use geometry::Pose;
 use numeric::statistics::median;
 
-/// Poses this long before and after a frame give the camera's velocity, nanoseconds.
+/// The camera's velocity comes from its poses this long before and after a frame, nanoseconds.
 const VELOCITY_NANOS: i64 = 1_000_000;
 
-/// Reads a recording (rosbag2 folder or `.mcap` file) by the rules of a reconstruction, its depth as it was
-/// measured and with its masks; the depth noise is that of the settings. Losses of the
-/// frames are added to `warnings`; those of joint positions are returned beside the result.
+/// Reads a recording (rosbag2 folder or `.mcap` file) as a reconstruction does, with masks and with the depth
+/// as measured; the depth noise is that of the settings. Losses of frames are added to `warnings`; those of
+/// joint positions are returned beside the result.
 ///
 /// # Errors
 /// [`CaptureError`] where the recording cannot be used.
@@ -106,7 +107,7 @@ fn positions(index: &BagIndex, path: &Path, warnings: &mut Vec<Note>) -> BTreeMa
             return BTreeMap::new();
         }
     };
-    // The object rests, so one value stands for all, and single wrong readings do not count.
+    // The object is at rest, so one value stands for all, and the median ignores single wrong readings.
     let middle = |v: Vec<f64>| median(v.into_iter().filter(|x| x.is_finite()).collect());
     recording.joints.into_iter().filter_map(|j| Some((j.name, middle(j.position)?))).collect()
 }

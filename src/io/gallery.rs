@@ -14,26 +14,25 @@ use common::limits::{FileLimit, REPORT};
 use export::{GalleryCard, ReadJoint, ReadReport, counted_noun};
 use gap::judge::report_json::ReadDiagnosis;
 
-/// Depth of searched folders: objects in dates in labs.
+/// Depth to which folders are searched: objects in dates in labs.
 const MAX_DEPTH: usize = 6;
 /// Largest number of searched folders.
 const MAX_FOLDERS: usize = 100_000;
-/// A picture of a card; the program's own have a tenth of it.
+/// Size limit of a card's picture; the program's own have a tenth of it.
 const PICTURE: FileLimit = FileLimit { what: "a picture of a gallery", bytes: 2 << 20 };
 
 /// Results, and unreadable ones with the reason.
 #[derive(Clone, Debug, Default)]
 pub struct Gallery {
-    /// Sorted by folder.
+    /// Cards, sorted by folder.
     pub cards: Vec<GalleryCard>,
-    /// A sentence each.
+    /// A sentence for each unreadable result.
     pub unread: Vec<String>,
 }
 
 /// Reads the results of `reconstruct` and `diagnose` under some folders, for a page in `page_folder`.
 ///
-/// # Errors
-/// An unreadable given folder, and the reason.
+/// # Errors The given folder that cannot be read, and why.
 pub fn read_gallery(roots: &[PathBuf], page_folder: &Path) -> Result<Gallery, (PathBuf, io::Error)> {
     let absolute = |path: &Path| fs::canonicalize(path).map_err(|e| (path.to_owned(), e));
     let from = absolute(page_folder)?;
@@ -53,8 +52,8 @@ pub fn read_gallery(roots: &[PathBuf], page_folder: &Path) -> Result<Gallery, (P
     Ok(gallery)
 }
 
-/// Collects folders with a manifest. Nothing is looked for inside of them, or behind links and hidden names:
-/// those are unfinished.
+/// Collects folders with a manifest. Folders inside them, links and hidden names, which may be unfinished
+/// results, are not searched.
 fn find(folder: &Path, depth: usize, seen: &mut usize, results: &mut Vec<PathBuf>) -> io::Result<()> {
     if folder.join(MANIFEST).is_file() {
         results.push(folder.to_owned());
@@ -135,7 +134,7 @@ fn motion(joint: &ReadJoint) -> Option<String> {
     })
 }
 
-/// A path as seen from a folder; both are absolute.
+/// A path relative to a folder; both are given absolute.
 fn relative(from: &Path, to: &Path) -> PathBuf {
     let (from, to): (Vec<Component>, Vec<Component>) =
         (from.components().collect(), to.components().collect());

@@ -1,4 +1,4 @@
-//! How much a recording holds, by its summary and a few messages: the cost of a run is estimated from it.
+//! Estimates from its summary and a few messages how much a recording contains, to predict the cost of a run.
 
 use std::{
     collections::BTreeMap,
@@ -27,19 +27,18 @@ const MAX_IMAGE_TOPICS: usize = 64;
 /// Largest chunk whose first messages are read, bytes.
 const MAX_LOOK: u64 = 64 << 20;
 
-/// How many views a bag holds.
+/// How many views a bag contains.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Glimpse {
-    /// Color images; `None` where the bag does not say.
+    /// Number of color images; `None` if the bag does not say.
     pub frames: Option<u64>,
     /// Columns and rows of the color images.
     pub size: Option<(u32, u32)>,
 }
 
-/// Looks at the bags of recordings, each a state or all of them; of a dataset nothing is known.
+/// Looks at the bags of recordings, each of one state or of all; a dataset gives an empty result.
 ///
-/// # Errors
-/// Where a file cannot be read.
+/// # Errors If a file cannot be read.
 pub fn glimpse_views(paths: &[PathBuf], config: &CaptureConfig) -> io::Result<Vec<Glimpse>> {
     let bags = match Source::of(paths) {
         Ok(Source::States(paths)) => paths,
@@ -55,10 +54,9 @@ fn glimpse_of_bag(path: &Path, config: &CaptureConfig) -> io::Result<Glimpse> {
     Ok(summaries.views(config)?.unwrap_or_default())
 }
 
-/// Number of messages about joints in a bag; 0 where it does not say.
+/// Number of messages about joints in a bag; 0 if the bag does not say.
 ///
-/// # Errors
-/// Where a file cannot be read.
+/// # Errors If a file cannot be read.
 pub fn count_joint_messages(path: &Path, streams: &Streams) -> io::Result<u64> {
     let Some(summaries) = Summaries::of(path)? else { return Ok(0) };
     let channels = summaries.all.iter().flat_map(|(_, s)| s.channels.values());
@@ -100,7 +98,7 @@ impl Summaries {
         Ok(Some(Glimpse { frames, size }))
     }
 
-    /// The topics as the choice between them needs them, images with the encoding of their first message.
+    /// A summary of each topic, for choosing among them; images have the encoding of their first message.
     fn topics(&self) -> io::Result<Option<Vec<TopicSummary>>> {
         let mut topics: BTreeMap<&str, TopicSummary> = BTreeMap::new();
         let channels = self.all.iter().flat_map(|(_, s)| s.channels.values());

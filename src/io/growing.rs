@@ -1,4 +1,4 @@
-//! A recording that grows: whether it is closed, and the results possible so far.
+//! A recording that is still growing: whether it is closed, and what can be computed from it so far.
 
 use std::{
     collections::BTreeSet,
@@ -16,7 +16,8 @@ use capture::{CaptureConfig, CaptureError, RgbdFrame};
 use common::files;
 use common::stop::Stop;
 
-/// A growing recording is read for one part of the time in so many and one, as all of it is read again.
+/// After a reading, a growing recording is left alone for this many times as long, because each reading reads
+/// all of it.
 /// measured: shared/bags/laptop played to the node, 2 cores: with 3 its twin came 0.2 s later
 const REST: u32 = 1;
 
@@ -26,25 +27,25 @@ pub struct GrowingState {
     state: usize,
     /// Stamps of the views with decoded images, nanoseconds.
     seen: BTreeSet<i64>,
-    /// Bytes when it was looked at last.
+    /// Its size when it was last looked at, bytes.
     bytes: u64,
-    /// Whether all possible results are there.
+    /// Whether everything possible has been read.
     done: bool,
-    /// When it may be read again while it grows.
+    /// Time before which it is not read again while it grows.
     rest: Option<Instant>,
 }
 
-/// State of a growing recording.
+/// What a growing recording contains.
 pub struct Grown {
-    /// Views so far.
+    /// Number of views so far.
     pub views: usize,
-    /// Views a run would take now.
+    /// Number of views that a run would use now.
     pub taken: usize,
     /// Whether its poses were recorded.
     pub is_posed: bool,
-    /// Its new frames.
+    /// Frames not returned before.
     pub frames: Vec<RgbdFrame>,
-    /// The whole of a closed recording without poses, once.
+    /// The whole recording, once, if it is closed and has no poses.
     pub to_track: Option<Recording>,
 }
 
@@ -55,7 +56,7 @@ impl GrowingState {
         Self { path: path.to_owned(), state, seen: BTreeSet::new(), bytes: 0, done: false, rest: None }
     }
 
-    /// Number of its state.
+    /// Index of its state.
     #[must_use]
     pub fn state(&self) -> usize {
         self.state
@@ -73,8 +74,8 @@ impl GrowingState {
         if !self.path.is_dir() {
             return ends_as_mcap(&self.path).unwrap_or(false);
         }
-        // rosbag2 writes metadata.yaml before it ends the last file. A file compressed as a whole it has
-        // ended by then.
+        // rosbag2 writes metadata.yaml before it ends the last file; a file compressed as a whole has ended
+        // by then.
         if !self.path.join("metadata.yaml").is_file() {
             return false;
         }
@@ -94,11 +95,10 @@ impl GrowingState {
         files.iter().filter_map(|f| fs::metadata(f).ok()).map(|m| m.len()).sum()
     }
 
-    /// Reads new data: images a run would take, or all of a closed recording without poses. `None`
-    /// where nothing is new, or it was read just now.
+    /// Reads new data: images that a run would use, or all of a closed recording without poses. `None` if
+    /// there is nothing new, or it was read just now.
     ///
-    /// # Errors
-    /// [`CaptureError`]: of a recording just begun, nothing to mind.
+    /// # Errors [`CaptureError`]; if the recording has only just begun, it can be ignored.
     pub fn read_new(&mut self, config: &CaptureConfig, stop: &Stop) -> Result<Option<Grown>, CaptureError> {
         let closed = self.is_closed();
         let bytes = self.bytes();
@@ -109,12 +109,12 @@ impl GrowingState {
         let begun = Instant::now();
         let grown = self.read(closed, bytes, config, stop);
         self.rest_after(begun.elapsed());
-        // Missing data of a closed recording will not come.
+        // What is missing from a closed recording will not come.
         self.done |= closed && grown.is_err();
         grown.map(Some)
     }
 
-    /// Is not read again at once, after so much time was spent on it.
+    /// Postpones the next reading according to the time spent on this one.
     pub fn rest_after(&mut self, spent: Duration) {
         self.rest = Some(Instant::now() + REST * spent);
     }
@@ -142,7 +142,7 @@ impl GrowingState {
             .iter()
             .filter(|v| self.seen.insert(stamp(**v)))
             .map(|v| (self.state, *v))
-            // Not more at once than the tracker would take: memory stays bounded.
+            // At most as many at once as the tracker would take, so that memory stays bounded.
             .take(most)
             .collect();
         if new.len() < most {

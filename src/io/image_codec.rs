@@ -1,6 +1,6 @@
-//! Pixels out of image messages and image files: color to 8-bit RGB, depth to meters, masks to truth values.
+//! Decodes image messages and image files: color to 8-bit RGB, depth to meters, masks to booleans.
 //!
-//! Sizes, steps and encodings are checked here; nothing is read beyond what the message holds.
+//! Sizes, steps and encodings are checked here; nothing is read beyond the message's data.
 
 use std::borrow::Cow;
 
@@ -35,7 +35,7 @@ pub enum ImageError {
     /// The encoding cannot be used: every image of the topic is refused.
     #[error("encoding `{encoding}` is not supported; {supported}")]
     Encoding {
-        /// By its name.
+        /// Its name.
         encoding: String,
         /// The supported encodings.
         supported: &'static str,
@@ -126,7 +126,7 @@ pub fn compressed_depth(image: &CompressedImage) -> Result<Raster<f32>, ImageErr
     let number = |at: usize| f32::from_le_bytes([front[at], front[at + 1], front[at + 2], front[at + 3]]);
     let a = number(4);
     let b = number(8);
-    // Old publishers name no codec: theirs is PNG.
+    // Old publishers name no codec and use PNG.
     let words = if is_rvl(&image.format) { rvl_image(code)? } else { png16(code)? };
     let encoding = image.format.split(';').next().unwrap_or_default().trim();
     match encoding {
@@ -143,8 +143,7 @@ pub fn compressed_depth(image: &CompressedImage) -> Result<Raster<f32>, ImageErr
 
 /// Mask of a compressed image.
 ///
-/// # Errors
-/// [`ImageError`]; JPEG is refused, as it blurs the mask.
+/// # Errors [`ImageError`]; JPEG is refused, as it blurs masks.
 pub fn compressed_mask(image: &CompressedImage) -> Result<Raster<bool>, ImageError> {
     mask_file(&image.data)
 }
@@ -211,7 +210,7 @@ impl<T: Copy> Raster<T> {
         Raster { width: self.width, height: self.height, pixels: self.pixels.into_iter().map(f).collect() }
     }
 
-    /// The image at another size, each pixel from its nearest one.
+    /// The image at another size, each pixel taken from the nearest one.
     #[must_use]
     pub fn resized_nearest(&self, width: usize, height: usize) -> Self {
         // Pixel centers are integers: center (u + 0.5) scales.
@@ -229,7 +228,7 @@ fn millimeters(value: u16) -> f32 {
     f32::from(value) * 0.001
 }
 
-/// 0 for values without a distance.
+/// The depth, or 0 if it is not a valid distance.
 fn known(depth_m: f32) -> f32 {
     if depth_m.is_finite() && depth_m > 0.0 { depth_m } else { 0.0 }
 }
@@ -239,8 +238,8 @@ fn word(p: &[u8], big: bool) -> u16 {
 }
 
 fn rows<T>(image: &Image, bytes: usize, mut pixel: impl FnMut(&[u8]) -> T) -> Result<Raster<T>, ImageError> {
-    // `step` may exceed the pixels' bytes, as drivers pad rows. CDR knows only how long `data` is:
-    // whether that fits the image is checked here.
+    // `step` may exceed the bytes of the pixels, as drivers pad rows. CDR only knows the length of `data`:
+    // whether it fits the image is checked here.
     let width = image.width as usize;
     let height = image.height as usize;
     let step = image.step as usize;
@@ -289,11 +288,11 @@ fn decode_file(data: &[u8], jpeg_allowed: bool) -> Result<DynamicImage, ImageErr
         [0x89, b'P', b'N', b'G', ..] => ImageFormat::Png,
         _ => return broken("neither JPEG nor PNG by its first bytes"),
     };
-    // Before decoding: some bytes can state an image of gigabytes.
+    // Checked before decoding: a few bytes can state an image of gigabytes.
     if let Some((width, height)) = stated_size(data) {
         check_size(width, height)?;
     }
-    // A decoder would also unpack profiles and texts of any content.
+    // Without extra chunks: a decoder would also unpack profiles and texts of any content.
     let bare = if format == ImageFormat::Png { Cow::Owned(bare_png(data)) } else { Cow::Borrowed(data) };
     let mut reader = ImageReader::with_format(std::io::Cursor::new(bare), format);
     let mut limits = Limits::default();

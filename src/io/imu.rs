@@ -1,4 +1,4 @@
-//! The accelerations of a recording, as an instrument fixed to its camera.
+//! The accelerometer readings of a recording, from an instrument fixed to its camera.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ pub const IMU_TYPE: &str = "sensor_msgs/msg/Imu";
 /// The accelerations of a topic.
 #[derive(Clone, Debug, Default)]
 pub struct ImuTopic {
-    /// Frame of the first.
+    /// Frame of the first message.
     pub frame: String,
     /// Stamp, nanoseconds, and reading, m/s², in that frame.
     pub readings: Vec<(i64, Vector3<f64>)>,
@@ -34,8 +34,8 @@ impl ImuTopic {
     }
 }
 
-/// The instrument for the up direction of the color images' frame: of the topics with a frame
-/// fixed to it the one with most readings. Beside it notes, or the reason why there is none.
+/// The accelerometer for the up direction in the color images' frame: of the topics whose frame is fixed to
+/// that frame, the one with most readings. Also returns notes, or the reason why there is none.
 pub(super) fn accelerometer(
     topics: &BTreeMap<String, ImuTopic>,
     tf: &TfBuffer,

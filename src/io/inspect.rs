@@ -1,4 +1,4 @@
-//! Contents of a recording, whether it can be reconstructed and, if not, the missing parts.
+//! Inspects a recording: its contents, whether it can be reconstructed and, if not, what is missing.
 
 use std::{
     fmt::Write as _,
@@ -31,7 +31,7 @@ pub struct TopicInspection {
     pub count: usize,
     /// Messages per second; `None` with fewer than two.
     pub rate_hz: Option<f64>,
-    /// Encoding, size, frame: known facts of images and camera_info.
+    /// Encoding, size and frame, as far as known of images and camera_info.
     pub details: String,
 }
 
@@ -52,9 +52,9 @@ pub struct StateInspection {
     pub chosen: Vec<Note>,
     /// Damage and loss.
     pub warnings: Vec<Note>,
-    /// Usable RGB-D views.
+    /// Number of usable RGB-D views.
     pub views: usize,
-    /// Whether they have no poses, so that the camera is tracked by its images.
+    /// Whether they have no poses, so that the camera must be tracked by its images.
     pub untracked: bool,
     /// Why `reconstruct` cannot use it.
     pub problem: Option<String>,
@@ -67,7 +67,7 @@ pub struct StateInspection {
 pub struct Inspection {
     /// The recordings found: one per state, or one.
     pub recordings: Vec<StateInspection>,
-    /// Why the whole cannot be reconstructed as it stands.
+    /// Why all of it together cannot be reconstructed as it is.
     pub problem: Option<String>,
 }
 
@@ -94,7 +94,7 @@ pub fn inspect_with(sources: &[PathBuf], config: &CaptureConfig) -> Result<Inspe
         Ok(Source::Both(bag)) => {
             let (recording, index) = inspect_bag(&bag, config, 0)?;
             found.recordings.push(recording);
-            // One bag with both states needs to be split: it is asked how, as far as the settings say.
+            // A bag with both states must be split; checks whether the settings say how.
             found.problem = split_problem(&bag, &index, config);
         }
         Ok(Source::Keyframes(folder)) => found.recordings.push(inspect_dataset(
@@ -242,7 +242,7 @@ fn inspect_dataset(
 }
 
 impl Inspection {
-    /// Whether `reconstruct` can use it as it stands, or `diagnose`, where it holds motion of joints.
+    /// Whether `reconstruct` can use it as it is, or `diagnose` can because joints move in it.
     #[must_use]
     pub fn is_usable(&self) -> bool {
         self.is_reconstructible() || self.is_diagnosable()
@@ -320,7 +320,7 @@ impl StateInspection {
     }
 }
 
-/// A list with its title; nothing where it is empty.
+/// Adds a list with its title; nothing if it is empty.
 fn list(text: &mut String, title: &str, lines: &[impl ToString]) {
     if lines.is_empty() {
         return;

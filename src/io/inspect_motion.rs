@@ -12,12 +12,12 @@ use gap::record::{
     tracks::Streams,
 };
 
-/// Joints of a bag.
+/// The joints in a bag.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MotionInspection {
     /// A line for each joint, or the reason why there is none.
     pub joints: Vec<String>,
-    /// `diagnose` can use one of them at least.
+    /// Whether `diagnose` can use at least one of them.
     pub is_usable: bool,
 }
 
@@ -42,7 +42,7 @@ fn has_finite(values: &[f64]) -> bool {
     values.iter().any(|x| x.is_finite())
 }
 
-/// Available data of a joint, and whether it is enough.
+/// A line on the data of a joint, and whether it is enough.
 fn line(run: &Recording, joint: &JointSamples) -> (String, bool) {
     let first = joint.time_s.iter().copied().fold(f64::INFINITY, f64::min);
     let last = joint.time_s.iter().copied().fold(f64::NEG_INFINITY, f64::max);

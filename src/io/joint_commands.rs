@@ -19,7 +19,7 @@ pub const MAX_JOINTS: usize = 256;
 /// Most points of a trajectory.
 const MAX_POINTS: usize = 100_000;
 
-/// Where commands come from, the more certain ones last.
+/// Where commands come from, in order of increasing certainty.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Origin {
     /// A trajectory sent to a controller.
@@ -29,11 +29,11 @@ pub enum Origin {
     Named,
     /// Setpoints reported by a controller.
     Controller,
-    /// A requested topic.
+    /// A topic that the user named.
     Asked,
 }
 
-/// Commands of one joint, of the most certain origin.
+/// Commands of one joint, from the most certain origin.
 #[derive(Clone, Debug, Default)]
 struct Commanded {
     origin: Origin,
@@ -49,7 +49,7 @@ pub struct Commands {
 }
 
 impl Commands {
-    /// Adds a command of one joint; stamps rise.
+    /// Adds a command of one joint; stamps must increase.
     fn add(&mut self, joint: &str, origin: Origin, stamp: i64, position: f64, velocity: f64) {
         // Kept joints continue; further ones are left out.
         if self.joints.len() >= MAX_JOINTS && !self.joints.contains_key(joint) {
@@ -67,7 +67,7 @@ impl Commands {
         }
     }
 
-    /// Joint states with the meaning of commands.
+    /// Adds joint states that are meant as commands.
     pub fn joint_state(&mut self, state: &JointState, stamp: i64, origin: Origin) {
         for (i, name) in state.name.iter().enumerate() {
             let of = |values: &[f64]| values.get(i).copied().unwrap_or(f64::NAN);
@@ -75,7 +75,7 @@ impl Commands {
         }
     }
 
-    /// Setpoints of a controller.
+    /// Adds the setpoints of a controller.
     pub fn controller_state(&mut self, state: &ControllerStateFront, stamp: i64) {
         for (i, name) in state.joint_names.iter().enumerate() {
             let of = |values: &[f64]| values.get(i).copied().unwrap_or(f64::NAN);
@@ -84,7 +84,8 @@ impl Commands {
         }
     }
 
-    /// A sent trajectory: straight from point to point, from the joint's previous command.
+    /// Adds a trajectory sent to a controller: straight from point to point, from the joint's previous
+    /// command on.
     pub fn trajectory(&mut self, trajectory: &JointTrajectory, stamp: i64, asked: bool) {
         let origin = if asked { Origin::Asked } else { Origin::Trajectory };
         for (i, name) in trajectory.joint_names.iter().enumerate() {
@@ -100,7 +101,7 @@ impl Commands {
         }
     }
 
-    /// Positions of joints in a given order.
+    /// Adds positions of joints in a given order.
     pub fn array(&mut self, array: &Float64MultiArray, joints: &[String], stamp: i64) {
         let values = array.data.iter().skip(array.data_offset as usize);
         for (joint, position) in joints.iter().zip(values) {
@@ -129,7 +130,7 @@ impl Commands {
 }
 
 impl Commanded {
-    /// Ends at a stamp, where the joint is on its way between two points.
+    /// Ends the commands at a stamp, at the position between two points that is reached then.
     fn cut(&mut self, stamp: i64) {
         let kept = self.stamps.partition_point(|s| *s <= stamp);
         let on_way = (kept > 0 && kept < self.stamps.len()).then(|| {
@@ -138,7 +139,7 @@ impl Commanded {
             let share = (stamp - from) as f64 / (to - from) as f64;
             self.position[kept - 1] * (1.0 - share) + self.position[kept] * share
         });
-        // Without a way the joint stands where it was sent.
+        // Without a motion the joint stays where it was sent.
         let now = on_way.or_else(|| self.position[..kept].last().copied());
         self.stamps.truncate(kept);
         self.position.truncate(kept);

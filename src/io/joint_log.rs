@@ -1,4 +1,4 @@
-//! Joint states from bags, and poses and wrenches of links beside them.
+//! Reads joint states from bags, and poses and wrenches of links beside them.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -30,8 +30,8 @@ const TF: &str = "tf2_msgs/msg/TFMessage";
 pub const DYNAMIC: &str = "control_msgs/msg/DynamicJointState";
 const TYPES: [&str; 8] = [JOINT_STATE, WRENCH, POSE, TF, DYNAMIC, CONTROLLER_STATE, TRAJECTORY, ARRAY];
 
-/// Whether the messages of a topic are read for a log of joints with these streams; their encoding is `cdr`
-/// or not.
+/// Whether the messages of a topic are read for a joint log with these streams; `is_cdr` says whether their
+/// encoding is `cdr`.
 #[must_use]
 pub fn is_joint_topic(topic: &str, type_name: &str, is_cdr: bool, streams: &Streams) -> bool {
     let named = |list: &[(String, String)]| list.iter().any(|(t, _)| t == topic);
@@ -39,7 +39,7 @@ pub fn is_joint_topic(topic: &str, type_name: &str, is_cdr: bool, streams: &Stre
         return true;
     }
     match type_name {
-        // Those of another encoding are counted as lost, whatever they are.
+        // With another encoding they count as lost, whatever they are.
         WRENCH => !is_cdr || named(&streams.wrenches),
         POSE => !is_cdr || named(&streams.poses),
         ARRAY => !is_cdr,
@@ -63,10 +63,10 @@ struct Stamped<T> {
 
 /// Link of a pose message.
 struct PosedLink {
-    /// Child frame; empty where the message names none.
+    /// Child frame; empty if the message names none.
     child: String,
     link: String,
-    /// Requested by name.
+    /// Whether the user named it.
     asked: bool,
 }
 
@@ -77,11 +77,11 @@ struct Reader<'a> {
     /// Controller feedback of joints without a recorded joint state.
     feedback: BTreeMap<String, Samples>,
     commands: Commands,
-    /// By topic and child frame; an empty child for poses.
+    /// Pose tracks by topic and child frame; the child is empty for pose messages.
     poses: BTreeMap<(String, String), Stamped<PoseTrack>>,
     wrenches: BTreeMap<String, Stamped<WrenchTrack>>,
     topics: BTreeMap<String, String>,
-    /// Topics with a frame that changes between messages.
+    /// Topics whose frame changes between messages.
     changing: BTreeSet<String>,
     broken: usize,
     unstamped: usize,
@@ -101,11 +101,10 @@ fn add(joints: &mut BTreeMap<String, Samples>, name: &str, stamp: i64, values: [
 }
 
 /// Reads all joint states of a bag (rosbag2 folder or `.mcap` file), and the topics of `streams`. Stamps are
-/// those of the headers; where these are missing, those of the recorder, with a warning.
+/// those of the headers; if these are missing, those of the recorder, with a warning.
 ///
-/// # Errors
-/// [`CaptureError`] where the bag cannot be read, holds nothing about joints, or lacks a topic that was
-/// named.
+/// # Errors [`CaptureError`] if the bag cannot be read, contains nothing about joints, or lacks a topic that
+/// was named.
 pub fn read_joint_log(path: &Path, streams: &Streams) -> Result<Recording, CaptureError> {
     let bag = Bag::open(path)?;
     let mut reader = Reader {
@@ -167,7 +166,7 @@ impl<'a> Reader<'a> {
             },
             TRAJECTORY => match decode::<JointTrajectory>(message.data) {
                 Ok(sent) => {
-                    // A header with a start time is followed; 0 means at once.
+                    // A start time in the header is respected; 0 means at once.
                     let stamp = sent.header.stamp.nanos().filter(|n| *n > 0).unwrap_or(log_nanos);
                     self.commands.trajectory(&sent, stamp, self.joints_of(topic).is_some());
                 }
@@ -181,7 +180,7 @@ impl<'a> Reader<'a> {
                 }
             }
             WRENCH => {
-                // Only named topics: a wrench does not contain its link.
+                // Only named topics, as a wrench message does not name its link.
                 let Some(link) = named(&self.streams.wrenches) else { return };
                 match decode::<WrenchStamped>(message.data) {
                     Ok(wrench) => self.wrench(topic, link, &wrench, log_nanos),
@@ -333,7 +332,7 @@ impl<'a> Reader<'a> {
                 return refused(format!("it holds no usable {kind} on '{topic}'; its topics are: {seen}"));
             }
         }
-        // Transforms of other frames beside those of the twin are no concern.
+        // Transforms of other frames beside those of the twin do not matter.
         let named =
             |t: &&String| self.streams.wrenches.iter().chain(&self.streams.poses).any(|(n, _)| n == *t);
         if let Some(topic) = self.changing.iter().find(named) {
@@ -367,7 +366,7 @@ impl<'a> Reader<'a> {
             ));
         }
         // One zero for all streams, subtracted as integers: an f64 holds seconds since the epoch to 0.2 us.
-        // Joint states come first; controllers know of further joints.
+        // Joint states take precedence; controllers may know of further joints.
         let mut joints = self.feedback;
         joints.extend(self.joints);
         let starts = joints.values().filter_map(|s| s.stamps.iter().min().copied());

@@ -1,4 +1,4 @@
-//! All access to disks: bags, datasets, run folders.
+//! All disk access: bags, datasets, run folders.
 //!
 //! ```
 //! use capture::CaptureConfig;

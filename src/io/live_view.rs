@@ -1,10 +1,10 @@
-//! Views received one by one, made to frames as those of a recording are.
+//! Converts views received one by one to frames, as those of a recording.
 
 use super::{camera::pinhole, image_codec::Raster, pixels::limit_depth, ros2msg::CameraInfo};
 use capture::{CaptureConfig, CaptureError, Distortion, RgbdFrame, UndistortMap};
 use geometry::{Intrinsics, Pose};
 
-/// A camera as its camera_info says.
+/// A camera as described by its camera_info.
 #[derive(Clone, Copy, PartialEq)]
 struct Lens {
     intrinsics: Intrinsics,
@@ -12,26 +12,25 @@ struct Lens {
     depth: Distortion,
 }
 
-/// Makes frames of views.
+/// Converts views to frames.
 pub struct LiveEye {
     config: CaptureConfig,
-    /// The camera of the last view, with its maps.
+    /// The camera of the last view, with its undistortion maps.
     lens: Option<(Lens, [Option<UndistortMap>; 2])>,
 }
 
 impl LiveEye {
-    /// By the settings of a run.
+    /// A converter with the settings of a run.
     #[must_use]
     pub fn new(config: CaptureConfig) -> Self {
         Self { config, lens: None }
     }
 
-    /// The frame of a view, in its camera's own frame. Its images have the size that `infos`, of color and of
-    /// depth, say; without one of depth it has color's lens. `topics` are those of color: of its info and of
-    /// its images.
+    /// The frame of a view, in its camera's own frame. Its images must have the size stated in `infos` (of
+    /// color and of depth); without a camera_info of depth, depth has color's lens. `topics` are the names of
+    /// color's camera_info and images.
     ///
-    /// # Errors
-    /// An unusable camera.
+    /// # Errors If the camera cannot be used.
     pub fn see(
         &mut self,
         stamp_nanos: i64,

@@ -8,8 +8,8 @@ use std::{
 
 use super::open_plain;
 
-/// A file with one owner at a time. The system releases the lock of a killed process; a file that
-/// only exists would stay.
+/// A file with one owner at a time. The system releases the lock of a killed process, whereas a marker file
+/// would remain.
 #[derive(Debug)]
 pub struct LockedFile(File);
 
@@ -29,8 +29,8 @@ impl LockedFile {
 }
 
 impl Drop for LockedFile {
-    /// Closing alone would not do: a process just started by another thread has a copy of the file
-    /// until its program is loaded, and a lock lasts as long as the last copy.
+    /// Closing alone is not enough: a process just started by another thread has a copy of the file until its
+    /// program is loaded, and a lock lasts as long as the last copy.
     fn drop(&mut self) {
         self.0.unlock().ok();
     }

@@ -1,6 +1,6 @@
-//! Record of a result folder's files, so that a later command knows whether they are unchanged.
+//! Records a result folder's files, so that a later command knows whether they are unchanged.
 //!
-//! `manifest.json` stands in the folder itself and names every other file. It is the same for the same files.
+//! `manifest.json` is in the folder itself and lists every other file. Equal files give equal manifests.
 
 use std::{
     collections::BTreeMap,
@@ -23,17 +23,17 @@ const MAX_ENTRIES: usize = 100_000;
 /// Size of a read, bytes.
 const PIECE: usize = 1 << 16;
 
-/// The command of a result folder.
+/// The command that wrote a result folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ResultKind {
-    /// A twin.
+    /// `reconstruct`: a twin.
     Reconstruct,
-    /// A diagnosis.
+    /// `diagnose`: a diagnosis.
     Diagnose,
-    /// A made object.
+    /// `synth`: a synthetic object.
     Synth,
-    /// A demonstration.
+    /// `demo`: a demonstration.
     Demo,
 }
 
@@ -54,7 +54,7 @@ impl fmt::Display for ResultKind {
 pub(super) struct Manifest {
     /// Version of the program.
     artitwin: String,
-    /// The command of the folder.
+    /// The command that wrote the folder.
     pub command: ResultKind,
     files: BTreeMap<String, Content>,
 }
@@ -91,13 +91,12 @@ impl Manifest {
     pub fn read(folder: &Path) -> Option<Self> {
         let path = folder.join(MANIFEST);
         fs::symlink_metadata(&path).ok().filter(|m| m.is_file() && m.len() <= MAX_BYTES)?;
-        // A damaged manifest counts as none: the folder is not replaced.
+        // A damaged manifest counts as missing, so the folder is not replaced.
         serde_json::from_slice(&fs::read(path).ok()?).ok()
     }
 
-    /// Sentences about differences between the folder and its manifest: every file and folder
-    /// added, removed or edited. A link, and whatever else is no file, counts as an edit.
-    ///
+    /// Sentences about the differences between the folder and its manifest: every file or folder added,
+    /// removed or edited. A link, or anything else that is not a file, counts as an edit.
     /// # Errors
     /// If the folder or a file cannot be read, or the folder holds more than 100,000 files.
     pub fn differences(&self, folder: &Path) -> io::Result<Vec<String>> {
@@ -112,8 +111,8 @@ impl Manifest {
                 Some(_) => found.push(format!("{path} was edited")),
             }
         }
-        // Folders have no entry of their own. In sorted order the first path from `folder/` on shows whether
-        // it holds a file of ours; an added empty folder is a change.
+        // Folders have no entry of their own. In sorted order, the first path from `folder/` on shows whether
+        // the folder contains a file of ours; an added empty folder is a change.
         there.retain(|path, held| {
             let below = format!("{path}/");
             let first = self.files.range(below.clone()..).next();
@@ -139,7 +138,7 @@ enum Held {
         bytes: u64,
     },
     Folder,
-    /// A link, a pipe, a device.
+    /// Something else: a link, a pipe, a device.
     Other,
 }
 

@@ -1,9 +1,9 @@
-//! MCAP files read front to back, without their index, and salvaged chunk by chunk where they are damaged.
+//! Reads MCAP files front to back, without their index, and salvages damaged ones chunk by chunk.
 //!
-//! A file is a magic, then records of one opcode byte, an 8-byte length and a body; chunks hold records of
-//! the same form, compressed. The largest record bounds the memory. A chunk with a broken checksum or
-//! compression is left out as a whole, because a message in it may be silently wrong; a file cut in the
-//! middle of a chunk gives the records before the cut.
+//! A file is a magic, then records of one opcode byte, an 8-byte length and a body; chunks contain compressed
+//! records of the same form. The largest record bounds the memory. A chunk with a broken checksum or
+//! compression is skipped as a whole, because a message in it may be silently wrong; a file cut in the middle
+//! of a chunk gives the records before the cut.
 
 use std::{
     collections::BTreeMap,
@@ -23,7 +23,7 @@ use common::note::{Note, NoteCode};
 
 /// Largest record and largest decompressed chunk, bytes.
 pub const RECORD_LIMIT: u64 = 256 << 20;
-/// Largest number of damaged chunks with a kept reason.
+/// Largest number of damaged chunks whose reason is kept.
 const REASONS: usize = 20;
 
 /// Why a file, or a chunk of it, is not read further.
@@ -104,12 +104,12 @@ impl Channels {
     }
 }
 
-/// One message as it lies in the file.
+/// One message as it is in the file.
 #[derive(Clone, Copy, Debug)]
 pub struct RawMessage<'a> {
     /// Topic name.
     pub topic: &'a str,
-    /// Type, e.g. `sensor_msgs/msg/Image`; empty where the file does not say.
+    /// Type, e.g. `sensor_msgs/msg/Image`; empty if the file does not say.
     pub type_name: &'a str,
     /// `cdr` for ROS 2.
     pub message_encoding: &'a str,
@@ -132,8 +132,7 @@ pub struct FileReport {
     pub messages: u64,
     /// Chunks seen.
     pub chunks: u64,
-    /// Chunks left out, each with its number (from 1) and the reason.
-    /// (the reason of the first ones).
+    /// Chunks left out, each with its number (from 1) and, for the first ones, the reason.
     pub bad_chunks: Vec<(u64, String)>,
     /// Messages with an unknown channel.
     pub orphans: u64,
@@ -147,7 +146,7 @@ impl FileReport {
         self.bad_chunks.push((number, why));
     }
 
-    /// The same, ended before its end.
+    /// The same report, for a file whose reading stopped early.
     fn stopped_by(mut self, why: &McapDamage) -> Self {
         self.stopped = Some(why.to_string());
         self
@@ -159,7 +158,7 @@ impl FileReport {
         self.bad_chunks.is_empty() && self.orphans == 0 && self.stopped.is_none()
     }
 
-    /// The damage in the named file; `None` where it is whole.
+    /// A note on the damage in the named file; `None` if it is whole.
     #[must_use]
     pub fn damage(&self, name: &str) -> Option<Note> {
         if self.is_whole() {
@@ -188,7 +187,7 @@ impl FileReport {
 struct RawRecord {
     opcode: u8,
     body: Vec<u8>,
-    /// The source ended before the body did.
+    /// Whether the source ended before the body did.
     cut: bool,
 }
 
@@ -202,7 +201,7 @@ fn next_record(source: &mut impl Read) -> Result<Option<RawRecord>, McapDamage> 
     }
     let opcode = front[0];
     let length = front[1..].iter().rev().fold(0u64, |n, b| n << 8 | u64::from(*b));
-    // The length is a claim of the file: refused before anything is read by it.
+    // The length is claimed by the file: it is checked before anything is read.
     if length > RECORD_LIMIT {
         return Err(McapDamage::LongRecord(length));
     }
@@ -227,9 +226,9 @@ fn read_up_to(source: &mut impl Read, buffer: &mut [u8]) -> std::io::Result<usiz
     Ok(filled)
 }
 
-/// Channels repeated in the summary at the end of a file, so that losing the chunk with their first mention
-/// loses no other. Best effort: nothing is learned from a file without a valid footer. Leaves the source at
-/// its start.
+/// Channels repeated in the summary at the end of a file, so that losing the chunk in which they are first
+/// mentioned loses no other chunk. Best effort: a file without a valid footer gives none. The source is left
+/// at its start.
 ///
 /// # Errors
 /// An I/O error from seeking back to the start.
@@ -255,11 +254,10 @@ fn summary(source: &mut (impl Read + Seek)) -> Option<Channels> {
     Some(channels)
 }
 
-/// Reads all messages in file order. `channels` holds the known channels and learns the rest; chunks
+/// Reads all messages in file order. `channels` contains the known channels and learns further ones; chunks
 /// unpack within the budget of `expansion`.
 ///
-/// # Errors
-/// The visitor's error. Damage is no error: it stands in the report.
+/// # Errors The visitor's error. Damage is not an error: it is in the report.
 pub fn read_messages<R: Read, E>(
     mut source: R,
     channels: &mut Channels,
@@ -278,7 +276,7 @@ pub fn read_messages<R: Read, E>(
         let record = match next_record(&mut source) {
             Ok(Some(record)) => record,
             Ok(None) => return Ok(report.stopped_by(&McapDamage::NoEnd)),
-            // Records have no mark to find the next one by: behind a broken length all is lost.
+            // Nothing marks the beginning of a record: after a broken length everything is lost.
             Err(why) => return Ok(report.stopped_by(&why)),
         };
         match record.opcode {
@@ -345,7 +343,7 @@ fn read_chunk<E>(
 ) -> Result<(), E> {
     report.chunks += 1;
     let number = report.chunks;
-    // A bad chunk costs its own messages, and channels named only in it.
+    // A bad chunk loses its own messages, and channels mentioned only in it.
     let content = match chunk_content(record, expansion) {
         Ok(content) => content,
         Err(why) => {
@@ -408,8 +406,8 @@ fn chunk_content(record: &RawRecord, expansion: &mut Expansion) -> Result<Vec<u8
         return Err(McapDamage::Size { has: content.len(), expected: header.uncompressed_size });
     }
     let crc = crc32fast::hash(&content);
-    // 0 stands for no checksum. rosbag2 records so by default, so damage may come through: the decoders
-    // behind this check sizes and numbers themselves.
+    // 0 means no checksum. rosbag2 records so by default, so damage may pass: the later decoders check sizes
+    // and numbers themselves.
     if header.uncompressed_crc != 0 && crc != header.uncompressed_crc {
         return Err(McapDamage::Checksum { has: crc, expected: header.uncompressed_crc });
     }

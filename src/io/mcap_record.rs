@@ -1,5 +1,5 @@
-//! The records of an MCAP file, read in place: no length in them leads beyond their bytes, and none is
-//! allocated for.
+//! Reads the records of an MCAP file in place: no length in them leads beyond their bytes, and none causes an
+//! allocation.
 
 use mcap::records::op;
 

@@ -1,4 +1,4 @@
-//! The summary section at the end of an MCAP file: its channels and the places of their chunks.
+//! The summary section at the end of an MCAP file: its channels and where their chunks are.
 
 use std::{collections::BTreeMap, io};
 
@@ -28,7 +28,7 @@ pub struct SummaryChannel {
     pub count: u64,
 }
 
-/// Contents of a file by its summary.
+/// Contents of a file according to its summary.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct McapSummary {
     /// By id.
@@ -42,11 +42,9 @@ pub struct McapSummary {
 }
 
 impl McapSummary {
-    /// Reads the summary of a file; `None` without one naming every chunk and
-    /// channel.
+    /// Reads the summary of a file; `None` unless it names every chunk and channel.
     ///
-    /// # Errors
-    /// Where the file cannot be read.
+    /// # Errors If the file cannot be read.
     pub fn read(source: &FileRanges) -> io::Result<Option<Self>> {
         let size = source.size();
         if size < TAIL + 8 {
@@ -111,7 +109,7 @@ impl McapSummary {
         (statistics.chunks == found.chunks.len() as u64 && !found.chunks.is_empty()).then_some(found)
     }
 
-    /// Whether chunks lie one behind the other within the file, and hold no channel without a name.
+    /// Whether chunks follow one another within the file, and contain only named channels.
     fn is_sound(&self) -> bool {
         let mut at = 8;
         for chunk in &self.chunks {

@@ -31,11 +31,10 @@ pub enum ModelFolderError {
     NotUrdf(PathBuf),
 }
 
-/// A model folder, or a URDF file with its named files in its folder and below: meshes, their materials and
-/// textures. The folder of a lone file may hold anything else.
+/// Reads a model folder, or a URDF file with the files it names in its folder and below: meshes, their
+/// materials and textures. Other files beside a single URDF are ignored.
 ///
-/// # Errors
-/// As [`read_model_folder`]; a file with another extension than `.urdf`.
+/// # Errors As [`read_model_folder`], or if the file's extension is not `.urdf`.
 pub fn read_model(path: &Path) -> Result<Folder, ModelFolderError> {
     if path.is_dir() {
         return read_model_folder(path);

@@ -122,7 +122,7 @@ fn parse_npy(bytes: &[u8]) -> Result<NpyArray, NpyFault> {
         return Err(NpyFault::Order);
     }
     let (rows, columns) = shape(header)?;
-    // The shape is a claim of the header: nothing is allocated before the bytes are found to be there.
+    // The shape is claimed by the header: nothing is allocated before the bytes are known to be there.
     let count = rows.checked_mul(columns).ok_or(NpyFault::Large)?;
     let values = decode(descr, data, count)?;
     Ok(NpyArray { rows, columns, values })

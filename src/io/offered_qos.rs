@@ -1,12 +1,12 @@
-//! How a topic is offered.
+//! The QoS profile with which a topic is offered.
 
-/// How a publisher offers a topic, as bags hold it.
+/// The QoS profile of a publisher, as bags record it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OfferedQos {
-    /// Reliable, else best effort.
+    /// Whether it is reliable, not best effort.
     pub reliable: bool,
-    /// Transient local, else volatile.
+    /// Whether it is transient local, not volatile.
     pub latched: bool,
-    /// Samples kept.
+    /// Number of samples kept.
     pub depth: u32,
 }

@@ -42,7 +42,7 @@ pub enum OnnxError {
         /// The file.
         path: PathBuf,
     },
-    /// No ONNX model, one with weights in other files, or one with operators unknown to the runtime.
+    /// It is not an ONNX model, has weights in other files, or has operators unknown to the runtime.
     #[error("the matcher {} cannot be used: {reason}; give an ONNX model that holds its weights, operator \
         set 9 to 18", path.display())]
     Model {
@@ -51,7 +51,7 @@ pub enum OnnxError {
         /// Error of the runtime.
         reason: String,
     },
-    /// Other inputs or outputs than the contract's.
+    /// Its inputs or outputs do not fit the contract.
     #[error("the matcher {} has {has}; {CONTRACT}", path.display())]
     Contract {
         /// The file.
@@ -83,7 +83,7 @@ mod absent {
     use super::OnnxError;
     use capture::{Correspondence, RgbdFrame};
 
-    /// A matcher missing in this build.
+    /// Stands for the matcher in builds without it.
     #[derive(Debug)]
     pub enum OnnxMatcher {}
 

@@ -16,21 +16,21 @@ use capture::{Correspondence, RgbdFrame};
 const INPUTS: [&str; 2] = ["image0", "image1"];
 const POINTS: [&str; 2] = ["keypoints0", "keypoints1"];
 const CONFIDENCE: &str = "confidence";
-/// Number of pairs of image sizes with a kept plan.
+/// Number of pairs of image sizes whose plan is kept.
 const KEPT_PLANS: usize = 8;
 
 type Plan = Arc<TypedRunnableModel>;
 /// Width and height of both images.
 type Sizes = [[usize; 2]; 2];
 
-/// A model of a file, ready to match frames.
+/// A model from a file, ready to match frames.
 pub struct OnnxMatcher {
     path: PathBuf,
     model: InferenceModel,
     formats: [ImageFormat; 2],
     max_side_px: usize,
     has_confidence: bool,
-    /// Optimized for the sizes met last.
+    /// The model optimized for the image sizes met last.
     plans: Mutex<Vec<(Sizes, Plan)>>,
 }
 
@@ -44,12 +44,10 @@ impl std::fmt::Debug for OnnxMatcher {
 }
 
 impl OnnxMatcher {
-    /// Reads a model. Where it leaves the images' size open, they get at most `max_side_px` pixels along a
-    /// side.
+    /// Reads a model. If it leaves the images' size open, they get at most `max_side_px` pixels along a side.
     ///
-    /// # Errors
-    /// A file that cannot be read, is too large, is no model, or has other inputs or outputs than the
-    /// contract's.
+    /// # Errors If the file cannot be read, is too large, is not a model, or its inputs or outputs do not fit
+    /// the contract.
     pub fn open(path: &Path, max_side_px: usize) -> Result<Self, OnnxError> {
         let bytes = read(path)?;
         let refused = |reason: String| OnnxError::Model { path: path.to_owned(), reason };
@@ -68,7 +66,7 @@ impl OnnxMatcher {
         }
         let confidence = outlet(CONFIDENCE);
         let wanted: Vec<OutletId> = [points0, points1].into_iter().chain(confidence).collect();
-        // Nodes needed only by further outputs are not computed then.
+        // Nodes needed only for other outputs are then not computed.
         model.select_output_outlets(&wanted).map_err(|e| refused(chain(&e)))?;
         let formats = [format0, format1];
         let has_confidence = confidence.is_some();
@@ -129,15 +127,15 @@ impl OnnxMatcher {
         if self.input(0) < self.input(1) { tvec!(image0, image1) } else { tvec!(image1, image0) }
     }
 
-    /// Place of `image0` or `image1` among the model's inputs.
+    /// Index of `image0` or `image1` among the model's inputs.
     fn input(&self, k: usize) -> usize {
         input_place(&self.model, INPUTS[k]).unwrap_or(k)
     }
 
     /// The model for images of these sizes.
     fn plan(&self, sizes: Sizes) -> TractResult<Plan> {
-        // A panic inside the runtime (`caught`) poisons the lock. The plans are whole all the same: one is
-        // added when it is finished.
+        // A panic inside the runtime (`caught`) poisons the lock, but the plans are intact: one is added only
+        // when it is finished.
         let mut plans = self.plans.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, plan)) = plans.iter().find(|(s, _)| *s == sizes) {
             return Ok(plan.clone());
@@ -164,7 +162,7 @@ fn read(path: &Path) -> Result<Vec<u8>, OnnxError> {
     let file = common::files::open_regular(path).map_err(fails)?;
     let stated_bytes = file.metadata().map_err(fails)?.len();
     let mut bytes = Vec::new();
-    // Too large a file is not read at all; one growing meanwhile is cut a byte beyond the limit.
+    // A file that is too large is not read; one that grows meanwhile is cut a byte beyond the limit.
     file.take(if stated_bytes > MAX_MODEL_BYTES { 0 } else { MAX_MODEL_BYTES + 1 })
         .read_to_end(&mut bytes)
         .map_err(fails)?;
@@ -175,7 +173,7 @@ fn read(path: &Path) -> Result<Vec<u8>, OnnxError> {
     }
 }
 
-/// Why the runtime gives no numbers.
+/// Why the runtime gives no result.
 #[derive(Debug, thiserror::Error)]
 enum RuntimeError {
     #[error("the runtime panicked")]
@@ -186,7 +184,7 @@ enum RuntimeError {
     Shape(Vec<usize>),
 }
 
-/// The runtime's result; its panics are errors.
+/// The runtime's result, with panics turned into errors.
 fn caught<T>(work: impl FnOnce() -> TractResult<T>) -> Result<T, RuntimeError> {
     // The model is a file of the user: a panic of the runtime must not end a run of an hour.
     let result = catch_unwind(AssertUnwindSafe(work)).map_err(|_panic| RuntimeError::Panic)?;

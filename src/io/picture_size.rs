@@ -1,4 +1,4 @@
-//! Size of a picture by the front of its file, before anything is decoded.
+//! Size of a picture from the beginning of its file, before anything is decoded.
 
 /// Width and height stated in a PNG or JPEG file; `None` without them.
 #[must_use]
@@ -15,7 +15,7 @@ fn big(bytes: &[u8]) -> usize {
     bytes.iter().fold(0, |n, b| n << 8 | usize::from(*b))
 }
 
-/// By the first frame header.
+/// Size from the first frame header.
 fn jpeg_size(file: &[u8]) -> Option<(usize, usize)> {
     let mut at = 2;
     loop {

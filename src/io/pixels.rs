@@ -1,4 +1,4 @@
-//! Second reading of a bag: the pixels of the chosen views, and no others.
+//! Second reading of a bag: only the pixels of the chosen views.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,10 +15,10 @@ use capture::{CaptureConfig, CaptureError, RgbdFrame, UndistortMap};
 use common::stop::Stop;
 use geometry::Intrinsics;
 
-/// One needed message: its topic's place in [`Wanted::topics`] and its number in the topic.
+/// A needed message: index of its topic in [`Wanted::topics`], and its number in the topic.
 type Key = (usize, usize);
 
-/// A message of more bytes than its image can have.
+/// A message has more bytes than its image can need.
 #[derive(Clone, Copy, Debug, thiserror::Error)]
 #[error("the message has {size} bytes; {most} are the limit of an image of {pixels} pixels")]
 struct LongMessage {
@@ -29,27 +29,28 @@ struct LongMessage {
 
 /// Payloads of the messages of the chosen views.
 struct Payloads {
-    /// Color, depth, mask.
+    /// Topics of color, depth and mask.
     topics: [Option<String>; 3],
-    /// Payload and whether it is a CompressedImage, or why it is not kept.
+    /// Payload, and whether it is a CompressedImage; or why it is not kept.
     found: BTreeMap<Key, Option<Result<(Vec<u8>, bool), LongMessage>>>,
 }
 
-/// Most bytes of a message for each pixel of its image: raw images have 4, and no compression needs more.
+/// Largest number of message bytes per pixel of its image: raw images have 4, and no compression needs more
+/// ...
 const BYTES_PER_PIXEL: usize = 16;
-/// ... and beside them: header, padding, tables.
+/// ... in addition to these: header, padding, tables.
 const BYTES_BESIDE: usize = 1 << 20;
-/// An image may have so many times the pixels of its camera before it is not even decoded.
+/// An image with more than this many times the pixels of its camera is not decoded.
 const MOST_LARGER: usize = 16;
 
 fn most_pixels(camera: &Intrinsics) -> usize {
     MOST_LARGER * camera.width * camera.height
 }
 
-/// Number of lens maps kept for all frames; those of more cameras are made for each frame.
+/// Number of cameras whose lens maps are shared by all frames; with more cameras, each frame makes its own.
 const SHARED_MAPS: usize = 4;
 
-/// Maps of a camera, of color and of depth; masks go with color.
+/// Undistortion maps of a camera, for color and depth; masks use that of color.
 type Maps = [Option<UndistortMap>; 2];
 
 fn maps(camera: &Camera) -> Maps {
@@ -59,9 +60,9 @@ fn maps(camera: &Camera) -> Maps {
     ]
 }
 
-/// Frames and losses of the chosen views.
+/// Frames of the chosen views, and what was lost.
 pub struct Decoded {
-    /// State and frame, in the order of the choice.
+    /// State and frame, in the order in which views were chosen.
     pub frames: Vec<(usize, RgbdFrame)>,
     /// Sentences about views with broken pixels.
     pub lost: Vec<String>,
@@ -80,8 +81,8 @@ pub fn decode_views(
     stop: &Stop,
 ) -> Result<Decoded, CaptureError> {
     let payloads = Payloads::read(bag, views, chosen, stop)?;
-    // Most recordings have one camera. One that focuses has a lens for
-    // each frame: maps for all would fill memory.
+    // Most recordings have one camera. One that focuses has a lens for each frame, and maps for all would
+    // fill memory.
     let used: BTreeSet<usize> = chosen.iter().map(|(_, v)| views.views[*v].camera).collect();
     let shared: BTreeMap<usize, Maps> =
         used.into_iter().take(SHARED_MAPS).map(|c| (c, maps(&views.cameras[c]))).collect();
@@ -107,7 +108,7 @@ pub fn decode_views(
     for ((state, _), frame) in chosen.iter().zip(decoded) {
         match frame {
             Ok(frame) => frames.push((*state, frame)),
-            // It holds for all frames: a list of lost ones would hide the one cause.
+            // It affects all frames: a list of lost ones would hide the common cause.
             Err(FrameError::Recording(error)) => return Err(error),
             Err(FrameError::Frame(why)) => lost.push(why),
         }
@@ -116,7 +117,7 @@ pub fn decode_views(
 }
 
 enum FrameError {
-    /// Holds for every frame.
+    /// An error that affects every frame.
     Recording(CaptureError),
     /// This frame is broken.
     Frame(String),
@@ -199,7 +200,7 @@ impl Decoder<'_> {
             id: String::new(),
             stamp_nanos: view.stamp_nanos,
             intrinsics,
-            // A camera to be tracked stands in its own frame.
+            // A camera that is yet to be tracked is at the origin.
             world_from_camera: view.world_from_camera.unwrap_or_default(),
             rgb,
             depth_m,
@@ -227,7 +228,7 @@ impl Decoder<'_> {
         let decoded = match is_compressed {
             true => {
                 let image = decode(data).map_err(|e| broken(e.to_string()))?;
-                // By the size stated in the file: a small one can state an image that fills the memory.
+                // Checked by the size stated in the file: a small file can state an image that fills memory.
                 if let Some((w, h)) =
                     codec::compressed_size(&image).filter(|(w, h)| w.saturating_mul(*h) > most_pixels(camera))
                 {
@@ -253,7 +254,7 @@ impl Decoder<'_> {
     }
 }
 
-/// Forgets depth outside the range of the settings.
+/// Sets depth outside the range of the settings to unknown.
 pub fn limit_depth(depth_m: &mut [f32], config: &CaptureConfig) {
     let range = config.depth_min_m as f32..=config.depth_max_m as f32;
     for d in depth_m.iter_mut().filter(|d| !range.contains(*d)) {

@@ -1,8 +1,8 @@
-//! The place of a command's result, and the rule for replacing its contents.
+//! Where a command's result goes, and when it may replace what is there.
 //!
-//! A command replaces only a folder of its own, of the same kind, unchanged since. An empty folder
-//! may be used. Anything else is refused, or with `force` kept under another name. A result never takes the
-//! place of an input.
+//! A command replaces only a folder that the same command wrote and that is unchanged since. An empty folder
+//! may be used. Anything else is refused or, with `force`, moved to another name. A result never replaces an
+//! input.
 
 use std::{
     fs,
@@ -16,15 +16,15 @@ use super::{
 };
 use model::is_plain_name;
 
-/// Largest number of names and changes listed by a refusal.
+/// Largest number of names and changes listed in a refusal.
 const LISTED: usize = 4;
-/// Largest number of entries of an input folder searched for links.
+/// Largest number of entries of an input folder that are searched for links.
 const MAX_ENTRIES: usize = 100_000;
 
-/// Place of a command's result and its protected inputs.
+/// Where a command's result goes, and which inputs are protected.
 #[derive(Clone, Debug, Default)]
 pub struct Place {
-    /// Parent of the result's folder; without `name` the result's folder itself.
+    /// Parent of the result's folder; without `name`, the result's folder itself.
     pub out: PathBuf,
     /// Name of the result's folder: a letter, then letters, digits and `_`.
     pub name: Option<String>,
@@ -47,19 +47,18 @@ impl Place {
 
     /// Where the result will be.
     ///
-    /// # Errors
-    /// An invalid name; an `out` without a last part, such as `.`.
+    /// If the name is invalid, or `out` has no last part, as in `.`.
     pub fn target(&self) -> Result<PathBuf, RunDirError> {
         match &self.name {
             Some(name) if is_plain_name(name) => Ok(self.out.join(name)),
             Some(name) => Err(RunDirError::Name(name.clone())),
-            // Without a slash at its end: it would follow a link.
+            // Without a trailing slash, which would follow a link.
             None if self.out.file_name().is_some() => Ok(self.out.components().collect()),
             None => Err(RunDirError::NoName(self.out.clone())),
         }
     }
 
-    /// Refuses a bad place before the work instead of after it. Leaves nothing behind.
+    /// Refuses a bad place before the work, not after it. Leaves nothing behind.
     ///
     /// # Errors
     /// Those of [`super::RunDir::open`]; [`RunDirError::Unwritable`] where `out`, or the folder it would
@@ -67,10 +66,11 @@ impl Place {
     pub fn check(&self, kind: ResultKind, least_bytes: u64) -> Result<(), RunDirError> {
         let target = self.target()?;
         self.refuse(&target, kind)?;
-        // `out` itself may still have to be made.
+        // `out` itself may not exist yet.
         let there = target.ancestors().skip(1).find(|p| p.exists()).unwrap_or(Path::new("."));
         let unwritable = |source| RunDirError::Unwritable { folder: there.to_owned(), source };
-        // Permissions do not say it all (read-only mounts, quotas, network disks): making a folder does.
+        // Permissions do not tell everything (read-only mounts, quotas, network disks), so a folder is
+        // created.
         let probe = free_sibling(there, target.file_name().unwrap_or_default(), "probe").map_err(
             |error| match error {
                 RunDirError::Disk { source, .. } => unwritable(source),
@@ -98,7 +98,7 @@ impl Place {
         }
     }
 
-    /// Refuses a target that is or holds an input, and without `force` a protected one.
+    /// Refuses a target that is or contains an input and, without `force`, a protected one.
     pub(super) fn refuse(&self, target: &Path, kind: ResultKind) -> Result<(), RunDirError> {
         self.spare_inputs(target)?;
         match Standing::at(target, kind) {
@@ -110,7 +110,7 @@ impl Place {
     /// Refuses a folder that is or holds an input.
     pub(super) fn spare_inputs(&self, folder: &Path) -> Result<(), RunDirError> {
         let Some(place) = own_place(folder) else { return Ok(()) };
-        // By whole components: `/a/bc` does not lie in `/a/b`.
+        // Compared by whole components: `/a/bc` is not in `/a/b`.
         let held = self.inputs.iter().find(|input| places(input).iter().any(|p| p.starts_with(&place)));
         match held {
             Some(input) => Err(RunDirError::HoldsInput { folder: folder.to_owned(), input: input.clone() }),
@@ -119,13 +119,13 @@ impl Place {
     }
 }
 
-/// Contents of a result's place.
+/// What exists at a result's place.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Standing {
     Nothing,
     /// An empty folder, or an unchanged result of the same command.
     Replaceable,
-    /// Anything else; a sentence about it.
+    /// Anything else, described in a sentence.
     Other(String),
 }
 
@@ -140,7 +140,7 @@ impl Standing {
                 Some(manifest) if manifest.command != kind => {
                     Self::Other(format!("it is a result of {}, not of {kind}", manifest.command))
                 }
-                // Every file is compared: edits of a user cannot be made again.
+                // Every file is compared, as a user's edits cannot be restored.
                 Some(manifest) => match manifest.differences(target) {
                     Ok(changes) if changes.is_empty() => Self::Replaceable,
                     Ok(changes) => Self::Other(format!("since {kind} wrote it, {}", first(&changes))),
@@ -153,7 +153,7 @@ impl Standing {
 
     /// A folder without manifest.
     fn unknown(target: &Path) -> Self {
-        // Folders older than manifests come here, too, and are refused.
+        // Folders written before manifests existed also come here, and are refused.
         let entries = match fs::read_dir(target) {
             Ok(entries) => entries,
             Err(error) => return Self::Other(format!("it cannot be read: {error}")),
@@ -171,7 +171,7 @@ impl Standing {
     }
 }
 
-/// The refusal to replace the present contents.
+/// The refusal to replace what exists there.
 pub(super) fn taken(target: &Path, why: String) -> RunDirError {
     RunDirError::Taken { path: target.to_owned(), why }
 }
@@ -182,8 +182,8 @@ fn first(list: &[String]) -> String {
     if list.len() > LISTED { format!("{shown} and {} more", list.len() - LISTED) } else { shown }
 }
 
-/// Where an entry of a folder stands, links on the way to it followed, itself not; `None` where it is not
-/// there.
+/// Absolute path of a folder entry: links on the way to it are followed, the entry itself is not; `None` if
+/// it does not exist.
 fn own_place(path: &Path) -> Option<PathBuf> {
     fs::symlink_metadata(path).ok()?;
     match (path.parent(), path.file_name()) {
@@ -195,7 +195,7 @@ fn own_place(path: &Path) -> Option<PathBuf> {
     }
 }
 
-/// All places an input needs: its own, those of the links to it, and the targets of links in it.
+/// All paths that an input needs: its own, those of links to it, and the targets of links in it.
 fn places(input: &Path) -> Vec<PathBuf> {
     let mut places: Vec<PathBuf> =
         input.ancestors().filter(|a| !a.as_os_str().is_empty()).filter_map(own_place).collect();

@@ -1,5 +1,4 @@
-//! Files under foreseeable names: planted links and pipes are never followed, emptied or waited
-//! for.
+//! Files under predictable names: planted links and pipes are never followed, emptied or waited for.
 
 use std::{
     fs::{self, File, OpenOptions},
@@ -7,24 +6,24 @@ use std::{
     path::Path,
 };
 
-/// Opens a plain file. A link is refused, not followed; a pipe or device is refused, not waited for. What the
-/// file holds stays.
+/// Opens a plain file. Links are refused, not followed; pipes and devices are refused, not waited for. The
+/// file's content stays.
 ///
 /// # Errors
 /// If it is something else, or the system refuses.
 pub fn open_plain(path: &Path, options: &mut OpenOptions) -> io::Result<File> {
-    // O_NONBLOCK: without it the opening of a pipe waits until somebody writes.
+    // O_NONBLOCK, because otherwise opening a pipe waits until somebody writes.
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::custom_flags(options, nix::libc::O_NOFOLLOW | nix::libc::O_NONBLOCK);
     let file = options.open(path)?;
-    // The second look finds a link where the system has no O_NOFOLLOW.
+    // The second check finds links on systems without O_NOFOLLOW.
     if file.metadata()?.is_file() && fs::symlink_metadata(path)?.is_file() {
         return Ok(file);
     }
     Err(io::Error::other("it is no plain file"))
 }
 
-/// Creates a plain file in place of another; of a link the link is removed, not its target.
+/// Creates a plain file in place of another; of a link, the link is removed, not its target.
 ///
 /// # Errors
 /// If a folder has that name, or the system refuses.
@@ -33,18 +32,18 @@ pub fn create_plain(path: &Path) -> io::Result<File> {
         Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
         _ => {}
     }
-    // Not `create`: it would empty a file put there in the meantime, or follow a link.
+    // Not `create`, which would empty a file put there meanwhile, or follow a link.
     File::create_new(path)
 }
 
-/// Writes a new file, whole or not at all.
+/// Writes a new file completely or not at all.
 ///
 /// # Errors
 /// If something has that name, or the system refuses.
 pub fn write_new(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut file = File::create_new(path)?;
     file.write_all(bytes).and_then(|()| file.sync_all()).inspect_err(|_| {
-        // A half-written file is of no use; there is nowhere to complain if it stays.
+        // A half-written file is useless; if it cannot be removed, nothing more can be done.
         fs::remove_file(path).ok();
     })
 }

@@ -6,42 +6,42 @@ use surface::TriangleMesh;
 /// Most corners of a face and most entries of any other list.
 const MAX_LIST: usize = 1024;
 
-/// Why bytes are no PLY mesh.
+/// Why bytes are not a PLY mesh.
 #[derive(Debug, thiserror::Error)]
 pub enum PlyError {
-    /// Another kind of file.
+    /// It is another kind of file.
     #[error("this is no PLY file")]
     NoPly,
     /// The header does not end.
     #[error("the header has no end")]
     NoEnd,
-    /// The header holds other bytes than text.
+    /// The header is not text.
     #[error("the header is not text: {0}")]
     HeaderNotText(std::str::Utf8Error),
-    /// The values of an ASCII file hold other bytes than text.
+    /// The values of an ASCII file are not text.
     #[error("the contents are not text: {0}")]
     NotText(std::str::Utf8Error),
-    /// An unsupported format.
+    /// The format is not supported.
     #[error("PLY of format '{0}' is not read; ascii and binary_little_endian are")]
     Format(String),
-    /// A property of an unknown type.
+    /// A property has an unknown type.
     #[error("properties of type '{0}' are not known")]
     Type(String),
-    /// A property without an element.
+    /// A property precedes all elements.
     #[error("a property stands before any element")]
     Lost,
-    /// A line without the name of a property.
+    /// A line does not describe a property.
     #[error("'{0}' is no property")]
     Property(String),
-    /// An invalid number of elements.
+    /// The number of elements is invalid.
     #[error("element {name}: {source}")]
     Count {
         /// Name of the element.
         name: String,
-        /// Why it is none.
+        /// Why it is not a number.
         source: std::num::ParseIntError,
     },
-    /// More elements than are taken.
+    /// There are more elements than the limit.
     #[error("{count} elements {name}; {MAX_ELEMENTS} are the limit")]
     Large {
         /// Name of the element.
@@ -49,13 +49,13 @@ pub enum PlyError {
         /// How many there are.
         count: usize,
     },
-    /// Vertices in two places.
+    /// There are two lists of vertices.
     #[error("the file names its vertices twice")]
     Twice,
-    /// No vertices, or without a coordinate.
+    /// There are no vertices, or they lack a coordinate.
     #[error("the file has no vertices with x, y and z")]
     NoVertices,
-    /// Fewer bytes than the elements need.
+    /// The file has fewer bytes than the elements need.
     #[error("{count} elements {name}: the file ends early")]
     Short {
         /// Name of the element.
@@ -63,14 +63,14 @@ pub enum PlyError {
         /// How many there should be.
         count: usize,
     },
-    /// An unreadable element.
+    /// An element cannot be read.
     #[error("{name} {index}: {fault}")]
     Element {
         /// Its name.
         name: String,
-        /// Its number, from 0.
+        /// Its index.
         index: usize,
-        /// The fault.
+        /// What is wrong.
         fault: PlyFault,
     },
 }
@@ -81,21 +81,21 @@ pub enum PlyFault {
     /// The file ends within it.
     #[error("the file ends early")]
     Cut,
-    /// A word without a number.
+    /// A word is not a number.
     #[error("'{word}': {source}")]
     Number {
         /// The word.
         word: String,
-        /// Why it is none.
+        /// Why it is not.
         source: std::num::ParseFloatError,
     },
-    /// A number without an index.
+    /// A number is not an index.
     #[error("{0} is no index")]
     Index(f64),
-    /// A list of more values than are taken.
+    /// A list has more values than the limit.
     #[error("a list of {0} values; {MAX_LIST} are the limit")]
     List(usize),
-    /// A face of too few corners.
+    /// A face has too few corners.
     #[error(transparent)]
     Face(#[from] FaceError),
 }
@@ -152,13 +152,13 @@ struct Element {
 
 /// Values one after the other, whatever their encoding.
 enum Values<'a> {
-    /// With the length of the whole text.
+    /// Words of a text, with the length of the whole text.
     Ascii(std::str::SplitAsciiWhitespace<'a>, usize),
     Binary(&'a [u8]),
 }
 
 impl Element {
-    /// Fewest bytes of a row: in text a digit and a space a value.
+    /// Least number of bytes in a row: in text, a digit and a space per value.
     fn least_bytes(&self, values: &Values) -> usize {
         match values {
             Values::Ascii(..) => 2 * self.properties.len(),
@@ -203,7 +203,7 @@ impl Values<'_> {
     }
 
     fn next_index(&mut self, kind: Scalar) -> Result<u32, PlyFault> {
-        // By way of f64: it holds every u32.
+        // Through f64, which can represent every u32.
         let x = self.next(kind)?;
         if x >= 0.0 && x <= f64::from(u32::MAX) && x.fract() == 0.0 {
             Ok(x as u32)
@@ -219,9 +219,9 @@ pub(super) fn parse_ply(bytes: &[u8]) -> Result<TriangleMesh, PlyError> {
     if !bytes.starts_with(b"ply") {
         return Err(PlyError::NoPly);
     }
-    // Within the first MiB: a mesh has no longer header, and a gigabyte is not searched for one.
+    // Searched only in the first MiB: no header is longer.
     let end = bytes.windows(END.len()).take(1 << 20).position(|w| w == END).ok_or(PlyError::NoEnd)?;
-    // Behind the line's end, LF or CR LF: binary values follow at once.
+    // After the line's end, LF or CR LF; binary values follow immediately.
     let body = bytes[end..].iter().position(|&b| b == b'\n').ok_or(PlyError::NoEnd)? + end + 1;
     let header = std::str::from_utf8(&bytes[..end]).map_err(PlyError::HeaderNotText)?;
     let (format, elements) = parse_header(header)?;
@@ -234,9 +234,9 @@ pub(super) fn parse_ply(bytes: &[u8]) -> Result<TriangleMesh, PlyError> {
         other => return Err(PlyError::Format(other.to_owned())),
     };
     let mut mesh = TriangleMesh::default();
-    // Elements without properties have no bytes: their rows would only cost time.
+    // Elements without properties have no bytes: their rows would only take time.
     for element in elements.iter().filter(|e| !e.properties.is_empty()) {
-        // Before the loop: the count is a claim of the header.
+        // Checked before the loop, as the count is claimed by the header.
         let least = element.least_bytes(&values);
         if element.count.saturating_mul(least) > values.left() {
             return Err(PlyError::Short { name: element.name.clone(), count: element.count });
@@ -308,7 +308,7 @@ fn read_row(element: &Element, values: &mut Values, mesh: &mut TriangleMesh) -> 
                     (0..count).map(|_| values.next_index(property.value)).collect::<Result<_, _>>()?;
                 fan(&corners, &mut mesh.triangles)?;
             } else {
-                // Read to get past them: a row does not say how long it is.
+                // Read to skip them: a row does not state its length.
                 for _ in 0..count {
                     values.next(property.value)?;
                 }

@@ -5,7 +5,7 @@ use capture::{CaptureConfig, CaptureError, TfBuffer, TrackCamera, stamp_secs};
 
 /// Where the camera's poses come from.
 pub struct PoseSource {
-    /// The transforms, with the pose topic in place.
+    /// The transforms, including those of the pose topic if it is used.
     pub tf: TfBuffer,
     /// Frame of the poses.
     pub world: String,
@@ -16,23 +16,23 @@ pub struct PoseSource {
     from_topic: bool,
 }
 
-/// The only topic with usable poses; `None` where there are several or none.
+/// The only topic with usable poses; `None` if there are several or none.
 fn only_pose_topic(index: &BagIndex) -> Option<String> {
     let mut usable = index.poses.iter().filter(|(_, p)| !p.samples.is_empty() || p.invalid > 0);
     usable.next().filter(|_| usable.next().is_none()).map(|(name, _)| name.clone())
 }
 
 impl PoseSource {
-    /// Where the poses come from, or `None` where the camera is to be tracked.
+    /// Where the poses come from, or `None` if the camera must be tracked.
     ///
     /// # Errors
-    /// Those of [`Self::find`], where the settings ask for poses or those of the recording are damaged.
+    /// Those of [`Self::find`], if the settings ask for poses or the recorded ones are damaged.
     pub fn wanted(
         index: &BagIndex,
         topics: &TopicChoice,
         config: &CaptureConfig,
     ) -> Result<Option<Self>, CaptureError> {
-        // Who names a frame or a topic of poses wants those.
+        // A user who names a frame or a topic of poses wants those.
         let asked = config.world_frame.is_some() || config.pose_frame.is_some() || topics.pose.is_some();
         match (config.tracking, Self::find(index, topics, config)) {
             (TrackCamera::Always, _) => Ok(None),
@@ -57,8 +57,8 @@ impl PoseSource {
         let optical = index.images.get(&topics.color).map(|i| i.frame.clone()).unwrap_or_default();
         // Only a chain with a moving frame can locate a moving camera.
         let moves = index.tf.chain_of_frame(&optical).moves;
-        // A pose topic may be that of anything, such as a robot's base:
-        // unasked it counts only where /tf is at rest.
+        // A pose topic may belong to anything, such as a robot's base: unless requested, it is used only if
+        // /tf is at rest.
         let topic = topics.pose.clone().or_else(|| if moves { None } else { only_pose_topic(index) });
         let mut source = Self {
             tf: index.tf.clone(),
@@ -72,8 +72,7 @@ impl PoseSource {
             let child = config
                 .pose_frame
                 .clone()
-                // PoseStamped names no child, and Odometry may leave it
-                // empty: then the camera is posed.
+                // PoseStamped names no child, and Odometry may leave it empty: then the pose is the camera's.
                 .or(poses.child)
                 .filter(|c| !c.is_empty())
                 .unwrap_or_else(|| source.optical.clone());
@@ -84,7 +83,7 @@ impl PoseSource {
         let chain = source.tf.chain_of_frame(&source.optical);
         // The root of the chain: the frame without a known parent.
         source.world = config.world_frame.clone().unwrap_or_else(|| chain.root.clone());
-        // First, as a missing parent or a camera at rest are only the symptoms of this.
+        // Checked first, as a missing parent or a camera at rest are only symptoms of this.
         if source.invalid(index) > 0
             && (!chain.moves || source.tf.chain_of_frame(&source.optical).root == source.optical)
         {
@@ -114,14 +113,14 @@ impl PoseSource {
                 ),
             });
         }
-        // One view is no recording. Who names the world frame is taken to know.
+        // One view is not a recording. A user who names the world frame is trusted.
         if !chain.moves && config.world_frame.is_none() {
             return Err(CaptureError::StaticCamera { frame: source.optical, root: chain.root });
         }
         Ok(source)
     }
 
-    /// Poses left out, as they were none.
+    /// Number of invalid poses that were dropped.
     #[must_use]
     pub fn invalid(&self, index: &BagIndex) -> usize {
         if self.from_topic {

@@ -1,4 +1,4 @@
-//! Recordings opened: from paths to views, and from views to frames.
+//! Opens recordings: from paths to views, and from views to frames.
 
 use std::path::{Path, PathBuf};
 
@@ -19,7 +19,7 @@ use geometry::Pose;
 /// derived: 64 views of 640x480; the bag is read once for each such block
 const BLOCK_BYTES: u64 = 64 * 640 * 480 * BYTES_PER_PIXEL;
 
-/// The object's name by the recordings' paths: `[A-Za-z][A-Za-z0-9_]*`.
+/// The object's name, from the recordings' paths: `[A-Za-z][A-Za-z0-9_]*`.
 ///
 /// # Errors
 /// Where the paths hold no recording.
@@ -35,7 +35,7 @@ pub fn state_count(sources: &[PathBuf]) -> Result<usize, CaptureError> {
     Ok(Source::of(sources)?.states())
 }
 
-/// A bag with known views, not yet decoded.
+/// A bag whose views are known but not yet decoded.
 pub struct Recording {
     /// Its files.
     pub bag: Bag,
@@ -44,7 +44,7 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Reads a bag without its pixels. `state` is for messages.
+    /// Reads a bag without its pixels. `state` is used in messages.
     ///
     /// # Errors
     /// Every [`CaptureError`] about files, topics, cameras, alignment and poses.
@@ -83,13 +83,13 @@ impl Recording {
         if let Ok(split) = &split {
             index.leave_out_between(split, &topics.color);
         }
-        // Of the whole bag: one choice of topics and one source of poses for both states.
+        // For the whole bag, so that both states share one choice of topics and one source of poses.
         let views = Views::find(&bag, &index, config, 0)?;
         let split = split?;
         let mut of_states = Vec::new();
         for state in 0..2 {
             let of_state: Vec<usize> = (0..views.views.len())
-                // By recording time: markers of std_msgs have no stamp.
+                // By recording time, as markers of std_msgs have no stamp.
                 .filter(|v| split.state_at(views.views[*v].log_nanos) == Some(state))
                 .collect();
             if of_state.is_empty() {
@@ -105,7 +105,7 @@ impl Recording {
         Ok((Self { bag, views }, of_states))
     }
 
-    /// The same without the recorded poses: its camera is to be tracked.
+    /// The same without the recorded poses, to be tracked.
     ///
     /// # Errors
     /// Those of [`Self::open`].
@@ -126,8 +126,8 @@ impl Recording {
         (0..self.views.views.len()).collect()
     }
 
-    /// Those of some views that a run takes: the farthest from each other of those that have a pose, in the
-    /// order of time.
+    /// Those of some views that a run uses: of the views with a pose, the ones farthest from each other, in
+    /// the order of time.
     #[must_use]
     pub fn spread(&self, of_state: &[usize], config: &CaptureConfig) -> Vec<usize> {
         // Farthest views first (2.4): neighbors in time show nearly the same.
@@ -149,9 +149,9 @@ impl Recording {
         decode_views(&self.bag, &self.views, chosen, config, stop)
     }
 
-    /// Frames of some views without their masks, with the views' numbers, so many at a time that memory is
-    /// bounded. Broken frames are left out. Masks are of the object; its surroundings show the camera's
-    /// motion, too.
+    /// Frames of some views without their masks, with the views' indices, in blocks so that memory is
+    /// bounded. Broken frames are left out. Masks are of the object, but its surroundings also show the
+    /// camera's motion.
     ///
     /// # Errors
     /// In the items, those of [`Self::decode`].

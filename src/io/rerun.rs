@@ -1,4 +1,4 @@
-//! Input and result of a run as a recording of rerun (<https://rerun.io>): camera, images, surfaces, parts,
+//! Input and result of a run as a rerun recording (<https://rerun.io>): camera, images, surfaces, parts,
 //! joints.
 
 use std::path::Path;
@@ -31,15 +31,15 @@ use surface::TriangleMesh;
 
 /// Timeline of the views, in the order of recording.
 const VIEW: &str = "view";
-/// Timeline of all joints going from their lower to their upper limits and back.
+/// Timeline on which all joints go from their lower to their upper limits and back.
 const MOTION: &str = "motion";
-/// Steps of that motion there and back.
+/// Number of steps of that motion, there and back.
 const STEPS: usize = 60;
 /// Quality of the color images: a choice, a tenth of the size of PNG.
 const JPEG_QUALITY: u8 = 85;
 /// Depth of the images, units a meter. derived: millimeters
 const DEPTH_UNITS: f32 = 1000.0;
-/// Length and thickness of a joint's arrow, parts of the size of its child. chosen: for the eye
+/// Length and thickness of a joint's arrow, as shares of the size of its child. chosen: for the eye
 const ARROW: f64 = 0.6;
 const ARROW_RADIUS: f64 = 0.01;
 
@@ -52,7 +52,7 @@ pub enum RerunError {
     /// The log cannot be written.
     #[error("cannot make the rerun recording: {0}")]
     Encode(Box<dyn std::error::Error + Send + Sync>),
-    /// The file is there, or cannot be written.
+    /// The file exists already, or cannot be written.
     #[error("cannot write `{}`; give a name that is not taken, in a folder that is there", path.display())]
     Write {
         /// Where it was to go.
@@ -62,7 +62,7 @@ pub enum RerunError {
     },
 }
 
-/// Contents of the recording.
+/// What the recording is made from.
 pub struct Seen<'a> {
     /// Posed images; the world is that of state 0.
     pub capture: &'a Capture,
@@ -74,8 +74,8 @@ pub struct Seen<'a> {
     pub warnings: &'a [Note],
 }
 
-/// Writes a recording for `rerun FILE`. Its bytes are not the same twice: the library numbers what is
-/// logged by the clock.
+/// Writes a recording for `rerun FILE`. Its bytes differ every time, as the library numbers log entries by
+/// the clock.
 ///
 /// # Errors
 /// Something has that name, or the system or the library refuses.
@@ -101,7 +101,7 @@ fn image_view(name: &str, entity: &str) -> ContainerLike {
     Spatial2DView::new(name).with_origin("world/camera").with_contents([entity]).into()
 }
 
-/// The twin and its recording.
+/// The layout in which the viewer shows the twin and its recording.
 fn blueprint() -> Blueprint {
     Blueprint::new(Horizontal::new([
         Vertical::new([
@@ -119,7 +119,7 @@ fn blueprint() -> Blueprint {
     ]))
 }
 
-/// Images and camera of every view; the twin stands as it did in the state.
+/// Logs images and camera of every view, with the twin in the pose of the state.
 fn views(stream: &RecordingStream, seen: &Seen) -> Result<(), RerunError> {
     let mut number = 0;
     for (state, frames) in seen.capture.states.iter().enumerate() {
@@ -146,7 +146,7 @@ fn view(stream: &RecordingStream, frame: &RgbdFrame) -> Result<(), RerunError> {
     stream.log("world/camera", &transform(&frame.world_from_camera))?;
     let [fx, fy, cx, cy, width, height] =
         [k.fx, k.fy, k.cx, k.cy, k.width as f64, k.height as f64].map(|x| x as f32);
-    // Column by column. Here integers stand at pixel centers, there at their corners.
+    // Column by column. Here integer coordinates are pixel centers, in rerun they are pixel corners.
     let image_from_camera = [[fx, 0.0, 0.0], [0.0, fy, 0.0], [cx + 0.5, cy + 0.5, 1.0]];
     stream.log("world/camera", &Pinhole::new(image_from_camera).with_resolution([width, height]))?;
     let color = jpeg(k, &frame.rgb, JPEG_QUALITY).map_err(|e| RerunError::Encode(e.into()))?;
@@ -157,7 +157,7 @@ fn view(stream: &RecordingStream, frame: &RgbdFrame) -> Result<(), RerunError> {
     Ok(stream.log("world/camera/depth", &depth.with_meter(DEPTH_UNITS))?)
 }
 
-/// Meshes of the links, and the motion through their joints' limits.
+/// Logs meshes of the links, and the motion through their joints' limits.
 fn twin(stream: &RecordingStream, model: &ArticulatedModel) -> Result<(), RerunError> {
     for link in &model.links {
         stream.log_static(format!("world/twin/{}", link.name), &surface(&link.visual))?;
@@ -173,7 +173,7 @@ fn twin(stream: &RecordingStream, model: &ArticulatedModel) -> Result<(), RerunE
     Ok(())
 }
 
-/// Links and joints at joint positions.
+/// Logs links and joints at joint positions.
 fn stand(stream: &RecordingStream, model: &ArticulatedModel, positions: &[f64]) -> Result<(), RerunError> {
     for (i, link) in model.links.iter().enumerate() {
         let pose = model.world_from_link(i, positions);

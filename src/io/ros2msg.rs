@@ -1,8 +1,8 @@
 //! The ROS 2 messages of recordings, as serde structs in CDR field order, and their decoding.
 //!
-//! A payload is a 4-byte encapsulation header followed by plain CDR (XCDR1), in either byte order. Whatever
-//! comes out of the decoder is still untrusted: see [`crate::image_codec`] and [`capture`] for the
-//! checks of meaning.
+//! A payload is a 4-byte encapsulation header followed by plain CDR (XCDR1), in either byte order. The
+//! decoder's output is still untrusted: see [`crate::image_codec`] and [`capture`] for the checks of its
+//! meaning.
 
 pub mod definitions;
 pub mod diagnostic;
@@ -24,10 +24,10 @@ pub const MAX_NAME: usize = 256;
 /// Why a payload could not be decoded.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum DecodeError {
-    /// Too short for the header.
+    /// It is too short for the header.
     #[error("the payload has {0} bytes, no room for a CDR header")]
     Short(usize),
-    /// Another representation.
+    /// It has another representation.
     #[error("CDR representation {0} ({name}) is not plain CDR", name = representation_name(*.0))]
     Representation(u8),
     /// The body does not fit the type.
@@ -49,7 +49,7 @@ fn representation_name(id: u8) -> &'static str {
 /// # Errors
 /// [`DecodeError`]; XCDR2 and parameter lists are refused.
 pub fn decode<T: DeserializeOwned>(payload: &[u8]) -> Result<T, DecodeError> {
-    // The second byte says the representation; the options behind it mean nothing in XCDR1.
+    // The second byte gives the representation; the options after it have no meaning in XCDR1.
     let [_, id, _, _, body @ ..] = payload else { return Err(DecodeError::Short(payload.len())) };
     match id {
         0 => cdr_encoding::from_bytes::<T, BigEndian>(body),
@@ -105,7 +105,7 @@ pub struct Header {
 }
 
 impl Header {
-    /// Stamp in nanoseconds and frame name; `None` where one of them is not usable.
+    /// Stamp in nanoseconds and frame name; `None` if one of them cannot be used.
     #[must_use]
     pub fn checked(&self) -> Option<(i64, String)> {
         let frame = self.frame_id.trim_start_matches('/');
@@ -259,8 +259,8 @@ pub struct Transform {
 }
 
 impl Transform {
-    /// `parent_from_child`; `None` where a number is not finite, a coordinate exceeds 1e6 m or the
-    /// quaternion's length is off unity by more than 1 %.
+    /// `parent_from_child`; `None` if a number is not finite, a coordinate exceeds 1e6 m or the quaternion's
+    /// length differs from 1 by more than 1 %.
     #[must_use]
     pub fn checked(&self) -> Option<geometry::Pose> {
         let t = self.translation;

@@ -1,4 +1,4 @@
-//! A result folder, visible under its name only once it is complete.
+//! A result folder, visible under its name only when it is complete.
 
 use std::{
     fs, io,
@@ -15,7 +15,7 @@ use super::{
 
 use common::note::{Note, NoteCode};
 
-/// Longest relative path, bytes.
+/// Largest length of a relative path, bytes.
 const MAX_PATH: usize = 240;
 
 /// A folder being written beside its final place. Dropped before [`RunDir::commit`], it leaves nothing
@@ -26,12 +26,12 @@ pub struct RunDir {
     kind: ResultKind,
     partial: PathBuf,
     target: PathBuf,
-    /// Folders made for it, the deepest first.
+    /// Folders created for it, the deepest first.
     made: Vec<PathBuf>,
     committed: bool,
 }
 
-/// A result in its place.
+/// A result that is in its place.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Committed {
     /// The result's folder.
@@ -51,17 +51,17 @@ impl Committed {
 }
 
 impl RunDir {
-    /// Starts the folder of a result; the folders above it are made where they are missing. Nothing appears
-    /// under the final name yet.
+    /// Starts the folder of a result; missing parent folders are created. Nothing appears under the final
+    /// name yet.
     ///
     /// # Errors
-    /// An invalid name; an input at the result's place; protected contents there
-    /// ([`Place`]); an error of the disk.
+    /// If the name is invalid, an input is at the result's place, its contents are protected ([`Place`]), or
+    /// the disk refuses.
     pub fn open(place: &Place, kind: ResultKind) -> Result<Self, RunDirError> {
         let target = place.target()?;
         place.refuse(&target, kind)?;
         let out = parent(&target);
-        // Missing ones: a failed run removes them again.
+        // Those that are missing, so that a failed run removes them again.
         let made: Vec<PathBuf> = out
             .ancestors()
             .take_while(|p| !p.as_os_str().is_empty() && !p.exists())
@@ -96,15 +96,14 @@ impl RunDir {
         fs::write(&file, bytes).map_err(disk("write", &file))
     }
 
-    /// Writes the manifest and puts the folder in its place. Its contents are checked again: an
-    /// unchanged result of the same command is moved away first, put back if the new one cannot take its
-    /// place, and deleted at the end; anything else is refused, or with force moved to `NAME.bak`.
+    /// Writes the manifest and moves the folder to its place, whose contents are checked again: an unchanged
+    /// result of the same command is first moved away, moved back if the new one cannot take its place, and
+    /// deleted at the end; anything else is refused or, with force, moved to `NAME.bak`.
     ///
-    /// # Errors
-    /// Protected contents; an error of the disk. The previous contents then remain.
+    /// If the contents are protected, or the disk refuses. The previous contents then remain.
     pub fn commit(mut self) -> Result<Committed, RunDirError> {
         Manifest::write(&self.partial, self.kind).map_err(disk("describe", &self.partial))?;
-        // Again, as hours may have passed: an input may have been moved there since.
+        // Checked again, as hours may have passed and an input may have been moved there.
         self.place.spare_inputs(&self.target)?;
         let old = self.move_away()?;
         if let Err(source) = fs::rename(&self.partial, &self.target) {
@@ -116,7 +115,7 @@ impl RunDir {
         self.committed = true;
         let mut moved_to = None;
         match old {
-            // The new result is in its place: a rest of the old one is no reason to fail.
+            // The new result is in its place: remains of the old one are no reason to fail.
             Some(Old::Ours(path)) => fs::remove_dir_all(path).unwrap_or_default(),
             Some(Old::Kept(path)) => moved_to = Some(path),
             None => {}
@@ -135,7 +134,7 @@ impl RunDir {
         let away = free_sibling(parent(&self.target), self.target.file_name().unwrap_or_default(), "old")?;
         // Renaming onto an empty folder replaces it.
         fs::rename(&self.target, &away).map_err(disk("move away", &self.target))?;
-        // Once more, where nobody finds it: somebody may have edited it since.
+        // Checked once more under the new name, as somebody may have edited it meanwhile.
         match Standing::at(&away, self.kind) {
             Standing::Other(why) => {
                 fs::rename(&away, &self.target).map_err(disk("put back", &self.target))?;
@@ -171,11 +170,11 @@ impl Old {
     }
 }
 
-/// Moves a file or folder to the first free one of `NAME.bak`, `NAME.bak1`, ...; where it is then.
+/// Moves a file or folder to the first free one of `NAME.bak`, `NAME.bak1`, ...; returns its new path.
 fn keep(target: &Path) -> Result<PathBuf, RunDirError> {
     let is_folder = fs::symlink_metadata(target).is_ok_and(|m| m.is_dir());
-    // Reserved first, so that nothing of that name can be overwritten: a folder replaces an empty one, a file
-    // a file.
+    // Reserved first, so that nothing with that name is overwritten: a folder replaces an empty folder, a
+    // file a file.
     let reserve =
         |path: &Path| if is_folder { fs::create_dir(path) } else { fs::File::create_new(path).map(drop) };
     let to = first_free(|k| backup(target, k), reserve)?;
@@ -194,7 +193,7 @@ fn parent(path: &Path) -> &Path {
 fn safe_path(path: &str) -> Result<&Path, RunDirError> {
     let bad = || RunDirError::Path(path.to_owned());
     let plain = path.chars().all(|c| c.is_ascii_alphanumeric() || "/._-".contains(c));
-    // Names of parts get into paths: none may lead out of the folder or differ between systems.
+    // Names of parts become paths: none may lead out of the folder or differ between systems.
     if path.is_empty()
         || path.len() > MAX_PATH
         || !plain

@@ -18,13 +18,13 @@ pub enum RunDirError {
     /// A path leads out of the folder or cannot be a file name.
     #[error("'{0}' is no path inside the output folder")]
     Path(String),
-    /// The place holds files not written by the command, or changed since.
+    /// The place contains files that the command did not write, or that changed since.
     #[error("{} is left as it is: {why}; give another --out or --name, or --force, which moves it to \
         {}", path.display(), backup(path, 0).display())]
     Taken {
         /// Where the result should go.
         path: PathBuf,
-        /// Its contents.
+        /// What is there.
         why: String,
     },
     /// The result would take the place of an input.

@@ -29,13 +29,13 @@ pub struct RunSummary {
     pub folder: PathBuf,
     /// Name of the twin.
     pub name: String,
-    /// The URDF with a joint for each joint, with paths relative to its folder.
+    /// The URDF in which every joint is a single joint, with paths relative to its folder.
     pub urdf: String,
     /// Name of the root link; its frame is the world frame of the recording.
     pub root: String,
-    /// Parents before children.
+    /// Joints, parents before children.
     pub joints: Vec<SummaryJoint>,
-    /// Box about the object in all states, lower and upper corner in the root's frame, meters.
+    /// Bounding box of the object over all states, lower and upper corner in the root's frame, meters.
     pub object_box_m: Option<[[f64; 3]; 2]>,
 }
 
@@ -60,11 +60,11 @@ pub struct SummaryJoint {
     pub states: Vec<f64>,
     /// Standard deviation of the axis' direction, radians.
     pub axis_std_rad: f64,
-    /// Standard deviation of the axis' place, meters.
+    /// Standard deviation of the axis line's place, meters.
     pub origin_std_m: f64,
     /// Standard deviation of the motion between the states, radians or meters.
     pub motion_std: f64,
-    /// Root mean square by which the surfaces of its child in different states miss each other, meters.
+    /// Root mean square distance between the surfaces of its child in different states, meters.
     pub residual_rms_m: f64,
 }
 
@@ -109,17 +109,17 @@ impl RunSummary {
         self.joints.iter().map(|j| j.states.get(state).copied().unwrap_or_default()).collect()
     }
 
-    /// Path of the URDF with a joint for each joint.
+    /// Path of the URDF in which every joint is a single joint.
     #[must_use]
     pub fn urdf_path(&self) -> PathBuf {
         single_joint_urdf(&self.folder, &self.name)
     }
 
-    /// The URDF with its meshes named by `file://` and the folder's absolute path, or by `package://` and the
+    /// The URDF with its meshes given by `file://` and the folder's absolute path, or by `package://` and the
     /// twin's name.
     #[must_use]
     pub fn urdf_with_uris(&self, package: bool) -> String {
-        // A URDF on a topic has no folder of its own: RViz takes `file://` and `package://` alone.
+        // A URDF on a topic has no folder, and RViz accepts only `file://` and `package://`.
         let folder = fs::canonicalize(&self.folder).unwrap_or_else(|_| self.folder.clone());
         let base =
             if package { format!("package://{}", self.name) } else { format!("file://{}", folder.display()) };
@@ -132,16 +132,14 @@ impl RunSummary {
     }
 }
 
-/// Where a run folder has the URDF with a joint for each joint: in a folder of its own where screws are
-/// pairs.
+/// Path of the URDF in which every joint is a single joint: in a folder of its own if screws are pairs.
 fn single_joint_urdf(folder: &Path, name: &str) -> PathBuf {
     let file = format!("{name}.urdf");
     let single = folder.join(SINGLE_JOINT).join(&file);
     if single.is_file() { single } else { folder.join(file) }
 }
 
-/// The fingerprint of a result's run, empty where its report has none; `None` where there is no
-/// result.
+/// The fingerprint of a result's run, empty if its report has none; `None` if there is no result.
 #[must_use]
 pub fn read_result_fingerprint(folder: &Path) -> Option<String> {
     let report = files::read_text(&folder.join("report.json"), REPORT).ok()?;
@@ -201,7 +199,7 @@ fn joint(j: &JointText, report: &ReadReport) -> Option<SummaryJoint> {
         axis: Unit::try_new(j.axis.unwrap_or_else(Vector3::x), 1e-9)?,
         limits: j.limit.as_ref().map_or([0.0; 2], LimitText::range),
         states: states?,
-        // `null` in the report: not determined. NaN distinguishes this from a deviation of 0.
+        // `null` in the report means not determined; NaN keeps this apart from a deviation of 0.
         axis_std_rad: reported.axis_std_deg.unwrap_or(f64::NAN).to_radians(),
         origin_std_m: reported.origin_std_mm.unwrap_or(f64::NAN) * 1e-3,
         motion_std: reported.motion_std.as_ref().and_then(|q| q.value).unwrap_or(f64::NAN),
@@ -214,7 +212,7 @@ fn sorted(mut joints: Vec<SummaryJoint>, root: &str) -> Option<Vec<SummaryJoint>
     let mut reached = BTreeSet::from([root.to_owned()]);
     let mut list = Vec::with_capacity(joints.len());
     while !joints.is_empty() {
-        // No further joint below the reached links: a loop, or links apart from the root.
+        // If no further joint is below the reached links, there is a loop, or links are apart from the root.
         let at = joints.iter().position(|j| reached.contains(&j.parent))?;
         let joint = joints.remove(at);
         reached.insert(joint.child.clone());

@@ -1,11 +1,11 @@
-//! RVL, the run-length and variable-length code for depth images.
+//! RVL, a run-length and variable-length code for depth images.
 //!
 //! A. D. Wilson, "Fast Lossless Depth Image Compression", ISS 2017. Pixels alternate between runs of zeros
 //! and of nonzero values; a run is stored as its length, nonzero values as zigzag differences; every number
 //! is a sequence of nibbles with three bits each, low bits first, and a continuation bit; nibbles fill 32-bit
 //! little-endian words from the top.
 
-/// Why a code is none of the image.
+/// Why a code does not fit the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RvlError {
     /// More zeros than the image has pixels left.
@@ -34,7 +34,7 @@ pub enum RvlError {
 /// [`RvlError`].
 pub fn decode(data: &[u8], count: usize) -> Result<Vec<u16>, RvlError> {
     let mut nibbles = Nibbles { data, next: 0 };
-    // By the bytes at hand: `count` is a claim of the message.
+    // Limited by the bytes at hand, as `count` is claimed by the message.
     let mut pixels = Vec::with_capacity(count.min(data.len().saturating_mul(8)));
     let mut previous = 0i32;
     while pixels.len() < count {

@@ -1,4 +1,4 @@
-//! A twin as cameras see it, from a URDF: meshes, limits, threads.
+//! Reads a twin as cameras see it from a URDF: meshes, limits, threads.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -31,6 +31,6 @@ pub fn read_seen_twin(path: &Path) -> Result<(SeenTwin, String), UrdfError> {
 /// Limits and pitch of a joint.
 fn facts(joint: &JointText) -> JointFacts {
     let range = joint.limit.as_ref().and_then(|l| Some((l.lower?, l.upper?)));
-    // Equal limits are those of a joint without any.
+    // Equal limits mean a joint without limits.
     JointFacts { limit: range.filter(|(low, high)| high > low), pitch_m_per_rad: joint.pitch_m_per_rad }
 }

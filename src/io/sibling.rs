@@ -23,7 +23,7 @@ fn hidden_name(name: &OsStr, suffix: &str, k: usize) -> OsString {
     hidden
 }
 
-/// The first path made by `make`; existing ones are passed over.
+/// The first path for which `make` succeeds; existing ones are skipped.
 pub(super) fn first_free(
     path: impl Fn(usize) -> PathBuf,
     make: impl Fn(&Path) -> io::Result<()>,
@@ -31,7 +31,7 @@ pub(super) fn first_free(
     let mut k = 0;
     loop {
         let path = path(k);
-        // Made, not looked for: between a look and the making another process could take the name.
+        // Created at once: between a check and the creation, another process could take the name.
         match make(&path) {
             Ok(()) => return Ok(path),
             Err(e) if e.kind() == io::ErrorKind::AlreadyExists && k < MAX_TRIES => k += 1,

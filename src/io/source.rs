@@ -1,4 +1,4 @@
-//! Kind of input at a path: bags, states, or a dataset.
+//! Determines the kind of input at a path: bags, states, or a dataset.
 
 use std::{
     io::ErrorKind,
@@ -8,10 +8,10 @@ use std::{
 use super::{bag::Bag, dataset::STATES};
 use capture::{CaptureError, MAX_STATES};
 
-/// Input to open.
+/// An input to open.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Source {
-    /// One recording per state, two at least.
+    /// One recording per state, at least two.
     States(Vec<PathBuf>),
     /// One recording with both states.
     Both(PathBuf),
@@ -50,7 +50,7 @@ impl Source {
 
     fn of_one(path: &Path) -> Result<Self, CaptureError> {
         exists(path)?;
-        // Datasets first, by files absent from bags.
+        // Datasets first, by files that bags do not have.
         if path.join("init_keyframes.yml").is_file() || path.join("cam_K.txt").is_file() {
             return Ok(Self::Keyframes(path.to_owned()));
         }
@@ -117,7 +117,7 @@ pub fn is_recording(path: &Path) -> bool {
     Bag::is_at(path)
 }
 
-/// The name of the object of the recordings at these paths, by the paths alone: `[A-Za-z][A-Za-z0-9_]*`.
+/// The object's name for the recordings at these paths, from the paths alone: `[A-Za-z][A-Za-z0-9_]*`.
 #[must_use]
 pub fn name_of(paths: &[PathBuf]) -> String {
     match paths {
@@ -160,7 +160,7 @@ fn own_name(path: &Path) -> String {
 fn sanitize(name: &str) -> String {
     let clean: String =
         name.chars().take(64).map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
-    // USD and ROS take no name with a digit in front.
+    // USD and ROS do not allow names that begin with a digit.
     if clean.starts_with(|c: char| c.is_ascii_alphabetic()) { clean } else { format!("object_{clean}") }
 }
 

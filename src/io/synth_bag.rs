@@ -1,4 +1,4 @@
-//! A made recording as a rosbag2 folder, with the topics of a RealSense driver.
+//! A synthetic recording as a rosbag2 folder, with the topics of a RealSense driver.
 
 use std::path::Path;
 
@@ -62,7 +62,7 @@ pub(super) fn synth_bag(folder: &Path, state: usize, recording: &SynthState) -> 
         let stamp = start + i as i64 * recording.period_nanos;
         let [before, after] =
             [&frame.reported[0], &frame.reported[1]].map(|p| p * link_from_optical.inverse());
-        // In the order of time, as a recorder gets them.
+        // In the order of time, as a recorder receives them.
         while let Some(reading) = readings.next_if(|r| start + r.after_nanos <= stamp) {
             put(&mut bag, ACCEL, start + reading.after_nanos, &accel(start, reading))?;
         }
@@ -83,8 +83,7 @@ pub(super) fn synth_bag(folder: &Path, state: usize, recording: &SynthState) -> 
     Ok(())
 }
 
-/// A message of an accelerometer alone: no orientation and no angular velocity, by the -1 of their
-/// covariances.
+/// A message with only an acceleration: covariances of -1 mark orientation and angular velocity as missing.
 fn accel(start: i64, reading: &ImuReading) -> Imu {
     let nothing = [-1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
     Imu {
@@ -120,7 +119,7 @@ fn put_images(bag: &mut BagWriter, stamp: i64, k: &Intrinsics, frame: &SynthFram
     let data = [&[0; 12], depth_png(k, &frame.depth_mm)?.as_slice()].concat();
     let depth =
         CompressedImage { header: header(stamp, OPTICAL), format: "16UC1; compressedDepth png".into(), data };
-    // Logged later under the same stamp: a reader must pair by stamp, not by the time of recording.
+    // Logged later under the same stamp: a reader must pair by stamp, not by recording time.
     put(bag, DEPTH, stamp + LATER_NANOS, &depth)?;
     let Some(mask) = &frame.mask else { return Ok(()) };
     let mask = Image {

@@ -1,5 +1,5 @@
-//! A made object as a folder in one of the layouts that published articulated-object datasets use
-//! (docs/method.md 2.1), with their form of the truth.
+//! A synthetic object as a folder in one of the layouts of published articulated-object datasets
+//! (docs/method.md 2.1), with ground truth in their form.
 
 use std::collections::BTreeMap;
 
@@ -52,11 +52,11 @@ impl DatasetLayout {
     }
 }
 
-/// Makes an object, films it in both states and writes it in a published layout.
+/// Generates an object, films it in both states and writes it in a published layout.
 ///
 /// # Errors
-/// Those of [`super::write_synth`]; an object that the layout cannot hold: it knows hinges and slides on the
-/// static part alone, and masks.
+/// Those of [`super::write_synth`]; or an object that the layout cannot represent: it knows only hinges and
+/// slides on the static part, and masks.
 pub fn write_synth_dataset(
     place: &Place,
     config: &SynthConfig,
@@ -112,14 +112,14 @@ fn put_meshes(folder: &RunDir, truth: &str, object: &Object, state: usize) -> Re
     folder.put(&path(""), &ply(&merged_mesh(&meshes.iter().collect::<Vec<_>>())))?;
     folder.put(&path("_static"), &ply(&meshes[0]))?;
     for (k, mesh) in meshes[1..].iter().enumerate() {
-        // One moving part has no number.
+        // A single moving part has no number.
         let what = if meshes.len() == 2 { "_dynamic".into() } else { format!("_dynamic_{k}") };
         folder.put(&path(&what), &ply(mesh))?;
     }
     Ok(())
 }
 
-/// Camera matrix by rows; `shift` is where the layout has the center of the first pixel.
+/// Camera matrix by rows; `shift` is the layout's coordinate of the first pixel's center.
 fn matrix(k: &Intrinsics, shift: f64) -> [[f64; 3]; 3] {
     [[k.fx, 0.0, k.cx + shift], [0.0, k.fy, k.cy + shift], [0.0, 0.0, 1.0]]
 }
@@ -130,7 +130,7 @@ fn opengl(frame: &SynthFrame) -> [[f64; 4]; 4] {
         Vector3::zeros().into(),
         UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI),
     );
-    // The view is halfway between both stamps.
+    // The view is halfway between the stamps of both poses.
     rows(&(frame.reported[0].lerp_slerp(&frame.reported[1], 0.5) * half_turn))
 }
 

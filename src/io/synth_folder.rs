@@ -1,4 +1,4 @@
-//! A made object on disk: two recordings and their truth.
+//! A synthetic object on disk: its recordings and their ground truth.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -16,8 +16,8 @@ use synth::{
     generate, imu_bias, record, workspace,
 };
 
-/// Bytes of recording for every pixel of every view, at least. Measured: 1.4 to 1.6 without noise and texture
-/// at 640 x 480, more otherwise.
+/// Least number of recording bytes per pixel of every view. Measured: 1.4 to 1.6 without noise and texture at
+/// 640 x 480, more otherwise.
 const LEAST_BYTES_A_PIXEL: u64 = 1;
 
 #[derive(Serialize)]
@@ -26,13 +26,13 @@ struct TruthFile<'a> {
     made_by: String,
     family: &'a str,
     seed: u64,
-    /// Where the true world stands in the world of each recording.
+    /// Pose of the true world in the world of each recording.
     recorded_from_world: [[[f64; 4]; 4]; 2],
     parts: Vec<PartEntry<'a>>,
-    /// Of the parts with a handle.
+    /// Handles, for the parts that have one.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     handles: Vec<HandleEntry>,
-    /// Positions of the parts' joints in the states behind the first two, null for the static part.
+    /// Positions of the parts' joints in the states after the first two, null for the static part.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     further: Vec<Vec<Option<f64>>>,
     /// Bias of the accelerometer, m/s², in its own axes.
@@ -83,7 +83,7 @@ struct JointEntry {
     limits: [f64; 2],
     pitch_m_per_rad: f64,
     state1_from_state0: [[f64; 4]; 4],
-    /// The same for the states behind the first two.
+    /// The same for the states after the first two.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     further_from_state0: Vec<[[f64; 4]; 4]>,
 }
@@ -106,16 +106,16 @@ pub fn write_synth_bag(folder: &Path, state: usize, recording: &SynthState) -> R
     synth_bag(folder, state, recording)
 }
 
-/// Makes an object, films it in both states and in those asked for beyond, and writes `state0/`, `state1/`,
-/// ..., `truth.json` and `truth/` into a folder, visible once it is complete, with `workspace.txt` where
-/// there are no masks. Returns the folder and the object.
+/// Generates an object, films it in both states and any requested beyond, and writes `state0/`, `state1/`,
+/// ..., `truth.json` and `truth/` into a folder, visible when it is complete; also `workspace.txt` if there
+/// are no masks. Returns the folder and the object.
 ///
 /// # Errors
 /// Unusable settings; a place with contents that may not be replaced, or a full disk,
 /// found before the work; an error of the disk.
 pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Object), SynthError> {
     config.check()?;
-    // Before an object is filmed for minutes.
+    // Checked before an object is filmed for minutes.
     place.check(ResultKind::Synth, least_bytes(config))?;
     let folder = RunDir::open(place, ResultKind::Synth)?;
     let object = generate(config)?;
@@ -191,7 +191,7 @@ fn handle_entry(object: &Object, part: usize, pose: &Pose) -> Option<HandleEntry
     Some(HandleEntry { part, kind: handle.kind.name(), frame, size })
 }
 
-/// The box a user would give in place of masks, as `reconstruct --workspace` reads it.
+/// Writes the box that a user would give instead of masks, in the form of `reconstruct --workspace`.
 fn put_workspace(folder: &RunDir, object: &Object, further: &[Object]) -> Result<(), RunDirError> {
     let [lower, upper] = workspace(&std::iter::once(object).chain(further).collect::<Vec<_>>());
     let numbers: Vec<String> = lower.iter().chain(upper.iter()).map(|x| format!("{x:.3}")).collect();
@@ -206,7 +206,7 @@ pub(super) fn least_bytes(config: &SynthConfig) -> u64 {
         .fold(LEAST_BYTES_A_PIXEL, |product, n| product.saturating_mul(*n as u64))
 }
 
-/// Ground truth of part `k`; `further` hold it in their state 1.
+/// Ground truth of part `k`; the objects in `further` are in their state 1.
 fn entry<'a>(object: &'a Object, further: &[Object], k: usize, seen_points: [usize; 2]) -> PartEntry<'a> {
     let part = &object.parts[k];
     let joint = part.joint.as_ref().zip(object.axis_in_world(k)).map(|(joint, (axis, origin))| {
@@ -273,7 +273,7 @@ pub(super) fn ply(mesh: &TriangleMesh) -> Vec<u8> {
     bytes.extend(mesh.vertices.iter().flat_map(|p| [p.x, p.y, p.z]).flat_map(f32::to_le_bytes));
     for triangle in &mesh.triangles {
         bytes.push(3);
-        // As `int`, known to every reader; indices stay below 2^31.
+        // As `int`, which every reader knows; indices stay below 2^31.
         bytes.extend(triangle.iter().flat_map(|i| i.to_le_bytes()));
     }
     bytes

@@ -1,4 +1,4 @@
-//! The sensor entry of `truth.json`: errors added to a recording.
+//! The sensor entry of `truth.json`: the errors added to a recording.
 
 use serde::Serialize;
 
@@ -15,13 +15,13 @@ pub(super) struct SensorEntry {
     name: &'static str,
     level: f64,
     effects: Vec<&'static str>,
-    /// Depth is read as the true one times `1 + depth_scale + depth_warp`.
+    /// A depth reading is the true depth times `1 + depth_scale + depth_warp`.
     depth_scale: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     depth_warp: Option<WarpEntry>,
-    /// By how much the color lies off the depth, along u and v.
+    /// Offset of color relative to depth, along u and v.
     color_shift_px: [f64; 2],
-    /// By how much the reported poses are older than the images.
+    /// How much older the reported poses are than the images.
     pose_lag_s: f64,
     states: Vec<StateEntry>,
 }
@@ -31,7 +31,7 @@ struct WarpEntry {
     /// Columns and rows of the pixels sampled in `relative`.
     u_px: Vec<usize>,
     v_px: Vec<usize>,
-    /// A list a row.
+    /// A list for each row.
     relative: Vec<Vec<f64>>,
 }
 
@@ -42,8 +42,8 @@ struct StateEntry {
     views: Vec<ViewEntry>,
 }
 
-/// Of the poses, each as x, y, z in meters and a rotation vector in radians: reported = recorded_from_world *
-/// drift * (true, `pose_lag_s` earlier) * jitter, but for `--pose-noise`.
+/// Errors of a view's pose, each as x, y, z in meters and a rotation vector in radians: reported =
+/// recorded_from_world * drift * (true, `pose_lag_s` earlier) * jitter, not including `--pose-noise`.
 #[derive(Serialize)]
 struct ViewEntry {
     world_from_camera: [[f64; 4]; 4],
@@ -55,7 +55,7 @@ struct ViewEntry {
 }
 
 impl SensorEntry {
-    /// The sensor of a configuration before any state; `None` where none is asked for.
+    /// The sensor of a configuration before any state; `None` if none is requested.
     pub fn of(config: &SynthConfig) -> Option<Self> {
         let sensor = config.sensor?;
         let camera = handheld_camera(config);

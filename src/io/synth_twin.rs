@@ -1,4 +1,4 @@
-//! The true twin of a made object: a URDF with the meshes of its parts, in the world of state 0.
+//! The true twin of a synthetic object: a URDF with the meshes of its parts, in the world of state 0.
 
 use std::fmt::Write as _;
 
@@ -7,8 +7,8 @@ use geometry::Pose;
 use model::escape_xml;
 use synth::{Object, PartJointKind};
 
-/// Writes `truth/twin.urdf` and `truth/meshes/part_K.obj`. Joints are at 0 in the object's rest frame; URDF
-/// has no screw joint, one is a revolute joint with its pitch in an element `artitwin:thread`.
+/// Writes `truth/twin.urdf` and `truth/meshes/part_K.obj`. Joints are at 0 in the object's rest frame. As
+/// URDF has no screw joint, a screw is a revolute joint with its pitch in an element `artitwin:thread`.
 ///
 /// # Errors
 /// An error of the disk.
@@ -31,7 +31,7 @@ pub(super) fn put_twin(folder: &RunDir, object: &Object) -> Result<(), RunDirErr
             // OBJ counts vertices from 1.
             .for_each(|t| writeln!(obj, "f {} {} {}", t[0] + 1, t[1] + 1, t[2] + 1).unwrap_or_default());
         folder.put(&format!("truth/meshes/part_{k}.obj"), obj.as_bytes())?;
-        // Any body will do: the truth knows no masses, and a twin without bodies is refused.
+        // Any mass will do: the truth has no masses, and a twin without masses is refused.
         writeln!(
             text,
             "  <link name=\"{}\"><inertial><origin xyz=\"0 0 0\" rpy=\"0 0 0\"/><mass \

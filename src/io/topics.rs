@@ -1,5 +1,5 @@
-//! Which topics are color, depth, camera_info, mask and pose: by type, encoding and name, or as they were
-//! asked for.
+//! Chooses the topics of color, depth, camera_info, mask and pose: by type, encoding and name, or as
+//! requested.
 
 use std::path::Path;
 
@@ -19,7 +19,7 @@ pub struct TopicSummary {
     pub encoding: String,
 }
 
-/// The used topics.
+/// The topics used.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct TopicChoice {
     /// Color images.
@@ -65,7 +65,7 @@ impl TopicSummary {
         }
         let name = self.name.to_ascii_lowercase();
         let encoding = self.encoding.as_str();
-        // Before the encoding: label images are often 16UC1, as depth is.
+        // Checked before the encoding: label images are often 16UC1, as depth is.
         let named_mask = ["mask", "segment", "label"].iter().any(|w| name.contains(w));
         let depth_encoding = ["16UC1", "32FC1", "mono16"].iter().any(|e| encoding.starts_with(e))
             || encoding.contains("compressedDepth");
@@ -82,16 +82,16 @@ impl TopicSummary {
         let has = |words: &[&str]| i32::from(words.iter().any(|w| name.contains(w)));
         let raw = i32::from(self.type_name == IMAGE_TYPES[0]);
         match role {
-            // The stream's name counts most, then the driver's own topic, then raw before compressed.
-            // An infrared image comes last, and `best` takes none that is nothing else.
+            // The stream's name counts most, then the driver's own topic, then raw before compressed. An
+            // infrared image comes last, and `best` rejects a topic that is nothing else.
             ImageRole::Color => {
                 8 * has(&["color", "rgb"]) + 2 * has(&["image_raw", "image_rect"])
                     - 16 * has(&["infra", "/ir", "fisheye", "debug", "overlay"])
                     + raw
             }
             ImageRole::Depth => {
-                // Drivers publish depth in the depth camera's frame beside the
-                // aligned one: it alone fits the color.
+                // Drivers publish depth in the depth camera's frame beside the aligned one, but only the
+                // aligned one fits the color.
                 8 * has(&["aligned", "registered", "depth_to_color", "depth_to_rgb"])
                     + 2 * has(&["image_raw", "image_rect"])
                     + raw
@@ -111,7 +111,7 @@ fn parent(topic: &str) -> &str {
     topic.rsplit_once('/').map_or("", |(front, _)| front)
 }
 
-/// Chooses the topics of a recording. A requested topic is taken or refused, never replaced.
+/// Chooses the topics of a recording. A requested topic is used or refused, never replaced.
 ///
 /// # Errors
 /// [`CaptureError::NotRgbd`] without any image topic, [`CaptureError::NoTopic`] without color, depth or
@@ -149,7 +149,7 @@ pub fn choose(
     };
     let color_info = match chooser.asked("camera_info", wanted.color_info.as_ref(), &[INFO_TYPE])? {
         Some(topic) => topic,
-        // First the one named like the images, then the only one there is.
+        // First the one named like the images, then the only one.
         None => chooser
             .info_of(&color)
             .or_else(|| chooser.only_info(&color))
@@ -185,7 +185,7 @@ impl Chooser<'_> {
         if names.is_empty() { "none".into() } else { names.join(", ") }
     }
 
-    /// The requested topic, if there is one. Without types, any topic of std_msgs is taken.
+    /// The requested topic, if any. Without types, any topic of std_msgs is accepted.
     fn asked(
         &self,
         role: &'static str,
@@ -226,7 +226,7 @@ impl Chooser<'_> {
 
     /// The camera_info beside an image topic.
     fn info_of(&self, image: &str) -> Option<String> {
-        // camera_info stands beside the raw image; transports put theirs below it.
+        // camera_info is beside the raw image; transports put theirs below it.
         let name = format!("{}/camera_info", parent(base(image)));
         self.topics
             .iter()
@@ -234,7 +234,7 @@ impl Chooser<'_> {
             .map(|t| t.name.clone())
     }
 
-    /// The only camera_info, unless it lies beside the images of another topic.
+    /// The only camera_info, unless it is beside the images of another topic.
     fn only_info(&self, color: &str) -> Option<String> {
         let mut infos = self.topics.iter().filter(|t| t.type_name == INFO_TYPE && t.count > 0);
         // Of two, either could be meant.

@@ -1,4 +1,4 @@
-//! The dynamics of a twin from a URDF: masses, axes, damping, friction, limits. Meshes are not read.
+//! Reads the dynamics of a twin from a URDF: masses, axes, damping, friction, limits. Meshes are not read.
 
 use std::{
     fs,
@@ -17,7 +17,7 @@ use export::{Description, INERTIA, InertialText, JointText, LimitText, LinkText}
 use gap::twin_tree::{Motion, TwinJoint, TwinLink, TwinTree};
 use model::{JointType, TreeJoint};
 
-/// The URDF of a path: in a folder the only one beside those for ROS (`*.ros.urdf`).
+/// The URDF at a path; in a folder, the only one except those for ROS (`*.ros.urdf`).
 ///
 /// # Errors
 /// An unreadable folder, or one without a URDF or with several.
@@ -40,7 +40,7 @@ pub fn twin_path(path: &Path) -> Result<PathBuf, UrdfError> {
     }
 }
 
-/// Reads a twin, and gives its text too; `gravity` is given in the root's frame, m/s^2.
+/// Reads a twin and returns its text as well; `gravity` is in the root's frame, m/s^2.
 ///
 /// # Errors
 /// [`UrdfError`] where the file cannot be read, is no URDF, or describes no bodies
@@ -50,13 +50,13 @@ pub fn read_twin(path: &Path, gravity: [f64; 3]) -> Result<(TwinTree, String), U
     Ok((twin_tree(description, gravity).map_err(|e| UrdfError::of(path, e))?, text))
 }
 
-/// Files of a twin: the URDF with the given text, the SDF and USD beside it, and
-/// the files it names.
+/// Files of a twin: the URDF with the given text, the SDF and USD beside it, and the files to which it
+/// refers.
 #[must_use]
 pub fn twin_files(path: &Path, text: &str) -> Vec<PathBuf> {
     let folder = path.parent().unwrap_or(Path::new(""));
-    // By its words, not as XML: what cannot be parsed is refused elsewhere, and a file named in a comment
-    // does no harm.
+    // Found in the text, not in parsed XML: what cannot be parsed is refused elsewhere, and a file named in a
+    // comment does no harm.
     let named =
         text.split("filename").skip(1).filter_map(quoted_value).map(|name| match name.split_once("://") {
             Some(("package", rest)) => folder.join(rest.split_once('/').map_or(rest, |(_, path)| path)),
@@ -69,7 +69,7 @@ pub fn twin_files(path: &Path, text: &str) -> Vec<PathBuf> {
         .collect()
 }
 
-/// Value of an attribute; `rest`: the text behind its name.
+/// Value of an attribute; `rest` is the text after its name.
 fn quoted_value(rest: &str) -> Option<String> {
     let rest = rest.trim_start().strip_prefix('=')?.trim_start();
     let quote = rest.chars().next().filter(|c| "'\"".contains(*c))?;
@@ -136,7 +136,7 @@ fn link(link: &LinkText) -> Result<TwinLink, UrdfFault> {
         name: link.name.clone(),
         mass_kg: inertial.mass.unwrap_or(0.0),
         center_of_mass: Point3::from(inertial.link_from_inertial.translation.vector),
-        // URDF gives the inertia in the inertial frame; a twin holds it in the link frame.
+        // URDF gives the inertia in the inertial frame, a twin in the link frame.
         inertia: r.matrix() * tensor(inertial)? * r.matrix().transpose(),
     })
 }
@@ -146,7 +146,7 @@ fn tensor(inertial: &InertialText) -> Result<Matrix3<f64>, UrdfFault> {
     if inertial.inertia.iter().all(Option::is_none) {
         return Ok(Matrix3::zeros());
     }
-    // A partly guessed tensor belongs to no body.
+    // A tensor with guessed entries belongs to no body.
     let of = |k: usize| inertial.inertia[k].ok_or(UrdfFault::Inertia(INERTIA[k]));
     let [xx, xy, xz, yy, yz, zz] = [of(0)?, of(1)?, of(2)?, of(3)?, of(4)?, of(5)?];
     Ok(Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz))

@@ -1,4 +1,4 @@
-//! URDF files and their meshes, as the tree for an evaluation.
+//! Reads URDF files and their meshes as a tree.
 
 use std::{
     borrow::Cow,
@@ -31,15 +31,15 @@ pub enum UrdfError {
     Format {
         /// The file.
         path: PathBuf,
-        /// The fault.
+        /// What is wrong.
         problem: UrdfFault,
     },
-    /// The links are no tree.
+    /// The links do not form a tree.
     #[error("{path}: {source}")]
     Tree {
         /// The file.
         path: PathBuf,
-        /// The fault.
+        /// What is wrong.
         source: TreeError,
     },
     /// A mesh could not be read.
@@ -58,22 +58,22 @@ impl UrdfError {
 /// package); scales and origins of visuals are applied. Visuals without a mesh are left out.
 ///
 /// # Errors
-/// An unreadable file or one above 16 MiB; a joint type other than fixed, revolute, continuous
-/// and prismatic; links without a tree; a mesh that is absolute, remote, missing or damaged.
+/// If a file cannot be read or exceeds 16 MiB; a joint type is not fixed, revolute, continuous or prismatic;
+/// links form no tree; or a mesh is absolute, remote, missing or damaged.
 pub fn read_urdf(path: &Path) -> Result<Tree, UrdfError> {
     let (description, _) = read_description(path)?;
     let description = description.require_numbers().map_err(|e| UrdfError::of(path, e))?;
     tree_of(&description, path)
 }
 
-/// The links of a URDF at `path` with their visual meshes, in their tree. Its numbers are sound.
+/// The links of a URDF at `path` with their visual meshes, as a tree. The description must be sound.
 ///
 /// # Errors
 /// As [`read_urdf`].
 pub(super) fn tree_of(description: &Description, path: &Path) -> Result<Tree, UrdfError> {
     let folder = path.parent().unwrap_or(Path::new("."));
     let mut links = Vec::with_capacity(description.links.len());
-    // One budget for all meshes: a short URDF may name a large file ten thousand times.
+    // One budget for all meshes: a short URDF may refer to a large file ten thousand times.
     let mut left = MESH.bytes;
     for link in &description.links {
         links.push(TreeLink {
@@ -85,11 +85,10 @@ pub(super) fn tree_of(description: &Description, path: &Path) -> Result<Tree, Ur
     Tree::new(links, joints).map_err(|source| UrdfError::Tree { path: path.to_owned(), source })
 }
 
-/// A URDF file, and its text, with a declaration readers of XML take
+/// Reads a URDF file and returns its text as well, with a declaration that XML readers accept
 /// ([`with_declaration`]).
 ///
-/// # Errors
-/// Errors of the disk; more than 16 MiB; a text without UTF-8 or URDF.
+/// # Errors If the disk refuses, the file exceeds 16 MiB, or the text is not UTF-8 or not a URDF.
 pub(super) fn read_description(path: &Path) -> Result<(Description, String), UrdfError> {
     let text = files::read_text(path, URDF);
     let text = text.map_err(|source| UrdfError::Disk { path: path.to_owned(), source })?;
@@ -116,7 +115,7 @@ impl VisualError {
     }
 }
 
-/// All visual meshes of a link in one, in the link frame. `left`: remaining budget, bytes.
+/// All visual meshes of a link as one, in the link frame. `left` is the remaining budget, bytes.
 fn visuals(link: &LinkText, folder: &Path, left: &mut u64) -> Result<TriangleMesh, VisualError> {
     let mut all = Vec::new();
     for shape in &link.visuals {
@@ -135,13 +134,13 @@ fn visuals(link: &LinkText, folder: &Path, left: &mut u64) -> Result<TriangleMes
 /// The path of a mesh below the URDF's folder.
 fn relative(filename: &str) -> Result<&Path, UrdfFault> {
     let path = match filename.strip_prefix("package://") {
-        // No ROS installation is asked where the package is: the URDF's folder stands for it.
+        // No ROS installation is asked for the package: the URDF's folder stands for it.
         Some(rest) => rest.split_once('/').map_or("", |(_, path)| path),
         None if filename.contains("://") => return Err(UrdfFault::MeshElsewhere(filename.to_owned())),
         None => filename,
     };
     let path = Path::new(path);
-    // A twin from elsewhere must not have other files of this machine read.
+    // A twin from elsewhere must not make the program read other files of this machine.
     let inside = path.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
     if inside && !path.as_os_str().is_empty() {
         Ok(path)

@@ -1,5 +1,5 @@
-//! From an indexed bag to posed RGB-D views, still without pixels: topics chosen, messages paired, cameras
-//! checked, the camera's pose looked up.
+//! From an indexed bag to posed RGB-D views, still without pixels: chooses topics, pairs messages, checks
+//! cameras, looks up the camera's pose.
 
 use super::{
     bag::Bag,
@@ -13,14 +13,14 @@ use capture::{Accelerometer, CaptureConfig, CaptureError, Distortion, nearest_st
 use common::note::{Note, NoteCode};
 use geometry::{Intrinsics, Pose};
 
-/// Focal lengths of aligned images may differ by this share. chosen: drivers round them
+/// Largest relative difference of focal lengths of aligned images. chosen: drivers round them
 const FOCAL_TOLERANCE: f64 = 0.005;
-/// Principal points of aligned images may differ by this much, pixels. chosen: drivers round them
+/// Largest difference of principal points of aligned images, pixels. chosen: drivers round them
 const CENTER_TOLERANCE_PX: f64 = 1.0;
-/// Frames of aligned images may be this far apart, meters and radians. chosen: drivers round them
+/// Largest distance between frames of aligned images, meters and radians. chosen: drivers round them
 const FRAME_TOLERANCE: f64 = 1e-3;
 
-/// The lens and the pinhole model in its place.
+/// A pinhole camera with the distortion of its lenses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// The ideal camera.
@@ -31,47 +31,47 @@ pub struct Camera {
     pub depth: Distortion,
 }
 
-/// One RGB-D view, as numbers of messages.
+/// One RGB-D view, by the indices of its messages.
 #[derive(Clone, Debug)]
 pub struct View {
     /// Stamp of the color image, nanoseconds.
     pub stamp_nanos: i64,
     /// Recording time of the color image, nanoseconds.
     pub log_nanos: i64,
-    /// Color message.
+    /// Index of the color message.
     pub color: usize,
-    /// Depth message.
+    /// Index of the depth message.
     pub depth: usize,
-    /// Mask message.
+    /// Index of the mask message, if any.
     pub mask: Option<usize>,
     /// Its camera, an index into [`Views::cameras`].
     pub camera: usize,
-    /// Pose of the optical frame; `None` where the camera is to be tracked.
+    /// Pose of the optical frame; `None` if the camera must be tracked.
     pub world_from_camera: Option<Pose>,
 }
 
 /// The views of a bag.
 #[derive(Clone, Debug)]
 pub struct Views {
-    /// The topics they come from.
+    /// The topics from which they come.
     pub topics: TopicChoice,
-    /// Frame of the poses; none where the camera is to be tracked.
+    /// Frame of the poses; empty if the camera must be tracked.
     pub world_frame: String,
     /// Distinct cameras.
     pub cameras: Vec<Camera>,
-    /// Sorted by stamp.
+    /// Views, sorted by stamp.
     pub views: Vec<View>,
-    /// Depth readings are multiplied by it.
+    /// Factor applied to depth readings.
     pub depth_factor: f64,
     /// Source of the up direction for a tracked camera.
     pub accelerometer: Option<Accelerometer>,
-    /// The chosen topics.
+    /// Notes on the chosen topics.
     pub notes: Vec<Note>,
-    /// Losses.
+    /// Warnings about losses.
     pub warnings: Vec<Note>,
 }
 
-/// How many views of a state are kept.
+/// The note on how many views of a state are kept.
 #[must_use]
 pub fn views_kept(state: usize, kept: usize, all: usize) -> Note {
     let text = format!("state {state}: {kept} of {all} views kept, by the spread of their poses");
@@ -79,7 +79,7 @@ pub fn views_kept(state: usize, kept: usize, all: usize) -> Note {
 }
 
 impl Views {
-    /// Views of an indexed bag. `state` is for messages.
+    /// The views of an indexed bag. `state` is used in messages.
     ///
     /// # Errors
     /// Every [`CaptureError`] about topics, cameras, alignment and poses.
@@ -102,8 +102,8 @@ impl Views {
         };
         found.warnings.extend(bag.warnings.iter().cloned());
         found.warnings.extend(index.damage());
-        // Messages of one moment, then their cameras, then their poses:
-        // losses of each step are reported apart.
+        // First messages of one moment, then their cameras, then their poses: losses of each step are
+        // reported separately.
         let matches = found.synchronize(index, config, state)?;
         let cameras = found.find_cameras(index)?;
         let poses = PoseSource::wanted(index, &found.topics, config)?;
@@ -127,7 +127,7 @@ impl Views {
         Ok(found)
     }
 
-    /// So many frames, with their columns and rows.
+    /// `frames` frames, with their columns and rows.
     #[must_use]
     pub fn sizes(&self, frames: usize) -> (usize, usize, usize) {
         let (width, height) =
@@ -144,7 +144,7 @@ impl Views {
         format!("color {}, depth {}, camera_info {}, {mask}, {poses}", t.color, t.depth, t.color_info)
     }
 
-    /// Color, depth and mask messages of the same views, with the losses reported.
+    /// Pairs color, depth and mask messages of the same views, and reports losses.
     fn synchronize(
         &mut self,
         index: &BagIndex,
@@ -161,7 +161,7 @@ impl Views {
             .topics
             .mask
             .as_ref()
-            // Unused masks must not cost the frames without one.
+            // Masks that are not used must not cost frames without one.
             .filter(|_| config.isolate.use_masks)
             .map(|topic| pair(&color, &stamps(topic), slop));
         let mut matched = Vec::new();
@@ -176,7 +176,7 @@ impl Views {
                 (Some(partners), Some(topic)) => match partners[i] {
                     Some(m) => Some(entries(topic)[m].clone()),
                     None => {
-                        // Without its mask a frame's background would pass as the object.
+                        // Without its mask, a frame's background would count as the object.
                         no_mask += 1;
                         continue;
                     }
@@ -222,7 +222,7 @@ impl Views {
             );
             return Err(CaptureError::NoFrames { state, reason });
         }
-        // Messages lie in the order of their recording. Their stamps may have another order.
+        // Messages are in the order of recording, which may differ from that of their stamps.
         matched.sort_by_key(|m| (m.color.stamp_nanos, m.color.ordinal));
         Ok(matched)
     }
@@ -258,14 +258,14 @@ impl Views {
                     expected_height: first.height,
                 });
             }
-            // Without a camera_info of its own, depth aligned to color has color's lens.
+            // Without its own camera_info, depth aligned to color has color's lens.
             let mut depth = color;
             if let (Some(depth_info), Some(name)) = (&aligned, &t.depth_info) {
                 let (other, distortion) = pinhole(depth_info, name, &t.depth)?;
                 depth = distortion;
                 self.check_alignment(index, &intrinsics, &other)?;
             } else {
-                // No camera_info of depth to compare; the optical frames are compared all the same.
+                // Depth has no camera_info to compare; the optical frames are still compared.
                 self.check_alignment(index, &intrinsics, &intrinsics)?;
             }
             self.cameras.push(Camera { intrinsics, color, depth });
@@ -299,7 +299,7 @@ impl Views {
         }
         let focal = (color.fx / depth.fx - 1.0).abs().max((color.fy / depth.fy - 1.0).abs());
         let center = (color.cx - depth.cx).abs().max((color.cy - depth.cy).abs());
-        // Aligned depth has the matrix of color up to rounding; depth as it was measured differs by far more.
+        // Aligned depth has color's matrix up to rounding; unaligned depth differs by far more.
         if focal > FOCAL_TOLERANCE || center > CENTER_TOLERANCE_PX {
             return refuse(format!(
                 "their camera matrices differ (fx {:.1} and {:.1}, cx {:.1} and {:.1})",
@@ -362,7 +362,7 @@ impl Views {
         let invalid = poses.invalid(index);
         let first = first_failure.map(|e| e.to_string());
         if self.views.is_empty() {
-            // The cause: a missing pose is its symptom.
+            // Reported as the cause: a missing pose is only its symptom.
             if invalid > 0 {
                 return Err(CaptureError::InvalidPoses { topic: poses.origin.clone(), count: invalid });
             }
@@ -392,7 +392,7 @@ impl Views {
         Ok(())
     }
 
-    /// Gives every match its camera; the camera is to be tracked.
+    /// Gives every match its camera, without a pose: the camera must be tracked.
     fn without_poses(&mut self, matches: &[Matched], infos: &InfoTopic) -> Result<(), CaptureError> {
         let by_stamp = by_stamp(infos);
         for m in matches {
@@ -403,7 +403,7 @@ impl Views {
         Ok(())
     }
 
-    /// Whether the camera is to be tracked.
+    /// Whether the camera must be tracked.
     #[must_use]
     pub fn are_untracked(&self) -> bool {
         self.views.iter().all(|v| v.world_from_camera.is_none())
@@ -455,14 +455,15 @@ struct ByStamp {
 
 fn by_stamp(infos: &InfoTopic) -> ByStamp {
     let mut entries = infos.entries.clone();
-    // By stamp, as `nearest` wants it; the bag's order is that of the recording.
+    // Sorted by stamp, as `nearest` requires; the bag's order is that of recording.
     entries.sort_by_key(|e| e.0);
     let (stamps, cameras) = entries.into_iter().unzip();
     ByStamp { stamps, cameras, several: infos.distinct.len() != 1 }
 }
 
 impl ByStamp {
-    /// The camera of an image; one holds for all, also where its camera_info was sent once.
+    /// Index of the camera of an image; a single one is valid for all, even if its camera_info was sent only
+    /// once.
     fn camera(&self, stamp: i64) -> usize {
         if self.several { nearest_stamp(&self.stamps, stamp).map_or(0, |i| self.cameras[i]) } else { 0 }
     }

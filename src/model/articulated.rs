@@ -22,15 +22,15 @@ pub enum JointKind {
         /// Advance per turn of one radian, meters; negative for a left-handed thread.
         pitch_m_per_rad: f64,
     },
-    /// No joint of one freedom explains the motion. The model moves the part along the screw of the observed
-    /// motion, the shortest of its kind; positions in radians.
+    /// No joint with one degree of freedom explains the motion. The model moves the part along the screw of
+    /// the observed motion, the shortest way; positions in radians.
     Free {
         /// Advance of the screw per radian, meters.
         pitch_m_per_rad: f64,
     },
 }
 
-/// Advance of the finest thread in files, meters per radian. chosen: a tenth of a fine screw's
+/// Least advance of a thread that files keep, meters per radian. chosen: a tenth of a fine screw's
 const LEAST_THREAD_M_PER_RAD: f64 = 1e-5;
 
 impl JointKind {
@@ -40,7 +40,7 @@ impl JointKind {
         self != Self::Prismatic
     }
 
-    /// Advance per radian, meters, of a turning and advancing joint.
+    /// Advance per radian, meters, of a joint that turns and advances; `None` for others.
     #[must_use]
     pub fn pitch_m_per_rad(self) -> Option<f64> {
         match self {
@@ -49,8 +49,8 @@ impl JointKind {
         }
     }
 
-    /// Advance per radian, meters, of a thread, a turn and a slide in files; with an advance of less than a
-    /// hundredth of a millimeter per radian it is a hinge there.
+    /// Advance per radian, meters, of a joint that files describe as a turn with a slide tied to it; `None`
+    /// for others. Below a hundredth of a millimeter per radian the joint is written as a hinge.
     #[must_use]
     pub fn thread_m_per_rad(self) -> Option<f64> {
         self.pitch_m_per_rad().filter(|pitch| pitch.abs() > LEAST_THREAD_M_PER_RAD)
@@ -67,7 +67,7 @@ impl JointKind {
         }
     }
 
-    /// The fitted family: a free motion moves along its screw.
+    /// The fitted family of motions: a free motion moves along its screw.
     #[must_use]
     pub fn family(self) -> JointFamily {
         match self {
@@ -77,34 +77,35 @@ impl JointKind {
         }
     }
 
-    /// The nearest type known to every format: a turning joint is revolute.
+    /// The nearest type that every format knows: any turning joint becomes revolute.
     #[must_use]
     pub fn nearest_simple(self) -> Self {
         if self.turns() { Self::Revolute } else { Self::Prismatic }
     }
 }
 
-/// Source of a limit.
+/// What a limit is based on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum LimitSource {
     /// The interval between the observed states: the joint reaches at least this far.
     Observed,
-    /// The same with a margin, and on the closed end as far as the part's seat ([`Limit::closed`]).
+    /// The observed interval with a margin; on the closed end it ends at the part's seat ([`Limit::closed`]).
     Seated,
-    /// The collision-free interval around it: the joint reaches no further, unless the solids are wrong.
+    /// The collision-free interval around the observed states: the joint goes no farther, unless the solids
+    /// are wrong.
     Swept,
 }
 
-/// End of a joint at the contact of a face of its child with its parent.
+/// An end of a joint where a face of its child meets its parent.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Seat {
     /// Position of contact, radians or meters.
     pub position: f64,
-    /// Root mean square deviation of the meeting cells from it, radians or meters.
+    /// Root mean square deviation of the contact positions of the meeting cells, radians or meters.
     pub std: f64,
-    /// Share of meeting cells among the part's leading cells.
+    /// Share of the part's leading surface cells that meet.
     pub contact_share: f64,
-    /// Whether it ends the joint above.
+    /// Whether this is the upper end.
     pub above: bool,
 }
 
@@ -119,11 +120,11 @@ pub struct Limit {
     pub effort: f64,
     /// Largest speed, rad/s or m/s; assumed.
     pub velocity: f64,
-    /// Source of the interval.
+    /// What the interval is based on.
     pub source: LimitSource,
-    /// Interval without collision, the outer bound of the true one; `None` where it was not swept.
+    /// Collision-free interval, the outer bound of the true one; `None` if it was not computed.
     pub swept: Option<[f64; 2]>,
-    /// Where the joint is closed; `None` where no end shows it.
+    /// Where the joint is closed; `None` if neither end shows it.
     pub closed: Option<Seat>,
 }
 
@@ -140,7 +141,7 @@ pub struct JointDynamics {
     pub stiffness: f64,
     /// Position of the spring at rest, radians or meters.
     pub spring_reference: f64,
-    /// Basis of these numbers.
+    /// What these numbers are based on.
     pub assumption: String,
 }
 
@@ -159,7 +160,7 @@ pub struct Inertial {
     pub mass_range_kg: [f64; 2],
 }
 
-/// A place for a parallel gripper to take a part.
+/// A pose at which a parallel gripper can hold a part.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Grasp {
     /// Pose of the hand in the link frame: x is the closing direction, z the approach, the origin lies
@@ -167,10 +168,9 @@ pub struct Grasp {
     pub link_from_grasp: Pose,
     /// Width of the part there, meters.
     pub width_m: f64,
-    /// Angle between the closing direction and the normals of the faces at the pads, the worse of both,
-    /// radians.
+    /// Largest angle between the closing direction and the normal of a face at a pad, radians.
     pub off_rad: f64,
-    /// Whether views saw both faces; else one stands where a wall of the assumed thickness ends.
+    /// Whether views saw both faces; otherwise one is assumed, at the wall thickness.
     pub is_seen: bool,
 }
 
@@ -181,68 +181,69 @@ pub struct Link {
     pub name: String,
     /// Colored surface in the link frame.
     pub visual: TriangleMesh,
-    /// Unseen area of it, in closed holes, square meters.
+    /// Area of closed holes in it that no view saw, square meters.
     pub assumed_m2: f64,
-    /// Faces of unseen walls, as the solids have them, in the link frame; to be drawn.
+    /// Faces of unseen walls, from the solids, in the link frame; for display.
     #[serde(default)]
     pub assumed: TriangleMesh,
     /// Convex solids for collision, in the link frame.
     pub collision: Vec<ConvexSolid>,
     /// Mass properties.
     pub inertial: Inertial,
-    /// Grasps, best first; none of a link that does not move.
+    /// Grasps, best first; empty for a link that does not move.
     #[serde(default)]
     pub grasps: Vec<Grasp>,
 }
 
-/// Score of a link as the parent of a part.
+/// How well a link fits as the parent of a part.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ParentScore {
-    /// Score of the best joint of one freedom less the free motion's: the lower, the simpler the part moves
-    /// against the link.
+    /// Score of the best joint with one degree of freedom, less the free motion's: the lower it is, the
+    /// simpler the part moves relative to the link.
     pub excess: f64,
-    /// Distance of link and part, the larger of both states, meters.
+    /// Distance between link and part, the largest over the states, meters.
     pub gap_m: f64,
 }
 
-/// Evidence of a joint's estimate.
+/// The evidence for a joint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JointEvidence {
-    /// Covariance of (axis direction 3, point on the axis 3, motion 1), world frame, rad and meters. Of
-    /// several motions it is the farthest from state 0's position.
+    /// Covariance of (axis direction 3, point on the axis 3, motion 1), world frame, radians and meters. With
+    /// several states, the motion is the one farthest from state 0's position.
     pub covariance: SMatrix<f64, 7, 7>,
-    /// Full rigid motion of the child from state 0 to state 1 (of several: the state farthest from state 0)
-    /// in the world, before the joint constraint.
+    /// Full rigid motion of the child from state 0 to state 1 (with several: to the state farthest from state
+    /// 0) in the world, before the joint constrains it.
     pub state1_from_state0: Pose,
-    /// Surface points and lifted matches in support of the motion.
+    /// Number of surface points and lifted matches that support the motion.
     pub inliers: usize,
-    /// Tried points and matches.
+    /// Number of points and matches tried.
     pub tried: usize,
     /// Root mean square distance of the inliers after the motion, meters.
     pub residual_rms_m: f64,
-    /// Standard deviation of the position in every state behind state 0, radians or meters; infinite in a
-    /// state left out by the joint.
+    /// Standard deviation of the position in every state but state 0, radians or meters; infinite in a state
+    /// that was left out of the fit.
     pub position_std: Vec<f64>,
     /// Standard deviation of the pitch, meters per radian; 0 for a joint without one.
     pub pitch_std_m_per_rad: f64,
-    /// Squared error of the parameters over that of independent observations; the covariance holds it.
+    /// Ratio of the squared error of the parameters to that of independent observations; included in the
+    /// covariance.
     pub dispersion: f64,
     /// Score of every type of joint.
     pub type_scores: TypeScores,
     /// Possible parents of the part, by name.
     pub parents: BTreeMap<String, ParentScore>,
-    /// The axis by the motion alone, where the object's other axes and faces were asked, too.
+    /// The axis from the motion alone, if the object's other axes and faces influenced the final one.
     pub axis_alone: Option<AxisAlone>,
-    /// Low information or disagreement; empty where all is well.
+    /// What speaks against the estimate: little information, disagreement; empty if nothing does.
     pub cautions: Vec<Note>,
-    /// Properties not observable in the states.
+    /// Properties that the states cannot show.
     pub not_observable: Vec<Note>,
 }
 
-/// An axis by the motion of its part alone.
+/// An axis estimated from the motion of its part alone.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AxisAlone {
-    /// Unit direction, world, in state 0.
+    /// Unit direction in the world, in state 0.
     pub axis: Unit<Vector3<f64>>,
     /// Its standard deviation, radians.
     pub std_rad: f64,
@@ -267,7 +268,7 @@ pub struct Joint {
     pub limit: Limit,
     /// Friction, damping, springs.
     pub dynamics: JointDynamics,
-    /// Evidence of the estimate.
+    /// The evidence for the joint.
     pub evidence: JointEvidence,
 }
 
@@ -285,13 +286,13 @@ pub struct ArticulatedModel {
 }
 
 impl Joint {
-    /// Name of the slide tied to a thread, in files with both.
+    /// Name of the slide tied to the turn of a thread, in files that split it into both.
     #[must_use]
     pub fn advance_name(&self) -> String {
         format!("{}_advance", self.name)
     }
 
-    /// Motion of the child at a joint position: child frame in the parent frame.
+    /// Pose of the child's frame in the parent's frame at a joint position.
     #[must_use]
     pub fn parent_from_child(&self, position: f64) -> Pose {
         let axis = self.axis.into_inner();
@@ -310,8 +311,8 @@ impl Joint {
 }
 
 impl ArticulatedModel {
-    /// Position of a joint farthest from its position in state 0, less the latter, radians or meters; 0
-    /// without states.
+    /// Largest deviation of a joint's position from that in state 0, signed, radians or meters; 0 without
+    /// states.
     #[must_use]
     pub fn motion_of_joint(&self, joint: usize) -> f64 {
         let Some((first, others)) = self.states.split_first() else { return 0.0 };
@@ -320,8 +321,8 @@ impl ArticulatedModel {
         motions.reduce(|a, b| if b.abs() > a.abs() { b } else { a }).unwrap_or_default()
     }
 
-    /// Positions with every joint of a known closed end closed, within its limits, the others as in state 0;
-    /// `None` where no closed end is known.
+    /// Positions with every joint closed whose closed end is known, within its limits, and the others as in
+    /// state 0; `None` if no closed end is known.
     #[must_use]
     pub fn closed_state(&self) -> Option<Vec<f64>> {
         let first = self.states.first()?;

@@ -1,4 +1,4 @@
-//! From joints and part surfaces to links in a tree.
+//! Builds links in a tree from joints and part surfaces.
 
 use nalgebra::Translation3;
 use rayon::prelude::*;
@@ -11,26 +11,26 @@ use super::{
 use geometry::{Grid3, Pose};
 use surface::{ConvexConfig, Hidden, ShellInertia, TriangleMesh, Walls, few_triangles, merged_mesh};
 
-/// Assumptions no camera measures, and settings of the model.
+/// Settings of the model, and assumptions that no camera can measure.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ModelConfig {
     /// Material of the object; gives the density and its range.
     pub material: Material,
-    /// Materials of single parts, in the order of the parts, the static one first; parts beyond its end:
-    /// `material`.
+    /// Materials of single parts, in the order of the parts, the static one first; parts beyond the list are
+    /// of `material`.
     pub part_materials: Vec<Material>,
-    /// Density of the walls, kg/m^3; null: the material's.
+    /// Density of the walls, kg/m^3; null means the material's.
     pub density_kg_m3: Option<f64>,
-    /// Thickness of walls with an unseen other side, meters.
+    /// Thickness assumed for walls whose other side was not seen, meters.
     pub wall_thickness_m: f64,
-    /// Whether unseen walls are drawn, in meshes of their own.
+    /// Whether unseen walls are displayed, as separate meshes.
     pub draw_assumed: bool,
     /// Largest joint effort, N m or N.
     pub effort: f64,
     /// Largest joint speed, rad/s or m/s.
     pub velocity: f64,
-    /// Interval of the joint limits.
+    /// How joint limits are set.
     pub limits: LimitPolicy,
     /// Collision solids.
     pub collision: ConvexConfig,
@@ -39,11 +39,11 @@ pub struct ModelConfig {
 /// Margin of a limit around the observed positions, in standard deviations of these.
 /// chosen: 95 % of a normal distribution
 const MARGIN_STD: f64 = 2.0;
-/// Least margin as a share of the observed motion: at a limit itself solvers push.
+/// Least margin of a limit, as a share of the observed motion: exactly at a limit, solvers push.
 /// chosen: too little to be seen
 const LEAST_MARGIN_SHARE: f64 = 0.005;
 
-/// Interval of the joint limits.
+/// How joint limits are set.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LimitPolicy {
@@ -73,7 +73,7 @@ impl Default for ModelConfig {
 }
 
 impl ModelConfig {
-    /// Density of a part in kg/m^3 (usual, lowest, highest) and a few words about it.
+    /// Density of a part in kg/m^3 (usual, lowest, highest), and a few words on its origin.
     fn density_of_part(&self, part: usize) -> ([f64; 3], String) {
         let material = self.part_materials.get(part).copied().unwrap_or(self.material);
         match self.density_kg_m3 {
@@ -92,7 +92,7 @@ pub fn link_name(part: usize) -> String {
     if part == 0 { "base".to_owned() } else { format!("part_{part}") }
 }
 
-/// One moving part: its joint as it stands in state 0 (world frame) and its surface there.
+/// A moving part: its joint and its surface, as they are in state 0 in the world.
 pub struct MovingPart {
     /// Its parent: 0 is the static part, k the k-th moving part. Parents form a tree.
     pub parent: usize,
@@ -102,21 +102,21 @@ pub struct MovingPart {
     pub axis: nalgebra::Unit<nalgebra::Vector3<f64>>,
     /// Point of the axis, world, meters; becomes the link's origin.
     pub point: nalgebra::Point3<f64>,
-    /// Position in every state after state 0, where it is 0, radians or meters; the one farthest from there
-    /// is positive.
+    /// Position in every state after state 0, where it is 0, radians or meters; the one farthest from 0 is
+    /// positive.
     pub positions: Vec<f64>,
-    /// Evidence of the joint.
+    /// The evidence for the joint.
     pub evidence: JointEvidence,
     /// Surface in the world in state 0.
     pub surface: TriangleMesh,
-    /// Signed distance around it in the world in state 0, NaN where no view saw anything; none where all was
-    /// seen.
+    /// Signed distance around it in the world in state 0, NaN where no view saw anything; `None` if
+    /// everything was seen.
     pub field: Option<Grid3<f32>>,
 }
 
 /// Builds the model: the moving parts in a tree from the static one. Position 0 is state 0. Collision solids
 /// follow the surfaces and leave the paths within the limits free; masses come from the surfaces; the limits
-/// are those of the policy. Grasps are found last, from solids and limits.
+/// follow the policy. Grasps are found last, from solids and limits.
 #[must_use]
 pub fn build_model(
     name: &str,
@@ -124,7 +124,7 @@ pub fn build_model(
     mut parts: Vec<MovingPart>,
     config: &ModelConfig,
 ) -> ArticulatedModel {
-    // Of moving parts only: a moving part may need space hidden by the static one.
+    // Only for moving parts: a moving part may need space that the static one hides.
     let fields: Vec<_> = std::iter::once(None)
         .chain(parts.iter_mut().map(|p| p.field.take().map(|f| (f, p.point.coords))))
         .collect();
@@ -149,7 +149,7 @@ pub fn build_model(
             set_seated_limit(&mut model, j);
         }
     }
-    // Before the sweep: any contact at rest would end it at once.
+    // Before the sweep, which any contact at rest would end at once.
     clear_paths(&mut model, &config.collision);
     let swept: Vec<[f64; 2]> =
         (0..model.joints.len()).into_par_iter().map(|j| swept_interval(&model, j)).collect();
@@ -168,7 +168,8 @@ pub fn build_model(
     model
 }
 
-/// Whether a place in a link's frame is unseen in the field (in the world, the frame's origin given), meters.
+/// Whether a place in a link's frame, meters, is unseen. The field is in the world, where the frame has the
+/// given origin.
 fn unseen_places(
     field: &Grid3<f32>,
     origin: &nalgebra::Vector3<f64>,
@@ -176,7 +177,7 @@ fn unseen_places(
     move |p| field.nearest_node(&(p + origin)).is_some_and(|i| field.values[i].is_nan())
 }
 
-/// Sets limits with a margin around the observed interval, but for the closed end: there is the seat.
+/// Sets limits at the observed interval plus a margin; at the closed end the seat is the limit.
 fn set_seated_limit(model: &mut ArticulatedModel, j: usize) {
     let [lower, upper] = model.observed_interval(j);
     let joint = &mut model.joints[j];
@@ -185,14 +186,14 @@ fn set_seated_limit(model: &mut ArticulatedModel, j: usize) {
     let limit = &mut joint.limit;
     (limit.lower, limit.upper, limit.source) = (lower - margin, upper + margin, LimitSource::Seated);
     match limit.closed {
-        // An observed position is within the limits, also where the seat is a little short of it.
+        // An observed position is always within the limits, even if the seat is a little short of it.
         Some(seat) if seat.above => limit.upper = seat.position.max(upper),
         Some(seat) => limit.lower = seat.position.min(lower),
         None => {}
     }
 }
 
-/// The walls of every link, with their unseen parts.
+/// The walls of every link, including their unseen parts.
 fn walls_of_links(
     model: &ArticulatedModel,
     hidden: &[Option<Hidden<'_>>],
@@ -207,7 +208,7 @@ fn walls_of_links(
     walls.collect()
 }
 
-/// The surfaces of all other links in the frame of a link, in all states.
+/// The surfaces of all other links in the frame of a link, over all states.
 fn others_in_all_states(model: &ArticulatedModel, surfaces: &[TriangleMesh], link: usize) -> TriangleMesh {
     let mut others = Vec::new();
     for state in &model.states {
@@ -231,11 +232,11 @@ fn tree_of_parts(
     config: &ModelConfig,
 ) -> ArticulatedModel {
     let mut links = vec![bare_link(link_name(0), base)];
-    // In state 0 all frames stand as the world's, each in the point of its joint.
+    // In state 0 all frames are parallel to the world's, each with its origin on its joint.
     let origins: Vec<_> =
         std::iter::once(nalgebra::Vector3::zeros()).chain(parts.iter().map(|p| p.point.coords)).collect();
     let mut joints = Vec::new();
-    // There are two states, even of an object of one part.
+    // Even an object of one part has two states.
     let count = parts.iter().map(|p| p.positions.len()).max().unwrap_or(1);
     let mut states = vec![vec![0.0; parts.len()]];
     for k in 0..count {
@@ -252,7 +253,7 @@ fn tree_of_parts(
             parent_from_joint,
             axis: part.axis,
             limit: Limit {
-                // From 0, the position in state 0, not among these.
+                // Starting from 0, the position in state 0, which is not in the list.
                 lower: part.positions.iter().copied().fold(0.0, f64::min),
                 upper: part.positions.iter().copied().fold(0.0, f64::max),
                 effort: config.effort,
@@ -280,7 +281,7 @@ fn bare_link(name: String, visual: TriangleMesh) -> Link {
     Link { name, visual, assumed_m2: 0.0, assumed, collision: Vec::new(), inertial, grasps: Vec::new() }
 }
 
-/// Mass properties of a link's walls. Without area the mass stays 0; validation refuses it.
+/// Mass properties of a link's walls. Without area the mass stays 0, which validation refuses.
 fn wall_inertial(link: &Link, walls: &Walls, part: usize, config: &ModelConfig) -> Inertial {
     let ([usual, lowest, highest], density) = config.density_of_part(part);
     let Some(ShellInertia { mass_kg, center_of_mass, inertia }) = walls.shell_inertia(usual) else {
@@ -293,7 +294,7 @@ fn wall_inertial(link: &Link, walls: &Walls, part: usize, config: &ModelConfig) 
          flat walls of moving parts go on where no view looked), {density}",
         100.0 * assumed
     );
-    // Half to twice the assumed walls, lightest to heaviest kind of the material.
+    // From half to twice the assumed thickness, and from the lightest to the heaviest kind of the material.
     let mass_range_kg =
         [mass_kg * (1.0 - 0.5 * assumed) * lowest / usual, mass_kg * (1.0 + assumed) * highest / usual];
     Inertial { mass_kg, center_of_mass, inertia, assumption, mass_range_kg }

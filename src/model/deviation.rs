@@ -1,12 +1,12 @@
-//! Deviations of a joint by its covariance. A parameter known no better than by a guess is not determined.
-//! See docs/method.md 8.7.
+//! Standard deviations of a joint's parameters from its covariance. A parameter known no better than by a
+//! guess is not determined. See docs/method.md 8.7.
 
 use nalgebra::{Matrix3, SMatrix, Unit, Vector3};
 
 use super::{ArticulatedModel, AxisAlone};
 
-/// Root mean square angle of a line to one drawn evenly from all directions, radians. derived: sqrt(pi - 2),
-/// from the mean of the squared angle over a hemisphere.
+/// Root mean square angle between a line and one drawn uniformly from all directions, radians. derived:
+/// sqrt(pi - 2), from the mean of the squared angle over a hemisphere.
 const GUESSED_DIRECTION_RAD: f64 = 1.068_453_1;
 /// Root mean square error of a guessed angle, radians. derived: pi / sqrt 3, of a uniform distribution over a
 /// whole turn.
@@ -15,26 +15,26 @@ const GUESSED_TURN_RAD: f64 = std::f64::consts::PI * INVERSE_SQRT_3;
 /// of a uniform distribution over the side in both directions.
 const GUESSED_SLIDE_SHARE: f64 = INVERSE_SQRT_3;
 /// Root mean square error of a guessed line, as a share of the object's longest side. derived: 1 / sqrt 6, of
-/// a uniform distribution over a square of the side across the line.
+/// a uniform distribution over a square of that side perpendicular to the line.
 const GUESSED_LINE_SHARE: f64 = INVERSE_SQRT_3 * std::f64::consts::FRAC_1_SQRT_2;
 const INVERSE_SQRT_3: f64 = 0.577_350_269_189_625_8;
 
-/// Root mean square deviations of a joint's parameters; `None` where they are not determined: not finite, or
-/// no smaller than those of a guess.
+/// Standard deviations of a joint's parameters; `None` where a parameter is not determined: not finite, or no
+/// better than a guess.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Deviations {
-    /// Of the axis direction, radians.
+    /// Standard deviation of the axis direction, radians.
     pub axis_rad: Option<f64>,
-    /// Of the axis from the true line, across it, meters.
+    /// Standard deviation of the axis line's place, perpendicular to it, meters.
     pub origin_m: Option<f64>,
-    /// Of the motion, radians or meters.
+    /// Standard deviation of the motion, radians or meters.
     pub motion: Option<f64>,
 }
 
 impl Deviations {
-    /// By the covariance of (direction 3, point 3, motion 1) of a joint about or along `axis` of an object
-    /// with the longest side `extent_m`. Of direction and point only components across the axis count: along
-    /// it a direction has no freedom and a line no place.
+    /// From the covariance of (direction 3, point 3, motion 1) of a joint about or along `axis`, for an
+    /// object with longest side `extent_m`. Of direction and point only the components perpendicular to the
+    /// axis count: a direction cannot change along itself, and a line has no place along itself.
     #[must_use]
     pub fn of_covariance(
         covariance: &SMatrix<f64, 7, 7>,
@@ -43,7 +43,7 @@ impl Deviations {
         extent_m: f64,
     ) -> Self {
         let across = Matrix3::identity() - axis.into_inner() * axis.transpose();
-        // The variances across the axis.
+        // The variances perpendicular to the axis.
         let [direction, point] = [0, 3].map(|k| {
             let block: Matrix3<f64> = covariance.fixed_view::<3, 3>(k, k).into();
             (across * block * across).trace()
@@ -58,14 +58,14 @@ impl Deviations {
 }
 
 impl AxisAlone {
-    /// Its standard deviation, radians; `None` where it is not determined.
+    /// Standard deviation of the direction, radians; `None` where it is not determined.
     #[must_use]
     pub fn deviation_rad(&self) -> Option<f64> {
         determined_deviation(self.std_rad.powi(2), GUESSED_DIRECTION_RAD)
     }
 }
 
-/// The root of a variance below a guess's; rounding may leave a small negative one.
+/// The root of a variance if it is below a guess's; rounding may leave a slightly negative variance.
 fn determined_deviation(variance: f64, guessed: f64) -> Option<f64> {
     let known = variance.is_finite() && variance < guessed * guessed;
     known.then(|| variance.max(0.0).sqrt())

@@ -1,4 +1,4 @@
-//! Friction and damping, implied by the recording or assumed.
+//! Friction and damping of joints, implied by the recording or assumed.
 
 use nalgebra::Vector3;
 
@@ -7,33 +7,33 @@ use geometry::Pose;
 
 /// Standard gravity along the world's z axis, m/s^2. derived: the standard value
 const GRAVITY_M_S2: f64 = 9.80665;
-/// Friction against its load in the observed states.
+/// Ratio of friction to the load it holds in the observed states.
 /// chosen: an assumption, stated in the files (docs/method.md 10)
 const HOLD: f64 = 1.25;
 /// Least friction as a share of the child's weight (times its lever for a turning joint, with the advance per
-/// radian of a thread): a drawer on runners, a hinge.
+/// radian for a thread): a drawer on runners, a hinge.
 /// chosen: an assumption, stated in the files (docs/method.md 10)
 const LEAST_SHARE: f64 = 0.02;
-/// A moving part left alone slows down within this time, seconds.
+/// Time within which a moving part left alone slows down, seconds.
 /// chosen: an assumption, stated in the files (docs/method.md 10)
 const SLOWING_S: f64 = 0.5;
 
-/// Gravity and inertia at a joint: the most of the observed states, the world's z axis being up. Efforts are
-/// N m where the joint turns and N where it slides.
+/// Gravity and inertia at a joint: the largest over the observed states, with the world's z axis up. Efforts
+/// are in N m where the joint turns and in N where it slides.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct JointLoad {
     /// Effort of gravity.
     pub effort: f64,
     /// Moving inertia, kg m^2 or kg.
     pub inertia: f64,
-    /// Effort of the child's weight at its lever, for any direction of the axis.
+    /// Effort of the child's weight at its lever, whatever the direction of the axis.
     pub weight: f64,
 }
 
-/// Friction and damping of a joint from the observed states: in each of them the object was at rest, so
-/// friction (or a stop) held the child's weight there; the world's z axis is taken for up. The least friction
-/// is 2 % of the weight. Damping stops the moving mass within half a second. Armature and spring are zero
-/// until measured. See docs/method.md (10.4).
+/// Friction and damping of a joint from the observed states: the object was at rest in each, so friction (or
+/// a stop) held the child's weight there; the world's z axis is taken as up. Friction is at least 2 % of the
+/// weight. Damping stops the moving mass within half a second. Armature and spring are zero until measured.
+/// See docs/method.md (10.4).
 #[must_use]
 pub fn assumed_dynamics(model: &ArticulatedModel, j: usize) -> JointDynamics {
     let JointLoad { effort: load, inertia, weight } = joint_load(model, j);
@@ -59,7 +59,7 @@ pub fn joint_load(model: &ArticulatedModel, j: usize) -> JointLoad {
     for state in &model.states {
         let frame = model.world_from_link(joint.parent, state) * joint.parent_from_joint;
         let axis = frame.rotation * joint.axis.into_inner();
-        // Links below the child load the joint, too.
+        // Links below the child also load the joint.
         let below = (0..model.links.len()).filter(|&l| l == joint.child || model.is_below(l, joint.child));
         let mut all = JointLoad::default();
         for link in below {

@@ -14,37 +14,37 @@ use surface::{ConvexSolid, Plane};
 
 /// Widest opening, meters. derived: data sheet of the Franka Hand, a usual parallel hand
 const GAP_M: f64 = 0.08;
-/// A finger: thickness along the closing direction, width across it, length, meters. chosen: boxes about
+/// A finger: thickness along the closing direction, width across it, length, meters. chosen: boxes around
 /// those of the Franka Hand, as in `run/demonstrate/panda.py`
 const FINGER_M: [f64; 3] = [0.012, 0.02, 0.045];
-/// Half the palm along the closing direction and across it, and its whole depth, meters. chosen: as
+/// The palm: half its size along the closing direction and across it, and its full depth, meters. chosen: as
 /// [`FINGER_M`]
 const PALM_M: [f64; 3] = [0.1, 0.03, 0.06];
-/// Way of the hand to the grasp, meters. derived: as in `artitwin demo`
+/// Length of the hand's straight approach to the grasp, meters. derived: as in `artitwin demo`
 const APPROACH_M: f64 = 0.08;
-/// From the fingertips back to the middle of the pads, meters. derived: as in `artitwin demo`
+/// Distance from the fingertips back to the center of the pads, meters. derived: as in `artitwin demo`
 const PAD_M: f64 = 0.008;
-/// Friction between pad and part. chosen: of the order of rubber on wood or paint
+/// Friction coefficient between pad and part. chosen: of the order of rubber on wood or paint
 const FRICTION: f64 = 1.0;
-/// Distance of tried places on a face, and of the outermost from its rim, meters.
+/// Distance between tried places on a face, and of the outermost from its rim, meters.
 /// chosen: half a finger's width
 const STEP_M: f64 = 0.01;
-/// Most places along a face beside the first.
+/// Largest number of places along a face, beside the first.
 const MOST_STEPS: usize = 24;
-/// Examined positions of the joint between its limits, less one: the hand must be free there.
+/// Number of steps of the joint between its limits at which the hand must be free.
 const POSITIONS: usize = 8;
-/// Most grasps of a part.
+/// Largest number of grasps of a part.
 const MOST: usize = 3;
 /// Least distance of two of them, meters. chosen: two fingers side by side
 const APART_M: f64 = 0.04;
-/// A place worth less than the best by this is left out. chosen: beside a handle no rim is needed
+/// A place is left out if it is worth less than the best by this. chosen: beside a handle no rim is needed
 const WORSE: f64 = 0.9;
-/// Largest cosine between the approach and the way the part opens. chosen: views saw little of the space
-/// behind it
+/// Largest cosine between the approach and the direction in which the part opens. chosen: views saw little of
+/// the space behind it
 const FROM_BEHIND: f64 = 0.5;
-/// Least lever as a share of the part's largest. chosen: near a hinge a door's rim is no handle
+/// Least lever, as a share of the part's largest. chosen: near a hinge a door's rim is no handle
 const LEAST_LEVER: f64 = 0.3;
-/// Weights beside the lever. tuned: near those of `artitwin demo`: it opened 10 of 10 handles
+/// Weights of the terms beside the lever. tuned: near those of `artitwin demo`: it opened 10 of 10 handles
 const WEIGHTS: Weights = Weights {
     handle: 1.4,
     touch: 1.0,
@@ -54,31 +54,31 @@ const WEIGHTS: Weights = Weights {
     narrow_per_m: 4.0,
     middle_per_m: 0.5,
 };
-/// The worth of a handle fades over this depth behind the foremost place of a part, meters.
+/// Depth behind a part's foremost place over which the worth of a handle fades, meters.
 /// derived: as in `artitwin demo`
 const HANDLE_M: f64 = 0.015;
 
-/// Weights of a grasp's worth.
+/// Weights of the terms in a grasp's worth.
 struct Weights {
-    /// Stands out of the part's face.
+    /// For a place that stands out of the part's face.
     handle: f64,
-    /// Share of both pads, twice as wide as they are, on seen surface: not at an end of it.
+    /// For the share of both pads, at twice their width, that lies on seen surface.
     touch: f64,
-    /// The part moves the way the fingers close: a finger drags it along.
+    /// For a part that moves in the direction in which the fingers close: a finger drags it along.
     shape: f64,
-    /// Faces square to the closing direction.
+    /// For faces perpendicular to the closing direction.
     face: f64,
-    /// Approach along an axis of the part.
+    /// For an approach along an axis of the part.
     straight: f64,
-    /// Width, per meter.
+    /// For a narrow part, per meter of width.
     narrow_per_m: f64,
-    /// Distance from the middle of the face, per meter.
+    /// For a place near the center of the face, per meter of distance.
     middle_per_m: f64,
 }
 
-/// Places to grasp a joint's child, best first; none where no hand fits. The hand is free of all solids where
-/// the twin is closed (in state 0 where no closed end is known), on its way there, and with the joint
-/// anywhere between its limits; and it stays above the lowest solid, where the object stands.
+/// Poses at which a gripper can hold a joint's child, best first; empty if no hand fits. The hand is free of
+/// all solids with the twin closed (in state 0 if no closed end is known), on its approach, and with the
+/// joint anywhere between its limits; and it stays above the lowest solid, where the object stands.
 #[must_use]
 pub fn grasps_of_joint(model: &ArticulatedModel, j: usize) -> Vec<Grasp> {
     let Some(scene) = Scene::of_joint(model, j) else { return Vec::new() };
@@ -88,7 +88,7 @@ pub fn grasps_of_joint(model: &ArticulatedModel, j: usize) -> Vec<Grasp> {
         .flat_map(seeds_of_solid)
         .flat_map(|s| scene.grasps_at(&s))
         .collect();
-    // Equal ones stay in order: rounding does not choose among them.
+    // Equal ones stay in order, so that rounding does not choose among them.
     let rank = |value: f64| (1e6 * value).round();
     found.sort_by(|a, b| rank(b.0).total_cmp(&rank(a.0)));
     let mut kept: Vec<(f64, Grasp)> = Vec::new();
@@ -113,7 +113,7 @@ struct Seed {
     off_middle_m: f64,
 }
 
-/// Places on the faces of a solid, evenly about the middle of each face.
+/// Places on the faces of a solid, spread evenly around the center of each face.
 fn seeds_of_solid(solid: &ConvexSolid) -> Vec<Seed> {
     let planes = solid.face_planes();
     let mut seeds: Vec<Seed> =
@@ -122,7 +122,7 @@ fn seeds_of_solid(solid: &ConvexSolid) -> Vec<Seed> {
     seeds
 }
 
-/// Places about the middle of a face; they may lie beside it. `None` without area.
+/// Places around the center of a face; some may lie beside it. `None` for a face without area.
 fn seeds_on_face(solid: &ConvexSolid, face: &[u32]) -> Option<Vec<Seed>> {
     let normal = solid.face_plane(face)?.normal;
     let corners: Vec<Point3<f64>> = face.iter().map(|v| solid.vertices[*v as usize]).collect();
@@ -149,7 +149,7 @@ fn range_along(points: &[Point3<f64>], axis: &Vector3<f64>) -> [f64; 2] {
     heights.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], x| [lo.min(x), hi.max(x)])
 }
 
-/// Places along a length, meters from its middle; the middle is one.
+/// Places along a length, meters from its center, which is one of them.
 fn stations_along(length_m: f64) -> Vec<f64> {
     let free_m = length_m - 2.0 * STEP_M;
     if free_m <= 0.0 {
@@ -159,16 +159,16 @@ fn stations_along(length_m: f64) -> Vec<f64> {
     (0..=steps).map(|k| free_m * (k as f64 / steps as f64 - 0.5)).collect()
 }
 
-/// All other links about the part at a position of its joint.
+/// All other links around the part, at a position of its joint.
 struct Surroundings {
-    /// Index of a link, and its frame from the part's.
+    /// Index of each other link, and the pose that maps the part's frame to its frame.
     others: Vec<(usize, Pose)>,
     /// The half space above the object's lowest solid, in the part's frame.
     above_ground: Plane,
 }
 
 impl Surroundings {
-    /// About a link with these solids of every link and joint positions.
+    /// The surroundings of a link at joint positions; `shapes` are the solids of every link.
     fn of_link(model: &ArticulatedModel, link: usize, shapes: &[Shape], positions: &[f64]) -> Self {
         let world_from: Vec<Pose> =
             (0..model.links.len()).map(|l| model.world_from_link(l, positions)).collect();
@@ -182,16 +182,16 @@ impl Surroundings {
     }
 }
 
-/// The narrow part under a place.
+/// A narrow place of the part, to be held.
 struct NarrowPart {
     /// Closing direction of the hand, a unit vector.
     closing: Vector3<f64>,
-    /// The piece of the line along it, about `middle`.
+    /// Where the line along it through `middle` is in the part.
     span: Span,
     middle: Point3<f64>,
 }
 
-/// A moving part and all else.
+/// A moving part and everything else.
 struct Scene<'a> {
     joint: &'a Joint,
     part: Shape,
@@ -199,14 +199,14 @@ struct Scene<'a> {
     seen: SeenCells,
     /// Solids of every link.
     shapes: Vec<Shape>,
-    /// Three square axes of the part, in its frame.
+    /// Three orthogonal axes of the part, in its frame.
     axes: [Vector3<f64>; 3],
-    /// With the joint closed, then over its limits.
+    /// Surroundings with the joint closed; `moving` are those over its limits.
     closed: Surroundings,
     moved: Vec<Surroundings>,
     /// Largest lever of a corner of the part, meters.
     reach_m: f64,
-    /// Signs of the joint's opening direction: both where no closed end is known.
+    /// Signs of the joint's opening direction; both if no closed end is known.
     opens: Vec<f64>,
 }
 
@@ -232,7 +232,7 @@ impl<'a> Scene<'a> {
         Some(scene)
     }
 
-    /// Grasps at a place, after the worth of each.
+    /// Worth and grasp, for each grasp at a place.
     fn grasps_at(&self, seed: &Seed) -> Vec<(f64, Grasp)> {
         let Some(NarrowPart { closing, span, middle }) = self.narrow_part(seed) else { return Vec::new() };
         let off_rad =
@@ -242,12 +242,12 @@ impl<'a> Scene<'a> {
         }
         let width_m = span.length_m();
         let lever_m = self.lever_m(&middle);
-        // Beside the axis a hold moves little; about it a hand turns the part.
+        // Far from the axis a hold must move the part; about the axis itself a hand can turn it.
         if lever_m < LEAST_LEVER * self.reach_m && lever_m > 0.5 * width_m {
             return Vec::new();
         }
         let is_seen = match self.seen_ends(&middle, &closing, &span) {
-            // The solid fills empty space.
+            // The solid fills space that is empty in reality.
             0 => return Vec::new(),
             ends => ends == 2,
         };
@@ -255,7 +255,7 @@ impl<'a> Scene<'a> {
         let mut found = Vec::new();
         for approach in self.approach_directions(&closing) {
             let Some(above) = self.part.span_through(&middle, &-approach, STANDS_OFF_M) else { continue };
-            // Depth of the middle of the pads in the part.
+            // Depth of the pads' center in the part.
             let rise_m = above.ends_m[1];
             let pose = hand_pose(&closing, &approach, &(middle + approach * PAD_M));
             let grasp = Grasp { link_from_grasp: pose, width_m, off_rad, is_seen };
@@ -268,16 +268,16 @@ impl<'a> Scene<'a> {
         found
     }
 
-    /// The part under a place where it is narrower than the opening of the hand; `None` where it is not. See
+    /// The part at a place, where it is narrower than the opening of the hand; `None` where it is not. See
     /// docs/method.md (10.6).
     fn narrow_part(&self, seed: &Seed) -> Option<NarrowPart> {
         let fits = |s: &Span| (STANDS_OFF_M..=GAP_M - 2.0 * STANDS_OFF_M).contains(&s.length_m());
         let first = self.part.span_through(&seed.at, &-seed.normal, STANDS_OFF_M).filter(fits)?;
-        // A place within the part is none.
+        // A place inside the part cannot be reached.
         if first.ends_m[0] < -1e-6 {
             return None;
         }
-        // Between both faces: they are then equally far from square.
+        // Half-way between both faces, so that they are equally far from perpendicular.
         let closing = (first.normals[1] - first.normals[0]).try_normalize(1e-6)?;
         let inside = seed.at - seed.normal * (0.5 * first.length_m());
         let span = self.part.span_through(&inside, &closing, STANDS_OFF_M).filter(fits)?;
@@ -286,12 +286,12 @@ impl<'a> Scene<'a> {
         Some(NarrowPart { closing, span: Span { ends_m: [-half_m, half_m], ..span }, middle })
     }
 
-    /// Number of ends of a piece of a line on the visual surface.
+    /// Number of ends of a span that are on the visual surface.
     fn seen_ends(&self, at: &Point3<f64>, way: &Vector3<f64>, span: &Span) -> usize {
         span.ends_m.iter().filter(|end| self.seen.is_near(&(at + way * **end))).count()
     }
 
-    /// Eight directions about a closing direction, those along the part's axes first.
+    /// Eight approach directions around a closing direction, those along the part's axes first.
     fn approach_directions(&self, closing: &Vector3<f64>) -> impl Iterator<Item = Vector3<f64>> + use<> {
         let off = |a: &Vector3<f64>| a.dot(closing).abs();
         let nearest = self.axes.iter().copied().reduce(|a, b| if off(&b) < off(&a) - 1e-6 { b } else { a });
@@ -301,33 +301,34 @@ impl<'a> Scene<'a> {
         first.into_iter().flat_map(move |a| [0, 2, 4, 6, 1, 3, 5, 7].map(|k| turn(k) * a))
     }
 
-    /// Whether the hand and its way to the grasp are free where the twin is closed.
+    /// Whether the hand and its approach are free when the twin is closed.
     fn is_free(&self, grasp: &Grasp) -> bool {
         let palm = palm_block(grasp, APPROACH_M);
         finger_blocks(grasp).iter().chain([&palm]).all(|b| !self.part.meets_block(b))
             && [holding_block(grasp), palm].iter().all(|b| self.is_clear(b, &self.closed))
     }
 
-    /// Whether the holding hand is free over the joint's limits.
+    /// Whether the holding hand stays free over the joint's limits.
     fn is_free_on_the_way(&self, grasp: &Grasp) -> bool {
         let blocks = [holding_block(grasp), palm_block(grasp, 0.0)];
         self.moved.iter().all(|s| blocks.iter().all(|b| self.is_clear(b, s)))
     }
 
-    /// Whether a box, in the part's frame, is above ground and meets no other link.
+    /// Whether a box, given in the part's frame, is above ground and meets no other link.
     fn is_clear(&self, block: &Block, about: &Surroundings) -> bool {
         block.is_inside(&about.above_ground)
             && !about.others.iter().any(|(l, pose)| self.shapes[*l].meets_block(&block.in_frame(pose)))
     }
 
-    /// Number of pads, at a place of their width, on seen surface of a part about as wide as the grasp.
+    /// Number of pads that touch seen surface across their width, where the part is about as wide as the
+    /// grasp.
     fn touching_pads(&self, at: &Point3<f64>, closing: &Vector3<f64>, width_m: f64) -> usize {
         let Some(span) = self.part.span_through(at, closing, STANDS_OFF_M) else { return 0 };
         let is_as_wide = span.ends_m.iter().all(|e| (e.abs() - 0.5 * width_m).abs() <= STANDS_OFF_M);
         if is_as_wide { self.seen_ends(at, closing, &span) } else { 0 }
     }
 
-    /// Worth of a grasp; its approach enters the part at `front`.
+    /// Worth of a grasp whose approach enters the part at `front`.
     fn worth_of_grasp(&self, seed: &Seed, grasp: &Grasp, front: &Point3<f64>) -> f64 {
         let axes = grasp.link_from_grasp.rotation.to_rotation_matrix();
         let [closing, across, approach] = [0, 1, 2].map(|k| axes.matrix().column(k).into_owned());
@@ -366,7 +367,7 @@ impl<'a> Scene<'a> {
         way.try_normalize(1e-3)
     }
 
-    /// Length of the part beyond a place the way it opens, along the nearest of its axes, meters.
+    /// Length of the part beyond a place in its opening direction, along the nearest of its axes, meters.
     fn ahead_m(&self, place: &Point3<f64>, way: &Vector3<f64>) -> f64 {
         let along = |a: &Vector3<f64>| a.dot(way).abs();
         let face = self.axes.iter().copied().reduce(|a, b| if along(&b) > along(&a) { b } else { a });
@@ -375,7 +376,8 @@ impl<'a> Scene<'a> {
     }
 }
 
-/// Three square axes of a part: the normal of most area, and of most area across it.
+/// Three orthogonal axes of a part: the normal with the most area, that with the most area perpendicular to
+/// it, and their cross product.
 fn square_axes(solids: &[ConvexSolid]) -> Option<[Vector3<f64>; 3]> {
     let mut faces: Vec<(Vector3<f64>, f64)> = solids.iter().flat_map(ConvexSolid::face_areas).collect();
     let first = main_direction(&faces)?;
@@ -386,8 +388,8 @@ fn square_axes(solids: &[ConvexSolid]) -> Option<[Vector3<f64>; 3]> {
     Some([first, second, first.cross(&second)])
 }
 
-/// The unit direction of most area among normals with areas. Faces of one direction, or of the opposite one,
-/// count together.
+/// The unit direction with the most area among normals with areas. Faces with the same or the opposite
+/// direction count together.
 fn main_direction(faces: &[(Vector3<f64>, f64)]) -> Option<Vector3<f64>> {
     let mut weighted = Vec::with_capacity(faces.len());
     for direction in faces.iter().filter_map(|(n, _)| n.try_normalize(0.5)) {
@@ -405,7 +407,7 @@ fn hand_pose(closing: &Vector3<f64>, approach: &Vector3<f64>, tip: &Point3<f64>)
     Pose::from_parts(tip.coords.into(), rotation)
 }
 
-/// Both fingers with the room about them, open by the width of the part and its possible bulge.
+/// Both fingers with some clearance, open by the width of the part and its possible bulge.
 fn finger_blocks(grasp: &Grasp) -> [Block; 2] {
     let inner = 0.5 * grasp.width_m + STANDS_OFF_M;
     let outer = inner + FINGER_M[0] + STANDS_OFF_M;
@@ -423,7 +425,7 @@ fn of_fingers(grasp: &Grasp, from_m: f64, to_m: f64) -> Block {
     Block::between_corners(&grasp.link_from_grasp, [from_m, -half, -FINGER_M[2]], [to_m, half, STANDS_OFF_M])
 }
 
-/// The palm on its last way to the grasp.
+/// The space swept by the palm on its approach to the grasp.
 fn palm_block(grasp: &Grasp, way_m: f64) -> Block {
     let [half, wide, deep] = PALM_M;
     let back = -FINGER_M[2] - deep - way_m;

@@ -1,12 +1,12 @@
-//! The space of a grasp: convex solids, lines through them, blocks among them.
+//! Geometry for grasps: convex solids, lines through them, boxes among them.
 
 use nalgebra::{Point3, Vector3};
 
 use geometry::Pose;
 use surface::{ConvexSolid, Plane, SolidFit, TriangleMesh};
 
-/// Largest distance of a solid from its surface, meters: room about a finger, the width of the thinnest held
-/// part, the side of the cells for near surface.
+/// Largest distance of a solid from its surface, meters. Also the clearance around a finger, the width of the
+/// thinnest held part, and the side of the cells for nearby surface.
 /// derived: as of sound solids
 pub(super) const STANDS_OFF_M: f64 = SolidFit::MOST_DISTANCE_M;
 
@@ -16,12 +16,12 @@ pub(super) struct Shape(Vec<Solid>);
 struct Solid {
     vertices: Vec<Point3<f64>>,
     planes: Vec<Plane>,
-    /// A ball around it.
+    /// Center of a ball around the solid.
     middle: Point3<f64>,
     radius_m: f64,
 }
 
-/// A piece of a line: where it begins and ends, meters, and the faces' normals there.
+/// A piece of a line: where it begins and ends, meters, and the normals of the faces there.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Span {
     pub ends_m: [f64; 2],
@@ -56,12 +56,12 @@ impl Block {
         Self { pose: target_from_source * self.pose, half_m: self.half_m }
     }
 
-    /// Its reach from its middle along a direction, meters.
+    /// Half its extent along a direction, meters.
     fn reach_m(&self, direction: &Vector3<f64>) -> f64 {
         self.pose.rotation.inverse_transform_vector(direction).abs().dot(&self.half_m)
     }
 
-    /// Distance of its nearest corner from a plane, meters; positive where all of it is outside.
+    /// Distance of its nearest corner from a plane, meters; positive if all of it is outside.
     fn above_m(&self, plane: &Plane) -> f64 {
         plane.distance_m(&self.pose.translation.vector.into()) - self.reach_m(&plane.normal)
     }
@@ -72,7 +72,7 @@ impl Block {
     }
 }
 
-/// The cells of a surface, in its frame.
+/// The cells that contain a surface, in its frame.
 pub(super) struct SeenCells(Vec<[i32; 3]>);
 
 impl SeenCells {
@@ -92,7 +92,7 @@ impl SeenCells {
         Self(cells)
     }
 
-    /// Whether a cell about a place, or one beside it, holds surface.
+    /// Whether the cell at a place, or one beside it, contains surface.
     pub(crate) fn is_near(&self, p: &Point3<f64>) -> bool {
         let [x, y, z] = cell_of(p);
         let beside = |x: i32| x.saturating_sub(1)..=x.saturating_add(1);
@@ -112,7 +112,7 @@ impl Solid {
         Self { vertices: solid.vertices.clone(), planes: solid.face_planes(), middle, radius_m }
     }
 
-    /// The piece in it of a line through a place.
+    /// The piece of a line through a place that is inside the solid.
     fn span_on_line(&self, at: &Point3<f64>, way: &Vector3<f64>) -> Option<Span> {
         let to_middle = self.middle - at;
         if to_middle.cross(way).norm_squared() > self.radius_m * self.radius_m {
@@ -143,7 +143,8 @@ impl Solid {
         Some(span)
     }
 
-    /// Whether no face of either separates it from a box. Boxes separated by two edges only count as meeting.
+    /// Whether no face of either separates it from a box. If only two edges would separate them, they count
+    /// as meeting.
     fn meets_block(&self, block: &Block) -> bool {
         let middle: Point3<f64> = block.pose.translation.vector.into();
         let reach_m = self.radius_m + block.half_m.norm();
@@ -173,7 +174,7 @@ impl Shape {
         self.0.iter().flat_map(|s| &s.vertices)
     }
 
-    /// The piece of a line about a place within the solids; gaps up to `joined_m` count as filled.
+    /// The piece of a line around a place that is within the solids; gaps up to `joined_m` count as filled.
     pub(crate) fn span_through(&self, at: &Point3<f64>, way: &Vector3<f64>, joined_m: f64) -> Option<Span> {
         let mut pieces: Vec<Span> = self.0.iter().filter_map(|s| s.span_on_line(at, way)).collect();
         let near =

@@ -2,12 +2,12 @@
 
 use serde::{Deserialize, Serialize};
 
-/// A family of motions to be fitted to those of a part: a possible type of its joint.
+/// A family of motions that is fitted to a part's motions: a possible type of its joint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum JointFamily {
-    /// The part does not move against its parent.
+    /// The part does not move relative to its parent.
     Fixed,
-    /// Any rigid motion, another one in every state.
+    /// Any rigid motion, a different one in every state.
     Free,
     /// Slides along an axis.
     Prismatic,
@@ -47,7 +47,7 @@ impl TypeScores {
 
     /// The fitted families with their scores.
     pub fn iter(&self) -> impl Iterator<Item = (JointFamily, f64)> {
-        // `ALL` has the order of the variants, as the scores.
+        // `ALL` and the scores are in the order of the variants.
         JointFamily::ALL.into_iter().zip(self.0).filter_map(|(joint, score)| Some((joint, score?)))
     }
 }

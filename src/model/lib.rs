@@ -1,5 +1,5 @@
-//! The articulated model: the waist of the program. Reconstruction ends in it; every export is a function of
-//! it.
+//! The articulated model at the center of the program: reconstruction ends with it, and every export is a
+//! function of it.
 //!
 //! ```
 //! use model::validate;

@@ -1,9 +1,9 @@
-//! Names and text in files: names plain in every format, and one way to write others for each syntax.
+//! Names and text in files: names that are plain in every format, and how to write others in each syntax.
 
 use std::borrow::Cow;
 
-/// Whether a name is safe in every format, as a file name and as a ROS name: `[A-Za-z][A-Za-z0-9_]*`, 64 at
-/// most.
+/// Whether a name is safe in every format, as a file name and as a ROS name: `[A-Za-z][A-Za-z0-9_]*`, at most
+/// 64 characters.
 #[must_use]
 pub fn is_plain_name(name: &str) -> bool {
     name.len() <= 64 && name.starts_with(|c: char| c.is_ascii_alphabetic()) && name.chars().all(is_word)
@@ -13,11 +13,11 @@ pub(super) fn is_word(c: char) -> bool {
     c.is_ascii_alphanumeric() || c == '_'
 }
 
-/// Text for an attribute or an element of XML or HTML, in either kind of quotes; a reader gets the same text
-/// back.
+/// Escapes text for an attribute or an element of XML or HTML, in either kind of quotes; a reader gets the
+/// same text back.
 ///
-/// Characters without a form in XML (most control characters) become U+FFFD: the file stays readable, and a
-/// reader of names refuses them.
+/// Characters that XML cannot hold (most control characters) become U+FFFD: the file stays readable, and
+/// readers of names refuse them.
 #[must_use]
 pub fn escape_xml(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
@@ -28,7 +28,8 @@ pub fn escape_xml(text: &str) -> String {
             '>' => escaped.push_str("&gt;"),
             '"' => escaped.push_str("&quot;"),
             '\'' => escaped.push_str("&#39;"),
-            // A reader makes a space of them in an attribute, and of a carriage return a line feed anywhere.
+            // In an attribute a reader turns these into a space, and a carriage return into a line feed
+            // anywhere.
             '\t' => escaped.push_str("&#9;"),
             '\n' => escaped.push_str("&#10;"),
             '\r' => escaped.push_str("&#13;"),
@@ -38,13 +39,13 @@ pub fn escape_xml(text: &str) -> String {
     escaped
 }
 
-/// [`escape_xml`] of every line of a text; it keeps its breaks, as in a `<pre>`.
+/// [`escape_xml`] of every line of a text; line breaks stay, as in a `<pre>`.
 #[must_use]
 pub fn escape_lines(text: &str) -> String {
     text.split('\n').map(escape_xml).collect::<Vec<_>>().join("\n")
 }
 
-/// Whether XML can hold a text: it has no form for most control characters.
+/// Whether XML can hold a text: it cannot hold most control characters.
 #[must_use]
 pub fn is_xml_text(text: &str) -> bool {
     text.chars().all(is_xml_char)
@@ -54,23 +55,22 @@ fn is_xml_char(c: char) -> bool {
     matches!(c, '\t' | '\n' | '\r') || (c >= ' ' && !matches!(c, '\u{fffe}' | '\u{ffff}'))
 }
 
-/// JSON for a `<script>` of a page: nothing in it ends the script, and it means the same.
+/// JSON for a `<script>` of a page: nothing in it can end the script, and its meaning stays.
 #[must_use]
 pub fn script_json(json: &str) -> String {
-    // In JSON a `<` stands within strings alone, where the escape means the same.
+    // In JSON a `<` occurs only within strings, where the escape means the same.
     json.replace('<', "\\u003c")
 }
 
-/// A name where a format takes identifiers alone and has no way to write others (USD, OBJ, CMake, file
-/// names): a plain name as it is, of another every character other than a letter, digit or `_` as its number
-/// between two `_`.
+/// A name for formats that take only identifiers and cannot write others (USD, OBJ, CMake, file names). A
+/// plain name stays; in others every character but a letter, digit or `_` becomes its number between two `_`.
 #[must_use]
 pub fn identifier(name: &str) -> Cow<'_, str> {
     if !name.is_empty() && name.chars().all(is_word) && !name.starts_with(|c: char| c.is_ascii_digit()) {
         return Cow::Borrowed(name);
     }
     let word = |c: char| if is_word(c) { c.to_string() } else { format!("_{:x}_", u32::from(c)) };
-    // The first `_` also serves names with a digit first.
+    // The leading `_` also allows for names that start with a digit.
     Cow::Owned(format!("_{}", name.chars().map(word).collect::<String>()))
 }
 

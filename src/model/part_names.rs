@@ -1,4 +1,4 @@
-//! Names of the moving parts by their kind, where shape and motion decide it.
+//! Names moving parts by their kind, if shape and motion decide it.
 
 use std::collections::BTreeMap;
 
@@ -9,33 +9,33 @@ use super::{ArticulatedModel, JointKind, names::is_word};
 
 /// An axis is level, or upright, within this sine or cosine. chosen: about 17 deg.
 const SQUARE: f64 = 0.3;
-/// A panel is so much longer along its hinge than it reaches from it.
+/// Least ratio of a panel's length along its hinge to its reach from it.
 /// chosen: a narrower part is an arm.
 const PANEL_SHARE: f64 = 0.45;
-/// The middle of a hung part is so far from its axis, as a share of its reach.
+/// Least distance of a hung part's center from its axis, as a share of its reach.
 /// chosen: nearer parts turn about themselves.
 const OFF_AXIS: f64 = 0.25;
-/// A knob is smaller than this share of the object.
+/// Largest size of a knob, as a share of the object.
 /// chosen: larger parts are hardly held by fingers.
 const KNOB_SHARE: f64 = 0.25;
-/// Thinner than this share of its height and of its way is a panel sliding in its own plane.
+/// A part thinner than this share of its height and of its travel is a panel that slides in its own plane.
 /// chosen: thicker parts are drawers.
 const SLIDING_PANEL: f64 = 0.25;
-/// A lid hangs in the upper share of the base. chosen: a quarter is the top.
+/// Upper share of the base in which the hinge of a lid lies. chosen: a quarter is the top.
 const TOP_SHARE: f64 = 0.25;
 
-/// Naming of the moving parts.
+/// How moving parts are named.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PartNames {
     /// `part_1`, `joint_1`, ...: the same for all objects.
     #[default]
     Numbered,
-    /// `drawer`, `door_1`, `lid`, `knob`, ...: where shape and motion decide; `part_K` elsewhere.
+    /// `drawer`, `door_1`, `lid`, `knob`, ... if shape and motion decide, else `part_K`.
     Semantic,
 }
 
-/// The model with other names of links and joints, put behind a prefix; also in the joints' evidence.
+/// The model with its links and joints renamed, also in the joints' evidence; `prefix` precedes all names.
 #[must_use]
 pub fn renamed_model(mut model: ArticulatedModel, names: PartNames, prefix: &str) -> ArticulatedModel {
     let (links, joints) = match names {
@@ -82,7 +82,7 @@ fn replaced_words(text: &str, words: &BTreeMap<String, String>) -> String {
     out
 }
 
-/// Names of links and joints: the root keeps its own; equal ones are numbered.
+/// Names of links and of joints: the root keeps its own; equal ones are numbered.
 fn semantic_names(model: &ArticulatedModel) -> (Vec<String>, Vec<String>) {
     let kinds: Vec<Option<&str>> = (0..model.joints.len()).map(|j| kind_of_part(model, j)).collect();
     let mut links: Vec<String> = model.links.iter().map(|l| l.name.clone()).collect();
@@ -105,7 +105,7 @@ fn semantic_names(model: &ArticulatedModel) -> (Vec<String>, Vec<String>) {
     (links, joints)
 }
 
-/// Kind of a joint's child; `None` where shape and motion do not decide.
+/// Kind of a joint's child; `None` if shape and motion do not decide.
 fn kind_of_part(model: &ArticulatedModel, j: usize) -> Option<&'static str> {
     let joint = &model.joints[j];
     let closed = vec![0.0; model.joints.len()];
@@ -121,7 +121,7 @@ fn kind_of_part(model: &ArticulatedModel, j: usize) -> Option<&'static str> {
         JointKind::Prismatic => None,
         JointKind::Screw { .. } => {
             (shape.extent.norm() < KNOB_SHARE * size_m).then_some("knob").or_else(|| {
-                // Around an upright thread, on top of its parent.
+                // It turns about an upright thread, on top of its parent.
                 (upright && shape.middle_m < OFF_AXIS * shape.reach_m).then_some("cap")
             })
         }
@@ -130,7 +130,7 @@ fn kind_of_part(model: &ArticulatedModel, j: usize) -> Option<&'static str> {
         }
         JointKind::Revolute if shape.along_m < PANEL_SHARE * shape.reach_m => None,
         JointKind::Revolute if upright => Some("door"),
-        // On the static part only: the head of a lamp is none.
+        // Only on the static part: the head of a lamp is no lid.
         JointKind::Revolute if level && joint.parent == 0 => {
             let (lower, upper) = link_bounds(model, joint.parent, &closed)?;
             let top = upper.z - TOP_SHARE * (upper.z - lower.z);
@@ -140,15 +140,15 @@ fn kind_of_part(model: &ArticulatedModel, j: usize) -> Option<&'static str> {
     }
 }
 
-/// A part about its axis.
+/// Size of a part relative to its axis.
 struct PartShape {
     /// Extent along the world's axes, meters.
     extent: Vector3<f64>,
-    /// Extent along the axis.
+    /// Extent along the axis, meters.
     along_m: f64,
-    /// Largest distance from the axis.
+    /// Largest distance from the axis, meters.
     reach_m: f64,
-    /// Distance of the middle of its box from the axis.
+    /// Distance of the center of its box from the axis, meters.
     middle_m: f64,
 }
 
@@ -175,9 +175,10 @@ impl PartShape {
         })
     }
 
-    /// Whether it is thin across a level way: a sliding door and no drawer.
+    /// Whether it is thin in a horizontal direction perpendicular to its travel: a sliding door, not a
+    /// drawer.
     fn slides_in_its_plane(&self, axis: &Vector3<f64>) -> bool {
-        // Of the world's level axes the one across the way.
+        // The horizontal axis of the world perpendicular to its travel.
         let (along, across) = if axis.x.abs() > axis.y.abs() { (0, 1) } else { (1, 0) };
         self.extent[across] < SLIDING_PANEL * self.extent[along].min(self.extent.z)
     }

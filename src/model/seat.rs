@@ -1,8 +1,8 @@
-//! Closed poses: contact of a face of a moving part with its seat on the parent.
+//! Finds closed poses: a face of a moving part meets its seat on the parent.
 //!
-//! Both surfaces are brought into coordinates of the motion: only one of them changes, the position. Surfaces
-//! in the same cell of the others meet, and the difference of positions is the way left. Where many cells
-//! have the same way left, two faces meet at once. See docs/method.md (10.5).
+//! Both surfaces are given in coordinates of the motion, of which only one changes: the position. Surfaces in
+//! the same cell of the other coordinates can meet, and the difference of their positions is the way left.
+//! Where many cells have the same way left, two faces meet at once. See docs/method.md (10.5).
 
 use std::collections::BTreeMap;
 
@@ -12,38 +12,38 @@ use nalgebra::{Point3, Vector3};
 use surface::TriangleMesh;
 
 /// Side of the cells, meters.
-/// derived: the sweep's step; nearer faces are one to it
+/// derived: the sweep's step, which does not tell nearer faces apart
 const CELL_M: f64 = 0.003;
-/// Most cells along the longest side of the moving part: larger parts have larger cells.
+/// Largest number of cells along the longest side of the moving part: larger parts have larger cells.
 /// chosen: memory of a square of cells
 const MOST_CELLS: f64 = 400.0;
 /// Least cosine between the motion and the normal of a leading face.
 /// derived: 45 degrees, nearer to it than to any direction across it
 const ALONG: f64 = std::f64::consts::FRAC_1_SQRT_2;
-/// Least share of the leading cells at their seat at once; earlier contacts have less.
+/// Least share of the leading cells that reach the seat at once; accidental contacts before it have less.
 /// measured: on shared/bags seats hold 0.007 to 0.96 of the reconstructed faces
 const BROAD: f64 = 0.005;
-/// The same at the observed end.
+/// The same share for a seat at the observed end itself.
 /// measured: on shared/bags surfaces joined there hold up to 0.05, seats of carcasses 0.1
 const AT_START: f64 = 0.1;
-/// A face comes to rest on this share of its meeting cells: its high spots. Rims are rounded by fusion: the
-/// middle cell meets too late.
+/// Share of its meeting cells, the high spots, on which a face comes to rest. Fusion rounds rims, so the
+/// median cell would meet too late.
 /// tuned: shared/bags, a quarter against a half
 const STANDS_OUT: f64 = 0.25;
-/// Depth of surface of one part on another, as a share of the object's longest side: a larger face within it
-/// is the seat.
+/// Depth to which surface of one part may stick to another, as a share of the object's longest side: a larger
+/// face within it is the seat.
 /// derived: the default truncation of both fused surfaces (docs/method.md 3.1)
 const BLUR_SHARE: f64 = 0.04;
-/// With a seat at the other end of more than this share of the contact the closed end is undecided.
+/// If a seat at the other end has more than this share of the contact, the closed end is undecided.
 /// chosen: odds of two to one
 const RIVAL: f64 = 0.5;
 /// Farthest way to a seat beyond the observed positions, in lengths of their interval.
 /// measured: on shared/bags 1.1 for a lid, less than 0.3 for all others; handles of scissors meet at 3.3
 const FARTHEST: f64 = 2.0;
 
-/// The closed end of a joint: contact of a broad face of its child with an opposite surface of its parent, at
-/// or beyond the observed positions. `None` for screws, without contact, and with such a seat at both ends.
-/// Faces nearer than `tolerance_m` meet.
+/// The closed end of a joint: a broad face of its child meets an opposite surface of its parent, at or beyond
+/// the observed positions. Faces nearer than `tolerance_m` meet. `None` for screws, without contact, and with
+/// such a seat at both ends.
 #[must_use]
 pub fn seat_of_joint(model: &ArticulatedModel, j: usize, tolerance_m: f64) -> Option<Seat> {
     let joint = &model.joints[j];
@@ -78,17 +78,17 @@ fn seat_at_end(
     Some(Seat { position, std: contact.std, contact_share: contact.share, above })
 }
 
-/// First contact of enough cells at once.
+/// The first position at which enough cells meet at once.
 struct Contact {
-    /// Way to it, radians or meters.
+    /// Way to it from the observed end, radians or meters.
     way: f64,
     /// Root mean square deviation of the cells' ways, radians or meters.
     std: f64,
-    /// Share of the leading cells.
+    /// Share of the leading cells that meet.
     share: f64,
 }
 
-/// A cell of the coordinates across the motion.
+/// A cell of the two coordinates that the motion does not change.
 type Cell = [i64; 2];
 
 /// A spot of surface in the coordinates of a motion.
@@ -96,11 +96,11 @@ struct Spot {
     cell: Cell,
     /// Position along the motion, radians or meters.
     along: f64,
-    /// Way of the spot for a unit of position, meters.
+    /// Distance the spot moves per unit of position, meters.
     lever_m: f64,
 }
 
-/// Ways left to the leading cells of a part, in order.
+/// The ways left to a part's leading cells, sorted.
 struct Ways {
     /// Way to the first opposite surface, radians or meters, and the cell's lever, meters.
     left: Vec<[f64; 2]>,
@@ -108,13 +108,14 @@ struct Ways {
     leading: f64,
 }
 
-/// A position is known by a cell as well as its lever is long, and the part is held there as well.
+/// Weight of a cell: the longer its lever, the better it shows the position, and the better it holds the
+/// part.
 fn weight_of_lever(lever_m: f64) -> f64 {
     lever_m * lever_m
 }
 
 impl Ways {
-    /// From `start` (in the direction of motion) on; surfaces may overlap by the tolerance.
+    /// The ways from `start` on in the direction of motion; surfaces may overlap by the tolerance.
     fn of_joint(model: &ArticulatedModel, joint: &Joint, above: bool, start: f64, tolerance_m: f64) -> Self {
         let child = &model.links[joint.child].visual;
         let frame = Frame::of_joint(joint, above, child);
@@ -129,7 +130,7 @@ impl Ways {
             let slack = tolerance_m / spot.lever_m;
             let ways = seats.get(&spot.cell).into_iter().flatten().map(|along| {
                 let way = along - spot.along - start;
-                // A turn is known up to whole ones.
+                // Turns are equivalent up to whole ones.
                 if frame.turns { (way + slack).rem_euclid(std::f64::consts::TAU) - slack } else { way }
             });
             let own = ways.filter(|w| *w >= -slack).min_by(f64::total_cmp);
@@ -145,7 +146,7 @@ impl Ways {
         Self { left, leading }
     }
 
-    /// Contact with the first face; `None` where the part is stopped before, or meets one face after the
+    /// Contact with the first face; `None` if the part is stopped before it, or faces meet one after the
     /// other.
     fn first_contact(&self, tolerance_m: f64, blur_m: f64) -> Option<Contact> {
         let steps = self.contact_steps(tolerance_m);
@@ -153,7 +154,7 @@ impl Ways {
         let peaks = (0..steps.len()).filter(|&k| steps[k].is_peak(&steps, tolerance_m));
         let faces = peaks.map(|peak| self.face_about(&steps, peak));
         let faces = faces.filter(|f| {
-            // Where the surfaces part in the state at this end, some of one may lie on the other.
+            // Where the two surfaces separate in the state at this end, some of one may stick to the other.
             let starts = f.cells[f.cells.len() / 4];
             f.weight >= if starts[0] * starts[1] <= tolerance_m { AT_START * self.leading } else { least }
         });
@@ -165,15 +166,15 @@ impl Ways {
         let before = self.left.iter().filter(|w| (first - w[0]) * w[1] > blur_m);
         let before: f64 = before.map(|w| weight_of_lever(w[1])).sum();
         let width_m = seat.cells.iter().map(|w| (w[0] - first) * w[1]).fold(0.0, f64::max);
-        // In order, as all ways are.
+        // The ways are sorted.
         let way = seat.cells[(STANDS_OUT * seat.cells.len() as f64) as usize][0];
         let square: f64 = seat.cells.iter().map(|w| weight_of_lever(w[1]) * (w[0] - way).powi(2)).sum();
         let stands = before <= least && width_m <= blur_m;
         stands.then(|| Contact { way, std: (square / seat.weight).sqrt(), share: seat.weight / self.leading })
     }
 
-    /// The face about a peak: as far as half as many cells meet at once (noise spreads them), and no more
-    /// than at the peak.
+    /// The face around a peak: as far as half as many cells as at the peak meet at once (noise spreads them),
+    /// and never more.
     fn face_about<'a>(&'a self, steps: &'a [Step], peak: usize) -> Face<'a> {
         let most = steps[peak].met;
         let holds = |s: &&Step| (0.5 * most..=most).contains(&s.met);
@@ -181,15 +182,15 @@ impl Ways {
         let after = steps[peak..].iter().take_while(holds).count();
         let first = &steps[peak - before];
         let from = self.left.partition_point(|w| w[0] < first.way);
-        // A step reaches to the next one.
+        // A step extends to the next one.
         let next = steps.get(peak + after);
         let to = next.map_or(self.left.len(), |s| self.left.partition_point(|w| w[0] < s.way));
         let cells = &self.left[from..to];
         Face { first, cells, weight: cells.iter().map(|w| weight_of_lever(w[1])).sum() }
     }
 
-    /// Ways a quarter of the tolerance apart, each with the weight of the cells in contact there within the
-    /// tolerance.
+    /// Ways a quarter of the tolerance apart, each with the weight of the cells that are in contact there
+    /// within the tolerance.
     fn contact_steps(&self, tolerance_m: f64) -> Vec<Step> {
         let mut steps: Vec<Step> = Vec::new();
         for &[way, lever_m] in &self.left {
@@ -202,7 +203,7 @@ impl Ways {
     }
 }
 
-/// A way, and the contact there.
+/// A way, with the contact there.
 struct Step {
     way: f64,
     lever_m: f64,
@@ -216,22 +217,22 @@ impl Step {
         (self.way - other.way).abs() * self.lever_m.min(other.lever_m)
     }
 
-    /// Whether no step about it has more contact.
+    /// Whether no step around it has more contact.
     fn is_peak(&self, steps: &[Self], tolerance_m: f64) -> bool {
         let near = steps.iter().filter(|s| s.apart_m(self) <= 2.0 * tolerance_m);
         near.map(|s| s.met).fold(0.0, f64::max) <= self.met
     }
 }
 
-/// Cells in contact about at once.
+/// Cells that come into contact nearly at once.
 struct Face<'a> {
     first: &'a Step,
-    /// In the order of their ways; never empty, as steps are ways of cells.
+    /// Sorted by way; never empty, as steps are ways of cells.
     cells: &'a [[f64; 2]],
     weight: f64,
 }
 
-/// Coordinates of a motion: two constant ones, and the position.
+/// Coordinates of a motion: two that it does not change, and the position.
 struct Frame {
     axis: Vector3<f64>,
     across: [Vector3<f64>; 2],
@@ -240,7 +241,7 @@ struct Frame {
 }
 
 impl Frame {
-    /// In the joint's frame at position 0; the axis is turned for the motion to go upwards.
+    /// In the joint's frame at position 0; the axis is reversed if needed, so that the motion goes upwards.
     fn of_joint(joint: &Joint, above: bool, child: &TriangleMesh) -> Self {
         let axis = if above { joint.axis.into_inner() } else { -joint.axis.into_inner() };
         let least = Vector3::ith(axis.iamin(), 1.0);
@@ -254,8 +255,8 @@ impl Frame {
         }
     }
 
-    /// Spots of a surface facing along the motion (`sign` 1) or against it (-1), one or more in every cell of
-    /// it.
+    /// Spots of the surface that faces along the motion (`sign` 1) or against it (-1), at least one in every
+    /// cell it covers.
     fn spots_of_mesh(&self, mesh: &TriangleMesh, sign: f64) -> Vec<Spot> {
         let mut spots = Vec::new();
         for t in 0..mesh.triangles.len() {
@@ -263,7 +264,7 @@ impl Frame {
             let [a, b, c] = mesh.corners(t).map(|p| p.cast::<f64>());
             let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
             let n = ((longest / self.cell_m).ceil() as usize).clamp(1, 1000);
-            // Middles of the small triangles with the orientation of the large one, and of those between.
+            // Centers of the small triangles oriented like the large one, and of those between.
             for i in 0..n {
                 for k in 0..n - i {
                     for shift in [1.0 / 3.0, 2.0 / 3.0].into_iter().take(1 + usize::from(i + k + 1 < n)) {

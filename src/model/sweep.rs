@@ -1,5 +1,5 @@
-//! Collision solids along the paths of the joints: obstacles are cut, and the free interval of a joint is
-//! measured.
+//! Collision solids along the paths of the joints: solids in the way are cut, and the free interval of a
+//! joint is measured.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
@@ -9,33 +9,33 @@ use geometry::Pose;
 use surface::{ConvexConfig, ConvexSolid, Plane, TriangleMesh};
 
 /// Longest way between two examined positions of a sweep, meters.
-/// chosen: no more than the thickness of walls, to jump none
+/// chosen: no more than the thickness of walls, so that none is skipped
 const STEP_M: f64 = 0.003;
-/// Most positions of a sweep.
+/// Largest number of positions of a sweep.
 const MAX_STEPS: usize = 600;
 /// Pieces smaller than this are dropped, cubic meters. chosen: a cube of 2 mm stops nothing
 const MIN_VOLUME_M3: f64 = 1e-8;
-/// Largest depth of a moving part in another than its parent without being stopped by it, as a share of its
-/// extent. chosen: solids are so inexact
+/// Depth, as a share of its extent, to which a moving part may reach into a part other than its parent
+/// without being stopped by it. chosen: solids are that inexact
 const GRAZE_SHARE: f64 = 0.05;
 /// Gap of a part on its seat, and ahead of it and behind it anywhere, as a share of the gap on its sides along
 /// the way.
 /// measured: over 2 mm MuJoCo and Bullet make no contact; a part that slides along that close jams in Bullet
 const SEAT_GAP: f64 = 2.0 / 3.0;
-/// A part comes straight onto a face, or leaves it so, where its velocity and the face's normal have at least
-/// this cosine.
+/// Least cosine between a part's velocity and a face's normal at which the part meets or leaves the face
+/// straight on.
 /// derived: 45 degrees, nearer to straight than to sliding
 const STRAIGHT: f64 = std::f64::consts::FRAC_1_SQRT_2;
-/// Blocks are one where together they are at most so many times as large as apart.
+/// Blocks are joined if the block around both is at most this many times as large as the two.
 /// chosen: a quarter of air is little
 const FUSED: f64 = 1.25;
-/// A revolute joint is swept this far at most, radians.
+/// Farthest a revolute joint is swept beyond the observed positions, radians.
 /// derived: half a turn; farther, the other way round is the nearer one
 pub(super) const MAX_TURN_RAD: f64 = std::f64::consts::PI;
 
-/// Makes room: solids of other links near those of a moving link, anywhere between its limits and the
-/// observed positions (nothing can have been in the way there), are cut. The gap is as wide as engines with
-/// margins need: MuJoCo and Bullet throw solids in contact at rest apart.
+/// Makes room: cuts the solids of other links near those of a moving link, anywhere between its limits and
+/// the observed positions (nothing can have been in the way there). The gap is as wide as engines with
+/// contact margins need: MuJoCo and Bullet push apart solids that touch at rest.
 pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
     for j in 0..model.joints.len() {
         let joint = model.joints[j].clone();
@@ -61,11 +61,11 @@ pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
                 continue;
             }
             let moving = model.links[joint.child].collision.clone();
-            // The parent is known to be clear; another part may truly stand in the way, unless it is only
-            // grazed, but not where it was seen.
+            // The parent is known to be clear. Another part may truly be in the way, unless it is only
+            // grazed; but not where the moving part was seen.
             let grazed_m =
                 if other == joint.parent { f64::INFINITY } else { GRAZE_SHARE * extent_m(&moving) };
-            // The other joints as they were seen: nothing is known of other combinations.
+            // The other joints as observed: nothing is known of other combinations.
             for state in model.states.clone() {
                 let seen = relative_poses(model, j, other, &state, &[state[j]]);
                 for (positions, gap) in stretches {
@@ -76,13 +76,13 @@ pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
             }
         }
     }
-    // Cuts divide solids into more than a link may have.
+    // Cuts may leave more solids than a link may have.
     for link in &mut model.links {
         keep_most_seen(&mut link.collision, &link.visual, config);
     }
 }
 
-/// Length of the diagonal of the box around some solids, meters.
+/// Length of the diagonal of the bounding box of some solids, meters.
 fn extent_m(solids: &[ConvexSolid]) -> f64 {
     let mut bounds = solids.iter().map(ConvexSolid::bounds);
     let Some(first) = bounds.next() else { return 0.0 };
@@ -90,9 +90,9 @@ fn extent_m(solids: &[ConvexSolid]) -> f64 {
     (hi - lo).norm()
 }
 
-/// The interval around the observed one without contact between a solid of a joint's child and one of another
-/// link (the other joints as in any observed state); at most half a turn, or the child's own length, beyond
-/// the observed positions.
+/// The interval around the observed one in which no solid of a joint's child touches one of another link
+/// (with the other joints as in any observed state). It ends at most half a turn, or the child's own length,
+/// beyond the observed positions.
 #[must_use]
 pub fn swept_interval(model: &ArticulatedModel, j: usize) -> [f64; 2] {
     let joint = &model.joints[j];
@@ -103,7 +103,7 @@ pub fn swept_interval(model: &ArticulatedModel, j: usize) -> [f64; 2] {
     };
     let [lowest, highest] = [upper - reach, lower + reach].map(|end| {
         let start = if end < lower { lower } else { upper };
-        // Outwards from the observed interval: behind the first obstacle nothing counts.
+        // Outwards from the observed interval: nothing beyond the first obstacle counts.
         let free =
             sweep_positions(model, joint, start, end).into_iter().take_while(|q| is_free(model, j, *q));
         free.last().unwrap_or(start)
@@ -111,8 +111,8 @@ pub fn swept_interval(model: &ArticulatedModel, j: usize) -> [f64; 2] {
     [lowest.min(lower), highest.max(upper)]
 }
 
-/// Whether a joint's child at a position meets no solid of any link, but for those below it, in any observed
-/// state of the other joints.
+/// Whether a joint's child, at a position, meets no solid of any link except those below it, in every
+/// observed state of the other joints.
 fn is_free(model: &ArticulatedModel, j: usize, position: f64) -> bool {
     let child = model.joints[j].child;
     let mut others = (0..model.links.len()).filter(|&l| l != child && !model.is_below(l, child));
@@ -130,7 +130,7 @@ impl ArticulatedModel {
         all.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], &q| [lo.min(q), hi.max(q)])
     }
 
-    /// Whether a link hangs on another one through any number of joints.
+    /// Whether a link is a descendant of another one.
     #[must_use]
     pub fn is_below(&self, link: usize, above: usize) -> bool {
         let parent = |l: usize| self.joints.iter().find(|j| j.child == l).map(|j| j.parent);
@@ -149,14 +149,14 @@ fn length_along(model: &ArticulatedModel, joint: &Joint) -> f64 {
     (hi - lo).max(0.0)
 }
 
-/// Positions from `start` to `end`, both included, no point of the child moving further than [`STEP_M`]
-/// between two.
+/// Positions from `start` to `end`, both included; between two of them no point of the child moves farther
+/// than [`STEP_M`].
 fn sweep_positions(model: &ArticulatedModel, joint: &Joint, start: f64, end: f64) -> Vec<f64> {
     let count = (((end - start).abs() * lever_m(model, joint) / STEP_M).ceil() as usize).clamp(1, MAX_STEPS);
     (0..=count).map(|k| start + (end - start) * k as f64 / count as f64).collect()
 }
 
-/// Longest way of any point of a joint's child, meters per unit of its position.
+/// Distance moved by the fastest point of a joint's child, meters per unit of its position.
 fn lever_m(model: &ArticulatedModel, joint: &Joint) -> f64 {
     let axis = joint.axis.into_inner();
     match joint.kind {
@@ -217,15 +217,15 @@ struct Gap {
 /// meters.
 struct Sweep<'a> {
     joint: &'a Joint,
-    /// Along the whole path.
+    /// Poses along the whole path.
     path: &'a [Pose],
-    /// As it was seen.
+    /// Observed poses.
     seen: &'a [Pose],
     gap: Gap,
     grazed_m: f64,
 }
 
-/// Cuts moving solids out of the fixed ones: along the whole path where they only graze one, otherwise at the
+/// Cuts moving solids out of the fixed ones: along the whole path where they only graze one, else only at the
 /// observed poses.
 fn carve_paths(
     fixed: &mut Vec<ConvexSolid>,
@@ -357,8 +357,7 @@ impl CutBlock {
     }
 }
 
-/// Blocks with some of them united: together these are hardly larger than apart. Fewer cuts leave a solid in
-/// fewer pieces.
+/// Joins blocks whose common block is hardly larger than both. Fewer cuts leave a solid in fewer pieces.
 fn fused_blocks(mut blocks: Vec<CutBlock>) -> Vec<CutBlock> {
     loop {
         let pairs = (0..blocks.len()).flat_map(|a| (a + 1..blocks.len()).map(move |b| (a, b)));
@@ -370,7 +369,7 @@ fn fused_blocks(mut blocks: Vec<CutBlock>) -> Vec<CutBlock> {
     }
 }
 
-/// Keeps the solids with most of a surface in or near them.
+/// Keeps the solids that have the most surface in or near them.
 fn keep_most_seen(solids: &mut Vec<ConvexSolid>, visual: &TriangleMesh, config: &ConvexConfig) {
     if solids.len() <= config.max_solids {
         return;
@@ -390,7 +389,7 @@ fn keep_most_seen(solids: &mut Vec<ConvexSolid>, visual: &TriangleMesh, config: 
     *solids = order.iter().map(|&i| solids[i].clone()).collect();
 }
 
-/// Index of the nearest solid (by its planes) to a place, within a distance, meters.
+/// Index of the solid nearest to a place (by its planes) within a distance, meters.
 fn nearest_solid(solids: &[Vec<Plane>], place: &Point3<f64>, within_m: f64) -> Option<usize> {
     let distances =
         solids.iter().map(|s| s.iter().map(|p| p.distance_m(place)).fold(f64::NEG_INFINITY, f64::max));
@@ -398,8 +397,8 @@ fn nearest_solid(solids: &[Vec<Plane>], place: &Point3<f64>, within_m: f64) -> O
     (distance_m <= within_m).then_some(nearest)
 }
 
-/// A solid without a block along `axes`: the sides of the block cut it one after the other, the one with the
-/// most left first.
+/// Cuts a block along `axes` out of a solid: the block's sides cut it one after the other, the side that
+/// leaves most first.
 fn without_block(
     piece: ConvexSolid,
     axes: &Matrix3<f64>,
@@ -426,7 +425,7 @@ fn without_block(
                 // Simulators refuse smaller or thinner hulls.
                 .filter(|s| s.volume_m3() > MIN_VOLUME_M3 && s.thickness_m() >= config.min_thickness_m),
         );
-        // The part beyond this side is left out of the next cuts: the pieces do not overlap.
+        // What lies beyond this side is left out of the next cuts, so that the pieces do not overlap.
         rest = solid.clipped_at(&Plane { normal: -plane.normal, offset_m: -plane.offset_m });
     }
     kept

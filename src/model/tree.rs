@@ -36,7 +36,7 @@ pub struct Mimic {
 pub struct TreeLink {
     /// Name.
     pub name: String,
-    /// All visual meshes in one, link frame; empty where there is none.
+    /// All visual meshes as one, link frame; empty if there is none.
     pub visual: TriangleMesh,
 }
 
@@ -74,28 +74,27 @@ pub struct Tree {
     depth: Vec<usize>,
 }
 
-/// Why links and joints are no tree.
+/// Why links and joints do not form a tree.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TreeError {
-    /// Every link is a child, or there is none.
+    /// There are no links, or every link is a child.
     #[error("there is no root link")]
     NoRoot,
-    /// More than one link is no child.
+    /// More than one link has no parent.
     #[error("there are several root links: {0}")]
     Roots(String),
     /// A link has two parents.
     #[error("link '{0}' is the child of two joints")]
     TwoParents(String),
-    /// A link hangs in a loop.
+    /// A link is part of a loop.
     #[error("link '{0}' is in a loop of joints")]
     Loop(String),
 }
 
 impl Tree {
-    /// The tree of links by their joints.
+    /// Builds the tree of links from their joints.
     ///
-    /// # Errors
-    /// [`TreeError`] where they are not one tree.
+    /// # Errors [`TreeError`] if they do not form one tree.
     pub fn new(links: Vec<TreeLink>, joints: Vec<TreeJoint>) -> Result<Self, TreeError> {
         let mut joint_of = vec![None; links.len()];
         for (j, joint) in joints.iter().enumerate() {
@@ -119,7 +118,7 @@ impl Tree {
             while let Some(j) = joint_of[link] {
                 link = joints[j].parent;
                 depth[i] += 1;
-                // No chain is longer than all links: this one runs in a ring.
+                // No chain is longer than the number of links: this one is a loop.
                 if depth[i] > links.len() {
                     return Err(TreeError::Loop(links[i].name.clone()));
                 }
@@ -157,8 +156,8 @@ impl Tree {
         self.world_from_link(joint.parent, positions) * joint.parent_from_joint
     }
 
-    /// Links tied by fixed joints, as one rigid part each: the link nearest the root first. The part of the
-    /// root comes first; parts without any mesh are left out behind it.
+    /// Groups of links tied by fixed joints, each a rigid part with the link nearest the root first. The
+    /// group of the root comes first; other groups without any mesh are left out.
     #[must_use]
     pub fn rigid_parts(&self) -> Vec<Vec<usize>> {
         let mut order: Vec<usize> = (0..self.links.len()).collect();

@@ -1,4 +1,4 @@
-//! Defects of a model: reasons for a simulator not to load it, or to load another one.
+//! Checks a model for defects that keep a simulator from loading it, or make it load a different one.
 
 use std::collections::BTreeSet;
 
@@ -7,14 +7,14 @@ use nalgebra::{Matrix3, SymmetricEigen};
 use super::{ArticulatedModel, Inertial, Joint, is_plain_name};
 use surface::TriangleMesh;
 
-/// Relative slack of the inertia checks: URDF text keeps nine digits.
+/// Relative tolerance of the inertia checks: URDF text keeps nine digits.
 /// chosen: a thousand times the rounding of the text
 const INERTIA_SLACK: f64 = 1e-6;
-/// Slack of a limit against an observed position, radians or meters.
+/// How far an observed position may lie outside a limit, radians or meters.
 /// chosen: above rounding, below any reading
 const LIMIT_SLACK: f64 = 1e-9;
 
-/// A defect of a model. One is enough not to export it.
+/// A defect of a model. A model with any is not exported.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
     /// The link, joint or model it is about.
@@ -29,7 +29,7 @@ impl std::fmt::Display for Finding {
     }
 }
 
-/// All defects of a model, in the order of its links and joints; empty for a model ready for export.
+/// All defects of a model, in the order of its links and joints; empty if the model can be exported.
 ///
 /// Checks names (`[A-Za-z][A-Za-z0-9_]*`, unique over links and joints together), meshes (not empty, finite,
 /// indices inside), masses (positive), inertia tensors (symmetric, positive, `A + B >= C`), axes (unit),
@@ -73,7 +73,7 @@ fn check_names(model: &ArticulatedModel, found: &mut Findings) {
         }
     }
     for name in all {
-        // File systems may ignore case, and a link's name is a file name.
+        // File systems may ignore case, and a link's name becomes a file name.
         if !seen.insert(name.to_ascii_lowercase()) {
             found.add_finding(name, "the name is used twice among links and joints (case ignored)");
         }
@@ -123,8 +123,8 @@ fn check_inertial(subject: &str, inertial: &Inertial, found: &mut Findings) {
     }
 }
 
-/// Why no body has a finite inertia: a principal moment is negative, or larger than the other two together. A
-/// moment of 0 belongs to a point or a rod.
+/// Why an inertia is impossible for any finite body: a principal moment is negative, or larger than the other
+/// two together; `None` if it is possible. A moment of 0 belongs to a point or a rod.
 #[must_use]
 pub fn impossible_inertia(inertia: &Matrix3<f64>) -> Option<String> {
     let [a, b, c] = principal_moments(inertia);

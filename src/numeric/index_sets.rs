@@ -1,7 +1,7 @@
 //! Sets of indices, joined pairwise.
 
-/// Disjoint sets of indices; the smallest index of a set is its root, so the result does not depend on the
-/// order of joins.
+/// Disjoint sets of indices (union-find). The smallest index of a set is its root, so the result does not
+/// depend on the order of joins.
 pub struct IndexSets(Vec<usize>);
 
 impl IndexSets {
@@ -13,7 +13,7 @@ impl IndexSets {
     /// The smallest index of the set of `i`.
     pub fn root_of(&mut self, mut i: usize) -> usize {
         while self.0[i] != i {
-            // Halves the path for the next search.
+            // Halves the path for later searches.
             self.0[i] = self.0[self.0[i]];
             i = self.0[i];
         }

@@ -1,4 +1,4 @@
-//! Numbers: random streams, robust statistics, lists and sets by number, loops for the processor's vectors.
+//! Numbers: random streams, robust statistics, numbered lists and sets, loops for vector instructions.
 //!
 //! ```
 //! use numeric::{random::{normal, stage_rng}, statistics::median};

@@ -1,17 +1,17 @@
-//! Lists by number, e.g. of the triangles at each vertex of a mesh.
+//! Numbered lists, e.g. of the triangles at each vertex of a mesh.
 
 use std::ops::Range;
 
-/// A list for each of some numbers from 0 on, all in one piece of memory.
+/// Lists numbered from 0, all in one block of memory.
 pub struct Lists<T> {
-    /// First entry of each list in `all`, and the end.
+    /// Index in `all` of the first entry of each list, and the total at the end.
     first: Vec<u32>,
     all: Vec<T>,
 }
 
 impl<T: Copy + Default + Ord> Lists<T> {
-    /// So many lists, of entries with the number of the list of each; those of a list ascend. Lists are
-    /// short: entries are counted, not sorted.
+    /// Builds `count` lists from entries, each given with the number of its list; entries of a list are in
+    /// ascending order. Lists are short: entries are counted, not sorted.
     pub fn of_entries(count: usize, entries: impl Iterator<Item = (u32, T)> + Clone) -> Self {
         let mut first = vec![0u32; count + 1];
         entries.clone().for_each(|(list, _)| first[list as usize + 1] += 1);
@@ -57,7 +57,7 @@ impl<T: Copy + Default + Ord> Lists<T> {
         self.range_of_lists(list, list)
     }
 
-    /// Range of the entries of the lists from the first to the last among [`Self::entries`].
+    /// Range in [`Self::entries`] of the lists from `first` to `last`.
     pub fn range_of_lists(&self, first: u32, last: u32) -> Range<usize> {
         self.first[first as usize] as usize..self.first[last as usize + 1] as usize
     }

@@ -6,13 +6,13 @@ use nalgebra::{Unit, Vector3};
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// The stream of a step of a stage. Streams of other stages and steps are unrelated: a resumed run has the
-/// draws of an uninterrupted one, and a new stage leaves the others as they were.
+/// The random stream of a step of a stage. It is independent of other stages and steps: a resumed run draws
+/// the same as an uninterrupted one, and a new stage does not change the others.
 #[must_use]
 pub fn stage_rng(seed: u64, stage: &str, step: u64) -> Pcg64Mcg {
     let name = hash_of(stage);
     let mut bytes = [0; 16];
-    // Both halves are mixed: neighboring seeds and steps have unrelated streams.
+    // Both halves are mixed, so that neighboring seeds and steps have unrelated streams.
     bytes[..8].copy_from_slice(&split_mix(seed ^ split_mix(name)).to_le_bytes());
     bytes[8..].copy_from_slice(&split_mix(name ^ split_mix(step)).to_le_bytes());
     Pcg64Mcg::from_seed(bytes)
@@ -23,10 +23,10 @@ pub fn hash_of(text: &str) -> u64 {
     text.bytes().fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
 }
 
-/// Step of SplitMix64 from one number of a stream to the next (Steele, Lea and Flood 2014).
+/// Increment of SplitMix64 from one number of a stream to the next (Steele, Lea and Flood 2014).
 pub const STREAM_STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// The number of SplitMix64 in a state.
+/// The number that SplitMix64 gives for a state.
 pub fn split_mix(mut x: u64) -> u64 {
     x = x.wrapping_add(STREAM_STEP);
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -34,7 +34,7 @@ pub fn split_mix(mut x: u64) -> u64 {
     x ^ (x >> 31)
 }
 
-/// Uniform in `[0, 1)` by the 53 upper bits, as many as in a double's mantissa.
+/// Uniform in `[0, 1)` from the 53 upper bits, as many as a double's mantissa has.
 pub fn unit_of(bits: u64) -> f64 {
     (bits >> 11) as f64 / (1u64 << 53) as f64
 }
@@ -62,19 +62,19 @@ pub fn is_chosen(rng: &mut impl Rng, probability: f64) -> bool {
 
 /// Standard normal (Box and Muller 1958).
 pub fn standard_normal(rng: &mut impl Rng) -> f64 {
-    // In (0, 1]: the logarithm of 0 is not finite.
+    // In (0, 1], because the logarithm of 0 is not finite.
     let radius = (-2.0 * (1.0 - unit_uniform(rng)).ln()).sqrt();
     radius * (TAU * unit_uniform(rng)).cos()
 }
 
-/// A vector of three independent normals with the root mean square length `rms`.
+/// A vector of three independent normals; `rms` is its root mean square length.
 pub fn isotropic_normal(rng: &mut impl Rng, rms: f64) -> Vector3<f64> {
     Vector3::from_fn(|_, _| standard_normal(rng)) * (rms / 3f64.sqrt())
 }
 
 /// A unit direction, uniform on the sphere.
 pub fn random_direction(rng: &mut impl Rng) -> Unit<Vector3<f64>> {
-    // The area between two heights on a sphere goes with their difference (Archimedes).
+    // The area of a sphere between two heights is proportional to their difference (Archimedes).
     let z = uniform_in(rng, -1.0, 1.0);
     let azimuth = uniform_in(rng, 0.0, TAU);
     let across = (1.0 - z * z).sqrt();

@@ -1,10 +1,11 @@
 //! Robust statistics of a list of numbers.
 
-/// Standard deviations of a normal distribution in its median absolute deviation (Rousseeuw and Croux 1993);
+/// Ratio of the standard deviation of a normal distribution to its median absolute deviation (Rousseeuw and
+/// Croux 1993);
 /// derived: one over the quantile at 3/4 of the standard normal distribution, to four places.
 pub const SIGMAS_PER_MAD: f64 = 1.4826;
 
-/// Median absolute deviation of a normal distribution in its standard deviations.
+/// Median absolute deviation of a normal distribution, in standard deviations.
 /// derived: the quantile at 75 % of the standard normal distribution.
 pub const MAD_IN_SIGMAS: f64 = 0.674_49;
 
@@ -12,47 +13,48 @@ pub const MAD_IN_SIGMAS: f64 = 0.674_49;
 /// derived: the quantile at 97.5 % of the standard normal distribution.
 pub const HALF_WIDTH_95: f64 = 1.959_964;
 
-/// Deviations of a normal distribution, exceeded by one value of a hundred.
+/// Standard deviations that one normal value of a hundred exceeds.
 /// derived: the quantile at 99 % of the standard normal distribution.
 const NORMAL_99: f64 = 2.326_348;
 
-/// Deviations of a normal distribution, exceeded by one value of twenty.
+/// Standard deviations that one normal value of twenty exceeds.
 /// derived: the quantile at 95 % of the standard normal distribution.
 const NORMAL_95: f64 = 1.644_854;
 
-/// The sums of 1, 2, ... squared normal numbers, exceeded by chance once in twenty.
+/// Limits that the sum of 1, 2, ... squared standard normal numbers exceeds once in twenty times.
 /// derived: quantiles of chi-square at 95 %.
 pub const CHI_SQUARE_95: [f64; 6] = [3.84, 5.99, 7.81, 9.49, 11.07, 12.59];
 
-/// The sums of 1, 2, ... squared normal numbers, exceeded by chance once in a thousand.
+/// Limits that the sum of 1, 2, ... squared standard normal numbers exceeds once in a thousand times.
 /// derived: quantiles of chi-square at 99.9 %.
 pub const CHI_SQUARE_999: [f64; 6] = [10.828, 13.815_51, 16.266, 18.467, 20.515, 22.46];
 
-/// The sum of six squared normal numbers, exceeded by chance every other time.
+/// Limit that the sum of six squared standard normal numbers exceeds every other time.
 /// derived: the median of chi-square.
 pub const CHI_SQUARE_MEDIAN_6: f64 = 5.35;
 
-/// The sum of so many squared normal numbers, exceeded by chance once in a hundred: the quantile of
-/// chi-square at 99 %.
+/// Limit that the sum of `count` squared standard normal numbers exceeds once in a hundred times: the
+/// quantile of chi-square at 99 %.
 pub fn chi_square_99(count: f64) -> f64 {
     chi_square(count, NORMAL_99)
 }
 
-/// The sum of so many squared normal numbers, exceeded by chance once in twenty: of one 2.5 % less than in
-/// [`CHI_SQUARE_95`], of three the same.
+/// Limit that the sum of `count` squared standard normal numbers exceeds once in twenty times; for a count of
+/// one it is 2.5 % less than in [`CHI_SQUARE_95`], from three on it is the same.
 pub fn chi_square_95(count: f64) -> f64 {
     chi_square(count, NORMAL_95)
 }
 
-/// The quantile of chi-square for this one of a normal distribution (Wilson and Hilferty 1931).
+/// The quantile of chi-square that corresponds to a quantile of a normal distribution (Wilson and Hilferty
+/// 1931).
 fn chi_square(count: f64, normal: f64) -> f64 {
     let variance = 2.0 / (9.0 * count);
     count * (1.0 - variance + normal * variance.sqrt()).powi(3)
 }
 
-/// Middle value, the upper one of two; `None` of none.
+/// The middle value, the upper of two; `None` for an empty list.
 pub fn median(mut values: Vec<f64>) -> Option<f64> {
-    // By selection, in linear time; the order of all is not needed.
+    // By selection in linear time; a full sort is not needed.
     let middle = values.len() / 2;
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }

@@ -1,8 +1,8 @@
 //! Loops compiled for the vector instructions of the running processor.
 
-/// Makes a function of a kernel (an `#[inline(always)]` function), compiled for AVX-512, for AVX2 and for any
-/// processor; it takes the best of these for the processor. None of them fuses products with sums: all give
-/// the same values.
+/// Makes a function from a kernel (an `#[inline(always)]` function) by compiling it for AVX-512, for AVX2 and
+/// for any processor; the best version for the running processor is called. None of them fuses products with
+/// sums, so all give the same values.
 #[macro_export]
 macro_rules! vectorized {
     ($(#[$doc:meta])* $vis:vis fn $name:ident($($arg:ident: $ty:ty),* $(,)?) = $kernel:path) => {

@@ -7,10 +7,10 @@ use super::{
 use config::{Config, Init, Method};
 use io::{self, ResultKind};
 
-/// Refuses requests beyond repair by any recording; returns the name of the twin.
+/// Refuses requests that no recording could fulfil; returns the name of the twin.
 pub(super) fn checked_name(request: &ReconstructRequest) -> Result<String, RunError> {
     request.config.check().map_err(|e| e.with_origin(&request.origins))?;
-    // By names and folders alone; nothing is decoded yet.
+    // Judged by names and folders only; nothing is decoded yet.
     let found = io::object_name(&request.sources).map_err(|e| RunError::stage("capture", e))?;
     let states = io::state_count(&request.sources).map_err(|e| RunError::stage("capture", e))?;
     if states > 2 && request.config.takes_two_states() {
@@ -36,7 +36,7 @@ pub(super) fn checked_name(request: &ReconstructRequest) -> Result<String, RunEr
     Ok(name)
 }
 
-/// Refuses unwritable places: the result's, under either of its names, and the checkpoint's.
+/// Refuses places that cannot be written: the result's, under either of its names, and the checkpoint's.
 fn check_places(request: &ReconstructRequest, name: &str, states: usize) -> Result<(), io::RunDirError> {
     let least_bytes = least_reconstruction(states, &request.config);
     for place in [request.place(name), request.rejected_place(name)] {

@@ -1,4 +1,4 @@
-//! The stage `align`: it matches every state with state 0 and brings it into the world frame of state 0.
+//! The stage `align`: matches every state with state 0 and moves it into the world frame of state 0.
 
 use nalgebra::Matrix6;
 use serde::{Deserialize, Serialize};
@@ -23,40 +23,40 @@ use numeric::random::stage_rng;
 /// How a state was brought into the world frame of state 0.
 #[derive(Clone, Serialize, Deserialize)]
 pub(super) struct Drift {
-    /// Takes still surfaces from state 0's world frame to the state's, as recorded.
+    /// Motion of still surfaces from state 0's world frame to the state's, as recorded.
     pub world_from_world0: Pose,
-    /// Covariance of a left perturbation (translation 3, rotation 3) of still surfaces in the state so
-    /// moved, square meters and radians, where surfaces show it.
+    /// Covariance of a left perturbation (translation 3, rotation 3) of still surfaces in the state after
+    /// this correction, square meters and radians; `None` if surfaces do not show it.
     pub covariance: Option<Matrix6<f64>>,
     /// A note that describes the correction.
     pub note: Note,
 }
 
 impl Drift {
-    /// Takes frames of the state into the world frame of state 0.
+    /// Moves frames of the state into the world frame of state 0.
     fn undo(&self, frames: &mut [RgbdFrame]) {
         let back = self.world_from_world0.inverse();
         frames.iter_mut().for_each(|f| f.world_from_camera = back * f.world_from_camera);
     }
 
-    /// Takes the ends of matches in the state there.
+    /// Moves the ends of matches in the state into that frame.
     fn undo_matches(&self, matches: &mut [LiftedMatch]) {
         let back = self.world_from_world0.inverse();
         matches.iter_mut().for_each(|m| m.point1 = back * m.point1);
     }
 }
 
-/// Matches and drift of a state against state 0; nothing in state 0 itself.
+/// Matches and drift of a state relative to state 0; empty for state 0 itself.
 #[derive(Clone, Default)]
 pub(super) struct Aligned {
     /// Matches with state 0, in its world frame.
     pub matches: Vec<LiftedMatch>,
-    /// How the state was brought into that frame; none where it was recorded there.
+    /// How the state was brought into that frame; none if it was recorded in it.
     pub drift: Option<Drift>,
 }
 
-/// Matches all states with state 0 and moves their frames into its world frame; with the box around the
-/// object in all states there.
+/// Matches all states with state 0 and moves their frames into its world frame; also returns the box around
+/// the object over all states.
 ///
 /// # Errors
 /// A failure of the matching model, an unresolved drift, a stop request.
@@ -66,10 +66,10 @@ pub(super) fn align(
     config: &Config,
     stages: &mut Stages,
 ) -> Result<(Vec<Aligned>, SceneBox), RunError> {
-    // Of the states as they were recorded: only scale and center are taken from it.
+    // From the states as recorded: only scale and center are used.
     let scene = bounds(capture)?;
     let mut all = vec![Aligned::default()];
-    // One state after the other, all with state 0: its world is the twin's, and errors do not add up.
+    // Every state is aligned with state 0, whose world is the twin's, so that errors do not add up.
     for state in 1..capture.states.len() {
         let aligned = align_state(state, capture, matcher, &scene, config, stages)?;
         if let Some(drift) = &aligned.drift {
@@ -109,7 +109,7 @@ fn align_state(
 }
 
 /// How far the world frame of state number `state`, the second of `frames`, is from that of state 0; `None`
-/// where they are one.
+/// if they are the same.
 ///
 /// # Errors
 /// An unresolved drift, a stop request.
@@ -122,7 +122,7 @@ fn drift(
     config: &Config,
     stop: &Stop,
 ) -> Result<Option<Drift>, RunError> {
-    // Called only where the object's matches do not stand still: it matches all frames once more.
+    // Called only if the object's matches do not stand still, as it matches all frames once more.
     let around = || surroundings_matches(frames, noise, config);
     let mut rng = stage_rng(config.run.seed, "align", state as u64 - 1);
     let standing = |motion: &Pose| standing_share(frames, motion, noise);
@@ -131,7 +131,7 @@ fn drift(
     Ok(found.map(|alignment| refined(alignment, state, frames, scene, noise, stop)).transpose()?)
 }
 
-/// The drift of an alignment: matches bring the states near to each other, surfaces bring them together.
+/// The drift of an alignment: matches bring the states near each other, then surfaces refine.
 fn refined(
     alignment: StateAlignment,
     state: usize,
@@ -143,12 +143,12 @@ fn refined(
     let StateAlignment { state1_from_state0: world_from_world0, by, cells } = alignment;
     let mut drift =
         Drift { world_from_world0, covariance: None, note: Note::new(NoteCode::WorldFrameDiffers, "") };
-    // Surfaces are compared where they project to: they must be near each other already.
+    // Surfaces are compared where they project, so they must already be near each other.
     let mut near = frames[1].to_vec();
     drift.undo(&mut near);
     // Rule 4 of docs/method.md 5: the surroundings did not move like this and must not pull.
     let only_object = by == AlignedBy::LargestPart;
-    // docs/method.md (2.13) between the states, where held-out surfels gain by it (2.16).
+    // docs/method.md (2.13) between the states, kept if held-out surfels gain by it (2.16).
     let fine = align_worlds([frames[0], &near], noise, &PoseNoise::EXPECTED, only_object, stop)?;
     if let Some(fine) = fine {
         drift.world_from_world0 *= fine.corrected_from_reported.inverse();
@@ -177,7 +177,7 @@ fn surroundings_matches(frames: [&[RgbdFrame]; 2], noise: &NoiseConfig, config: 
     lifted_matches(states, &match_states(states, &config.matching), noise)
 }
 
-/// The frame with the surroundings in place of its object.
+/// The frame with its mask inverted: the surroundings in place of the object.
 fn surroundings(frame: &RgbdFrame) -> RgbdFrame {
     let others = (0..frame.depth_m.len()).map(|i| frame.depth_m[i] > 0.0 && !frame.is_object(i)).collect();
     RgbdFrame { mask: Some(others), ..frame.clone() }

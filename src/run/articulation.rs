@@ -1,5 +1,5 @@
 //! The stages of parts and motions: registration of state 0 with every other state, the union of all pairs
-//! and on request consistency between two states.
+//! and, on request, refinement by consistency between two states.
 
 use super::{
     Event, Monitor, RunError, StageStore, Stages, scene::Scene, state::State, state_surface::StateSurface,
@@ -18,7 +18,7 @@ use surface::ColorField;
 pub(super) struct Articulation {
     /// The parts in every state.
     pub states: Vec<PartsOfState>,
-    /// Motions to the last state from which the search started.
+    /// Motions to the last state from which refinement started.
     pub starts: Vec<Pose>,
 }
 
@@ -31,7 +31,7 @@ pub(super) struct PartsOfState {
 }
 
 impl Articulation {
-    /// Of motions to every state behind state 0, and labels in every state.
+    /// From motions from state 0 to every other state, and labels in every state.
     pub(crate) fn new(motions: Vec<Vec<Pose>>, labels: Vec<Vec<u8>>, starts: Vec<Pose>) -> Self {
         let at_rest = vec![Pose::identity(); motions.first().map_or(1, Vec::len)];
         let motions = std::iter::once(at_rest).chain(motions);
@@ -45,14 +45,14 @@ impl Articulation {
     }
 }
 
-/// A test for empty places in a state.
+/// A test whether places were seen empty in a state.
 fn empty_in(surface: &StateSurface) -> impl Fn(&nalgebra::Point3<f64>) -> bool + Sync {
     let grid = &surface.free;
     move |p| grid.nearest_node(p).is_some_and(|i| grid.values[i])
 }
 
-/// Registration of matches and surfaces of state 0 and number `state`, of so many `parts`, if that is
-/// given.
+/// Registers the matches and surfaces of state 0 and of state number `state`, for a given number of `parts`
+/// or for as many as the evidence supports.
 ///
 /// # Errors
 /// No motion, no overlap, fewer motions than parts; a stop request, an unwritable checkpoint.
@@ -73,7 +73,7 @@ pub(super) fn register_state(
         return register_by_difference(surfaces, parts.unwrap_or(2), &scene.config.register).map_err(failed);
     }
     let empty = pair.map(empty_in);
-    // A stream for each state: the draws for one do not depend on the others.
+    // A random stream for each state, so that draws for one do not depend on the others.
     let mut rng = stage_rng(scene.config.run.seed, "register", state as u64 - 1);
     let free: [Option<FreeSpace>; 2] = [Some(&empty[0]), Some(&empty[1])];
     let matches = &states[state].matches;
@@ -114,7 +114,7 @@ pub(super) fn unite_states(
         .map_err(|e| RunError::stage("register", e))
 }
 
-/// Parts and motions of the registration of two states, refined by consistency between their fields where
+/// Parts and motions from the registration of two states, refined by consistency between their fields if
 /// requested.
 ///
 /// # Errors
@@ -138,7 +138,7 @@ pub(super) fn articulate(
     }
 }
 
-/// Segmentation fields and shared motions by consistency between the states (docs/method.md 12.8).
+/// Finds segmentation fields and shared motions by consistency between the states (docs/method.md 12.8).
 ///
 /// # Errors
 /// Unusable input, a stop request, an unwritable checkpoint.
@@ -187,14 +187,14 @@ fn optimise(
     })?;
     let starts = from.motions.map_or_else(|| vec![Pose::identity(); start.motions.len()], <[Pose]>::to_vec);
     let labels = match config.run.init {
-        // Consistency improves the motions alone: labels by evidence on surfaces stand.
+        // Consistency improves only the motions: labels from the evidence on surfaces stay.
         Init::Registration => start.labels.to_vec(),
         Init::Identity => (0..2).map(|s| trainer.labels(s, &states[s].surface.samples.points)).collect(),
     };
     Ok(Articulation::new(vec![trainer.motions()], labels, starts))
 }
 
-/// File of the checkpoint.
+/// Name of the checkpoint file.
 const CHECKPOINT: &str = "articulate";
 
 fn run(
@@ -203,7 +203,7 @@ fn run(
     monitor: &Monitor,
 ) -> Result<(), RunError> {
     while !trainer.is_done() {
-        // Kept where it was stopped: the steps do not start anew.
+        // Saved when stopped, so that the steps need not start over.
         if let Err(stopped) = monitor.check() {
             if let Some(c) = checkpoint {
                 c.save(CHECKPOINT, trainer.checkpoint())?;
@@ -218,7 +218,7 @@ fn run(
     Ok(())
 }
 
-/// About `count` rays onto the object, evenly over all usable pixels.
+/// About `count` rays to the object, spread evenly over all usable pixels.
 fn surface_rays(frames: &[RgbdFrame], noise: &NoiseConfig, count: usize) -> Vec<SurfaceRay> {
     let usable: Vec<(usize, usize)> = frames
         .iter()
@@ -239,7 +239,7 @@ fn surface_ray(index: usize, frame: &RgbdFrame, pixel: usize, noise: &NoiseConfi
     let v = pixel / frame.intrinsics.width;
     SurfaceRay {
         origin: frame.world_from_camera.translation.vector.into(),
-        // Of unit depth, not of unit length: depth is along the optical axis.
+        // Of unit depth, not of unit length, as depth is along the optical axis.
         direction: frame.world_from_camera * frame.intrinsics.ray_at(u as f64, v as f64),
         depth_m,
         sigma_m: frame.sigma_m(pixel, noise),

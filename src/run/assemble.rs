@@ -1,4 +1,4 @@
-//! The stage `assemble`: the model of parts and joints.
+//! The stage `assemble`: builds the model from parts and joints.
 
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -15,7 +15,8 @@ use geometry::{Grid3, NearestPoints, Pose};
 use model::{ArticulatedModel, MovingPart, build_model};
 use surface::{DepthView, Mended, Readings, TriangleMesh, keep_components, marching_cubes, mend_borders};
 
-/// The model with a surface for every part from all states without their `left_out` samples, links, joints.
+/// Builds the model: a surface for every part from all states without their `left_out` samples, links,
+/// joints.
 ///
 /// # Errors
 /// A part without a surface.
@@ -36,8 +37,8 @@ pub(super) fn assemble(
         .map(|((state, parts), left_out)| labelled_state(state, parts, left_out, truncation_m))
         .collect();
     let evidence = SurfaceEvidence { states, labelled: &labelled, colors: &colors, scene };
-    // The static part in the world of state 0, then the moving ones by their joints' motions; these may
-    // differ a little from those of registration.
+    // The static part in the world of state 0, then the moving ones by their joints' motions, which may
+    // differ slightly from those of registration.
     let still = vec![Pose::identity(); states.len() - 1];
     let (base, surfaces) = rayon::join(
         || evidence.part_surface(0, &still),
@@ -68,12 +69,12 @@ pub(super) fn assemble(
     for (link, assumed_m2) in model.links.iter_mut().zip(assumed) {
         link.assumed_m2 = assumed_m2;
     }
-    // A model of one part has no joint positions to count its states by.
+    // A model of one part has no joint positions that show its number of states.
     model.states.resize_with(states.len(), Vec::new);
     Ok(model)
 }
 
-/// A state with the parts of its surface samples on the nodes of its grid.
+/// A state with the part labels of its surface samples transferred to the nodes of its grid.
 fn labelled_state(
     state: &State,
     parts: &PartsOfState,
@@ -83,12 +84,12 @@ fn labelled_state(
     let StateSurface { tsdf, weight, samples, .. } = &state.surface;
     let labels: Vec<u8> =
         parts.labels.iter().zip(left_out).map(|(l, out)| if *out { NO_LABEL } else { *l }).collect();
-    // 0.999: the value of a node at the truncation itself is a lower bound alone.
+    // 0.999: at the truncation distance itself a value is only a lower bound.
     let labels = label_grid(tsdf, &samples.points, &labels, 0.999 * truncation_m);
     LabelledState::new(tsdf.clone(), weight.clone(), labels, truncation_m)
 }
 
-/// All states, as the surfaces of parts are made of them.
+/// All states, as evidence for the surfaces of parts.
 struct SurfaceEvidence<'a> {
     states: &'a [State<'a>],
     labelled: &'a [LabelledState],
@@ -128,7 +129,7 @@ impl SurfaceEvidence<'_> {
     }
 }
 
-/// A part's mesh with mended borders (docs/method.md 9.1), where the settings ask for it.
+/// A part's mesh with mended borders (docs/method.md 9.1), if the settings ask for it.
 fn mended(
     mesh: TriangleMesh,
     field: &Grid3<f32>,
@@ -152,8 +153,8 @@ fn mended(
     mend_borders(&mesh, field.spacing_m, config.close_holes, &readings)
 }
 
-/// Whether views saw no surface of a part at a place: all nodes about it are certainly empty in a state,
-/// or the part's field is beyond `far_m` at all of them, as where another part stands.
+/// Whether views saw no surface of a part at a place: all nodes around it are certainly empty in some state,
+/// or the part's field is beyond `far_m` at all of them, as where another part is.
 fn is_seen_empty(
     place: &Point3<f64>,
     field: &Grid3<f32>,
@@ -165,7 +166,7 @@ fn is_seen_empty(
         || motions.iter().zip(free).any(|(motion, free)| free.holds_around(&(motion * place)))
 }
 
-/// Colors of a state's surface by nearest vertex.
+/// Looks up the color of a state's surface at the nearest vertex.
 struct ColorLookup<'a> {
     mesh: &'a TriangleMesh,
     vertices: NearestPoints,
@@ -182,7 +183,7 @@ impl<'a> ColorLookup<'a> {
     }
 }
 
-/// How often and how well a state's views saw a place, by fusion's weight; 0 away from every surface.
+/// How often and how well a state's views saw a place, as fusion weight; 0 away from every surface.
 fn seen(state: &LabelledState, place: &Point3<f64>) -> f32 {
     let node = state.labels.nearest_node(place).filter(|&i| state.labels.values[i] != NO_LABEL);
     node.map_or(0.0, |i| state.weight.values[i])
@@ -191,13 +192,13 @@ fn seen(state: &LabelledState, place: &Point3<f64>) -> f32 {
 /// Gray where no state has a color.
 const UNSEEN: [u8; 3] = [128; 3];
 
-/// Gives every vertex the color of the state with the better view of it.
+/// Gives every vertex the color from the state that saw it best.
 fn paint(mesh: &mut TriangleMesh, motions: &[Pose], states: &[LabelledState], colors: &[ColorLookup]) {
     let vertices = mesh.vertices.par_iter().with_min_len(1024);
     mesh.colors = vertices.map(|p| best_seen_color(&p.cast(), motions, states, colors)).collect();
 }
 
-/// Color of a place of state 0 in the state with the best views of it.
+/// Color of a place of state 0, from the state that saw it best.
 fn best_seen_color(
     first: &Point3<f64>,
     motions: &[Pose],

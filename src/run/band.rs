@@ -1,4 +1,4 @@
-//! Truncation and least weight of a fusion, by the noise of the readings.
+//! Truncation distance and least weight of a fusion, from the noise of the readings.
 
 use capture::{NoiseConfig, RgbdFrame, median_over_object};
 use geometry::SceneBox;
@@ -14,7 +14,7 @@ pub(crate) struct Band {
 }
 
 impl Band {
-    /// From the median depth of the object's pixels in all states.
+    /// From the median depth of the object's pixels over all states.
     #[must_use]
     pub(crate) fn of(
         states: &[&[RgbdFrame]],

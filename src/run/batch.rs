@@ -1,4 +1,4 @@
-//! Many objects in one command: each a run of its own, some at a time.
+//! Many objects in one command, each in a run of its own, several at a time.
 
 use std::sync::{
     Mutex, PoisonError,
@@ -12,13 +12,13 @@ use super::{
 };
 use config::ConfigError;
 
-/// Most runs that may go on at once.
+/// Largest number of runs at a time.
 pub(crate) const MAX_JOBS: usize = 64;
 
-/// Reconstructs every object, `jobs` at a time; a failed one does not stop the rest. Results are in the
-/// order of the requests and do not depend on `jobs`. Events carry the object's name: `fridge/register`.
+/// Reconstructs every object, `jobs` at a time; a failure does not stop the others. Results are in the order
+/// of the requests and do not depend on `jobs`. Events carry the object's name: `fridge/register`.
 ///
-/// All jobs share the threads of the machine; memory is for `jobs` runs.
+/// All jobs share the machine's threads; there must be memory for `jobs` runs.
 ///
 /// # Errors
 /// Before any work, if two objects would get the same name.
@@ -61,7 +61,7 @@ pub fn reconstruct_all(
 fn reconstruct_one(request: &ReconstructRequest, monitor: &Monitor) -> Result<Outcome, RunError> {
     let result = monitor.check().map_err(RunError::from).and_then(|()| reconstruct(request, monitor));
     if let Err(error) = &result {
-        // At once, as the others may go on for hours.
+        // Reported at once, as the others may go on for hours.
         monitor.report(Event::Failed { message: chain(error) });
     }
     monitor.report(settled(request));
@@ -81,12 +81,11 @@ fn object_name(request: &ReconstructRequest) -> String {
 
 /// The name of every object.
 ///
-/// # Errors
-/// Two objects of one name.
+/// If two objects have the same name.
 fn names(requests: &[ReconstructRequest]) -> Result<Vec<String>, ConfigError> {
     let names: Vec<String> = requests.iter().map(object_name).collect();
     for (i, name) in names.iter().enumerate() {
-        // They would take each other's place in the output folder.
+        // They would overwrite each other in the output folder.
         if let Some(j) = names[..i].iter().position(|n| n == name) {
             return Err(ConfigError::SameName {
                 name: name.clone(),

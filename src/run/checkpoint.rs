@@ -1,7 +1,7 @@
-//! The remains of a stopped run in its output folder, for its continuation: a store of its own,
-//! held by one process at a time.
+//! What a stopped run leaves in its output folder so that it can be continued: a store of its own, held by
+//! one process at a time.
 //!
-//! A folder with a link in it, or with foreign files, is refused.
+//! A folder that contains links or foreign files is refused.
 
 use std::{
     fs, io,
@@ -15,7 +15,7 @@ use super::{
 use ::io::LockedFile;
 
 const LOCK_FILE: &str = "lock";
-/// Facts about the run itself, under a key independent of the run.
+/// Name of the facts about the run itself, under a key that does not depend on the run.
 const FACTS: &str = "fingerprint";
 
 /// Why results of stages cannot be kept or used.
@@ -39,7 +39,7 @@ pub enum CheckpointError {
         /// The checkpoint folder.
         folder: PathBuf,
     },
-    /// The folder is something else, or holds something else.
+    /// The folder is not a checkpoint, or contains something else.
     #[error(
         "{} is a link, or not of a checkpoint of artitwin; move it away or give another --name",
         path.display()
@@ -48,10 +48,10 @@ pub enum CheckpointError {
         /// The folder, or a file in it.
         path: PathBuf,
     },
-    /// The disk refused.
+    /// The disk refused an operation.
     #[error("checkpoint {}", path.display())]
     Disk {
-        /// File or folder.
+        /// The file or folder.
         path: PathBuf,
         /// Why.
         source: io::Error,
@@ -64,7 +64,7 @@ pub struct Checkpoint {
     /// Results of its stages.
     pub store: StageStore,
     continued: bool,
-    /// Whether the folder around it was made for it.
+    /// Whether the folder around it was created for it.
     made_parent: bool,
     _lock: LockedFile,
 }
@@ -76,7 +76,7 @@ impl Checkpoint {
         out.join(format!(".artitwin-{name}.checkpoint"))
     }
 
-    /// Opens or creates a checkpoint folder. Without `resume`, the remains of an earlier run are deleted.
+    /// Opens or creates a checkpoint folder. Without `resume`, what an earlier run left is deleted.
     ///
     /// # Errors
     /// If the checkpoint is of a run with another fingerprint and `resume` is asked for, if another process
@@ -84,12 +84,12 @@ impl Checkpoint {
     pub fn open(folder: &Path, fingerprint: &Fingerprint, resume: bool) -> Result<Self, CheckpointError> {
         let fails = |source| CheckpointError::Disk { path: folder.to_owned(), source };
         let made_parent = folder.parent().is_some_and(|out| !out.as_os_str().is_empty() && !out.exists());
-        // A link would have all stages written to where it leads.
+        // Through a link, all stages would be written to its target.
         if fs::symlink_metadata(folder).is_ok_and(|found| !found.is_dir()) {
             return Err(CheckpointError::Foreign { path: folder.to_owned() });
         }
         let of_any_run = StageStore::open(folder, Fingerprint::default())?;
-        // Before the lock is made: with a lock in it, a folder of somebody else would count as one of ours.
+        // Checked before the lock is created, which would make a foreign folder look like ours.
         if let Some(path) = foreign(folder).map_err(fails)? {
             return Err(CheckpointError::Foreign { path });
         }
@@ -134,7 +134,7 @@ impl Checkpoint {
     pub fn remove(self) -> Result<(), CheckpointError> {
         let folder = self.store.path();
         remove_files(folder, |_| true)
-            // The lock last: until then the folder is ours.
+            // The lock is deleted last: until then the folder is ours.
             .and_then(|()| fs::remove_file(folder.join(LOCK_FILE)))
             .and_then(|()| fs::remove_dir(folder))
             .map_err(|source| CheckpointError::Disk { path: folder.to_owned(), source })
@@ -154,7 +154,7 @@ impl Checkpoint {
     }
 }
 
-/// Whether a file was written here, or by an earlier version; nothing else is ever deleted.
+/// Whether this program or an earlier version wrote a file; nothing else is ever deleted.
 fn is_ours(name: &str) -> bool {
     name.ends_with(ENDING) || name.ends_with(".tmp") || name == "fingerprint.json"
 }
@@ -176,8 +176,7 @@ fn remove_files(folder: &Path, which: impl Fn(&String) -> bool) -> io::Result<()
         .try_for_each(|name| fs::remove_file(folder.join(name)))
 }
 
-/// A foreign entry of a checkpoint folder; the folder itself, if it holds
-/// things and no lock.
+/// A foreign entry of a checkpoint folder; the folder itself, if it has entries but no lock.
 fn foreign(folder: &Path) -> io::Result<Option<PathBuf>> {
     let entries: Vec<fs::DirEntry> = fs::read_dir(folder)?.collect::<io::Result<_>>()?;
     for entry in &entries {

@@ -1,5 +1,5 @@
-//! A robot opens and closes a finished twin in MuJoCo, by contact alone: a Python program as part of
-//! this one.
+//! A robot opens and closes a finished twin in MuJoCo, by contact alone. A Python program that is embedded in
+//! this one does it.
 
 use std::{
     io::{BufRead as _, BufReader, Write as _},
@@ -20,7 +20,7 @@ use common::limits;
 use common::note::Note;
 use io::{Place, ResultKind, RunDir, RunDirError};
 
-/// The program, a module a line.
+/// The modules of the Python program, one per line.
 const MODULES: [(&str, &str); 8] = [
     ("ball", include_str!("demonstrate/ball.py")),
     ("demo", include_str!("demonstrate/demo.py")),
@@ -33,9 +33,9 @@ const MODULES: [(&str, &str); 8] = [
 ];
 /// The loader of the modules.
 const BOOTSTRAP: &str = include_str!("demonstrate/bootstrap.py");
-/// How often a request to stop is looked for.
+/// Interval between checks for a stop request.
 const LOOK: Duration = Duration::from_millis(100);
-/// Longest reported line of the peer, bytes.
+/// Largest reported line of the Python process, bytes.
 const LONGEST_LINE: usize = 2000;
 
 /// Request for a demonstration.
@@ -49,13 +49,13 @@ pub struct DemonstrateRequest {
     pub python: PathBuf,
     /// `gripper` or `panda`.
     pub robot: String,
-    /// Most holds that are tried for one motion.
+    /// Largest number of holds tried for one motion.
     pub tries: u16,
-    /// Whether it is filmed.
+    /// Whether a film is made.
     pub film: bool,
 }
 
-/// A demonstration in its place.
+/// A finished demonstration.
 #[derive(Clone, Debug)]
 pub struct Demonstration {
     /// The result's folder.
@@ -64,7 +64,7 @@ pub struct Demonstration {
     pub table: String,
     /// Whether every joint was opened and closed, and every ball stayed.
     pub whole: bool,
-    /// Where an earlier result was moved.
+    /// Note on where an earlier result was moved.
     pub note: Option<Note>,
 }
 
@@ -74,7 +74,7 @@ pub enum DemonstrateError {
     /// The result cannot be written.
     #[error(transparent)]
     Output(#[from] RunDirError),
-    /// The folder of the twin is none.
+    /// The folder is not that of a twin.
     #[error("cannot read the twin in {}; give the folder of a finished run", path.display())]
     Twin {
         /// Its path.
@@ -90,7 +90,7 @@ pub enum DemonstrateError {
         /// The system's error.
         source: std::io::Error,
     },
-    /// The interpreter ended without a result; its last line.
+    /// The interpreter ended without a result; this is its last line.
     #[error("no demonstration: {0}")]
     Refused(String),
     /// A file of the result cannot be read back.
@@ -106,12 +106,10 @@ pub enum DemonstrateError {
     Cancelled(#[from] Cancelled),
 }
 
-/// Opens and closes every joint of a twin by contact alone, in MuJoCo, and films it. `say` gets a line a
-/// step. The folder holds `demo.json`, `demo.txt` and the film; it appears when it is whole.
+/// Opens and closes every joint of a twin by contact alone, in MuJoCo, and films it. `say` is called with a
+/// line per step. The folder contains `demo.json`, `demo.txt` and the film; it appears when it is complete.
 ///
-/// # Errors
-/// A taken place, a folder without a twin, a Python without its packages, a request to
-/// stop.
+/// # Errors If the place is taken, the folder has no twin, Python lacks packages, or a stop is requested.
 pub fn demonstrate(
     request: &DemonstrateRequest,
     stop: &AtomicBool,
@@ -149,7 +147,7 @@ fn result_text(dir: &RunDir, name: &'static str) -> Result<String, DemonstrateEr
         .map_err(|source| DemonstrateError::Result { name, source })
 }
 
-/// The decisive fields of `demo.json`.
+/// The fields of `demo.json` that are read.
 #[derive(Deserialize)]
 struct Report {
     joints: Vec<JointReport>,
@@ -160,7 +158,7 @@ struct JointReport {
     success: bool,
 }
 
-/// The interpreter, with all modules given to it.
+/// Starts the interpreter and gives it all modules.
 fn started(request: &DemonstrateRequest, twin: &Path, dir: &RunDir) -> Result<Child, DemonstrateError> {
     let mut command = Command::new(&request.python);
     command.args(["-c", BOOTSTRAP]).arg(twin).arg(dir.working());
@@ -175,13 +173,13 @@ fn started(request: &DemonstrateRequest, twin: &Path, dir: &RunDir) -> Result<Ch
     let modules: std::collections::BTreeMap<_, _> = MODULES.into_iter().collect();
     let text = serde_json::to_string(&modules).unwrap_or_default();
     if let Some(mut input) = child.stdin.take() {
-        // In a thread, because an interpreter that hangs reads nothing; one that ended prints its reason.
+        // In a thread, as an interpreter that hangs does not read; one that ended prints its reason.
         std::thread::spawn(move || input.write_all(text.as_bytes()));
     }
     Ok(child)
 }
 
-/// Passes the peer's lines on until it ends, or ends it on request. Gives its last line.
+/// Forwards the Python process' lines until it ends, or ends it on request. Returns its last line.
 fn follow(
     child: &mut Child,
     stop: &AtomicBool,
@@ -207,7 +205,7 @@ fn follow(
     }
 }
 
-/// The lines of a pipe, read by a thread of their own.
+/// The lines of a pipe, read by a separate thread.
 fn lines(output: ChildStderr) -> Receiver<String> {
     let (sender, receiver) = channel();
     std::thread::spawn(move || {

@@ -1,4 +1,4 @@
-//! The diagnosis: twin and runs in, verdict, updated twin and report out.
+//! The diagnosis: takes a twin and runs, and gives a verdict, an updated twin and a report.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -50,7 +50,7 @@ pub struct DiagnoseRequest {
     pub twin: PathBuf,
     /// Bags of the runs.
     pub runs: Vec<PathBuf>,
-    /// Bags for the proof alone, among the runs or beside them.
+    /// Bags used only for the proof, among the runs or beside them.
     pub held_out: Vec<PathBuf>,
     /// Parent of the result's folder.
     pub out: PathBuf,
@@ -60,7 +60,7 @@ pub struct DiagnoseRequest {
     pub force: bool,
     /// Gravity in the root's frame, m/s^2.
     pub gravity: [f64; 3],
-    /// How the effort runs between samples.
+    /// How the effort is interpolated between samples.
     pub hold: Hold,
     /// Seed of the permutation tests.
     pub seed: u64,
@@ -68,7 +68,7 @@ pub struct DiagnoseRequest {
     pub effects: Vec<String>,
     /// Wrenches, poses and commands to read beside the joint states.
     pub streams: Streams,
-    /// Known facts about the actuators.
+    /// What the user says about the actuators.
     pub told: Told,
 }
 
@@ -86,7 +86,8 @@ pub struct DiagnoseOutcome {
 }
 
 impl DiagnoseRequest {
-    /// A twin in a world with z up, with a search for effects, to the folder `out`; no runs yet.
+    /// A request for a twin in a world with z up, with a search for effects, to the folder `out`; no runs
+    /// yet.
     pub fn new(twin: impl Into<PathBuf>, out: impl Into<PathBuf>) -> Self {
         Self {
             twin: twin.into(),
@@ -104,22 +105,22 @@ impl DiagnoseRequest {
         }
     }
 
-    /// The request with the URDF of its twin.
+    /// The request with the path of its twin's URDF.
     pub(super) fn with_urdf(&self) -> Result<Self, RunError> {
         let twin = io::twin_path(&self.twin).map_err(|e| RunError::stage("twin", e))?;
         Ok(Self { twin, ..self.clone() })
     }
 
-    /// Where the result goes. `text` is the twin's; `more` is read beside the request's files.
+    /// Where the result goes. `text` is that of the twin; files in `more` are read as well as the request's.
     pub(super) fn place(&self, text: &str, more: &[PathBuf]) -> Place {
-        // All inputs: the result may not take their place.
+        // All inputs are listed, so that the result cannot take their place.
         let named = [&self.runs[..], &self.held_out, more].concat();
         let inputs = named.into_iter().chain(io::twin_files(&self.twin, text)).collect();
         Place { out: self.out.clone(), name: self.name.clone(), force: self.force, inputs }
     }
 }
 
-/// Puts the files of a diagnosis in their place; adds a warning about a folder moved away for them.
+/// Puts the files of a diagnosis in their place; adds a warning if a folder was moved away for them.
 pub(super) fn put_files(
     place: &Place,
     files: &[(String, String)],
@@ -141,11 +142,11 @@ struct ReportFile<'a> {
     warnings: &'a [Note],
 }
 
-/// The findings of a diagnosis by motion, before it is written.
+/// The findings of a diagnosis by motion, before they are written.
 pub(super) struct MotionDiagnosis {
     /// Path and content of every file.
     pub files: Vec<(String, String)>,
-    /// The content of `report.json`, one of them.
+    /// The content of `report.json`, which is one of them.
     pub report: String,
     pub verdict: Verdict,
     pub summary: String,
@@ -160,9 +161,9 @@ struct Split {
 
 /// All recordings.
 struct Recorded {
-    /// Runs, and whether only the proof reads them.
+    /// The runs, each with whether only the proof uses it.
     recordings: Vec<(Recording, bool)>,
-    /// Motion beside the joint by the poses of each run, by joint.
+    /// Motion other than the joint's, from the poses of each run, by joint.
     off_axis: Vec<BTreeMap<usize, OffAxis>>,
     warnings: Vec<Note>,
 }
@@ -170,7 +171,7 @@ struct Recorded {
 /// Reads all runs and holds some of them out.
 fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> Result<Recorded, RunError> {
     let failed = |what: &str, e: &dyn std::fmt::Display| RunError::stage(what, e.to_string());
-    // Before any bag is read: a name of no link is found at once.
+    // Checked before any bag is read, so that an unknown link is reported at once.
     for (topic, link) in request.streams.wrenches.iter().chain(&request.streams.poses) {
         moved_link(tree, topic, link).map_err(|e| failed("twin", &e))?;
     }
@@ -186,7 +187,7 @@ fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> R
             io::read_joint_log(path, &streams).map_err(|e| RunError::stage("recording", e))?;
         let about =
             |e: &dyn std::fmt::Display| failed("recording", &format!("run '{}': {e}", path.display()));
-        // Positions from poses and efforts from wrenches, before anything looks at the joints.
+        // Positions from poses and efforts from wrenches are added before the joints are examined.
         read.off_axis.push(complete_run(&mut recording, tree, request.hold).map_err(|e| about(&e))?);
         read.warnings.extend(recording.warnings.iter().cloned());
         read.recordings.push((recording, is_held(path)));
@@ -205,9 +206,8 @@ fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> R
 
 /// Diagnoses a twin.
 ///
-/// # Errors
-/// [`RunError`] where the place is taken, reported before the work, or where the twin or a
-/// run cannot be read, nothing can be said about any joint, or the disk refuses.
+/// [`RunError`] if the place is taken (reported before the work), the twin or a run cannot be read, nothing
+/// can be said about any joint, or the disk refuses.
 pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<DiagnoseOutcome, RunError> {
     let request = &request.with_urdf()?;
     let (tree, text) =
@@ -222,21 +222,21 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
     Ok(DiagnoseOutcome { folder, verdict, summary, warnings })
 }
 
-/// Independently moving joints of a twin.
+/// Indices of the independently moving joints of a twin.
 fn moving(tree: &TwinTree) -> Vec<usize> {
     let joints = tree.joints.iter().enumerate();
     joints.filter(|(_, joint)| joint.motion != Motion::Fixed && !joint.is_mimic).map(|(j, _)| j).collect()
 }
 
-/// All joints, assessed.
+/// The assessment of all joints.
 struct Assessed {
     joints: Vec<JointReport>,
-    /// Why others are not.
+    /// Why other joints were not assessed.
     left_out: Vec<String>,
     warnings: Vec<Note>,
 }
 
-/// Assesses the joints of a twin by their recordings.
+/// Assesses the joints of a twin from their recordings.
 fn assessed(
     request: &DiagnoseRequest,
     tree: &TwinTree,
@@ -290,7 +290,7 @@ fn assessed(
     Ok(Assessed { joints, left_out, warnings })
 }
 
-/// Diagnoses a twin with URDF `text` by motion; writes nothing.
+/// Diagnoses by motion a twin with URDF `text`; writes nothing.
 pub(super) fn find(
     request: &DiagnoseRequest,
     tree: &TwinTree,
@@ -345,7 +345,7 @@ pub(super) fn find(
     })
 }
 
-/// A report with the farthest motion of poses beside the joint in any run.
+/// A report with the largest motion, over all runs, that poses show beside the joint's.
 fn beside_axis(report: JointReport, off_axis: &[BTreeMap<usize, OffAxis>], joint: usize) -> JointReport {
     let measured = off_axis.iter().filter_map(|e| e.get(&joint).copied());
     JointReport {
@@ -373,11 +373,11 @@ fn ready(
     Ok((plant, split))
 }
 
-/// Warnings about files with less than the findings.
+/// Warnings about files that contain less than the findings.
 fn less(joints: &[JointReport], exports: &[ExportNote]) -> Vec<Note> {
     let mut notes = Vec::new();
     for joint in joints {
-        // Without a file, or with a joint beyond the file's format, the notes of the effects say why.
+        // If there is no file, or its format cannot express the joint, the notes of the effects say so.
         let formats = joint.in_format.iter();
         let written: Vec<_> =
             formats.filter_map(|held| Some((held, exported_file(joint, held, exports)?))).collect();
@@ -387,14 +387,13 @@ fn less(joints: &[JointReport], exports: &[ExportNote]) -> Vec<Note> {
     notes
 }
 
-/// Name of the file that holds a joint in a format; `None` without one.
+/// Name of the file that represents a joint in a format; `None` if there is none.
 fn exported_file<'a>(joint: &JointReport, held: &FormatModel, exports: &'a [ExportNote]) -> Option<&'a str> {
     let mut notes = exports.iter().filter(|e| e.joint == joint.joint && e.format == held.format.name());
     notes.find(|e| !e.file.is_empty()).map(|e| e.file.as_str())
 }
 
-/// The SDF and the USD beside the twin, as a run folder has them, with the effects; and what
-/// became of each.
+/// The SDF and the USD beside the twin, if it is in a run folder, with the effects; and what became of each.
 fn beside(
     twin: &Path,
     tree: &TwinTree,
@@ -427,7 +426,7 @@ fn beside(
     (files, remarks)
 }
 
-/// The name of no effect.
+/// No effect has this name.
 #[derive(Debug, thiserror::Error)]
 #[error("no effect is called '{name}'; there are {known}")]
 struct UnknownEffect {
@@ -457,11 +456,12 @@ enum SplitError {
     Chain { joint: String, source: RecordingError },
 }
 
-/// Most runs to give each its last third to the proof: a fit of one whole run would know its
-/// conditions alone.
+/// Up to this many runs, each gives its last third to the proof: a fit to a single whole run would know only
+/// its conditions.
 const MOST_DIVIDED: usize = 2;
 
-/// Logs of one joint. Of up to two runs each gives its last third to the proof.
+/// Splits the logs of one joint into fit and proof. With up to two runs, each gives its last third to the
+/// proof.
 fn split(
     recordings: &[(Recording, bool)],
     tree: &TwinTree,
@@ -478,7 +478,7 @@ fn split(
     let mut held_out = Vec::new();
     for (recording, held) in recordings {
         let mut log = recording.joint(name, names, told, warnings)?;
-        // The others of a chain load this joint by their recorded motion.
+        // The other joints of a chain load this joint by their recorded motion.
         if !chain.is_empty() {
             let mut all = joint_motions(tree, &moving, recording, hold, told)
                 .map_err(|source| SplitError::Chain { joint: name.clone(), source })?;
@@ -489,7 +489,8 @@ fn split(
     }
     if held_out.is_empty() && fitted.len() <= MOST_DIVIDED {
         for log in std::mem::take(&mut fitted) {
-            // By time, not at random: neighboring samples are alike, and the proof would see the fitted data.
+            // Split by time, not at random: neighboring samples are alike, and the proof would see fitted
+            // data.
             let cut = log.time_s.len() * 2 / 3;
             fitted.push(log.part_between(0, cut));
             held_out.push(log.part_between(cut, log.time_s.len()));

@@ -1,4 +1,5 @@
-//! The diagnosis by frames: twin and RGB-D recordings in, verdict, updated twin and report out.
+//! The diagnosis by frames: takes a twin and RGB-D recordings, and gives a verdict, an updated twin and a
+//! report.
 
 use std::path::{Path, PathBuf};
 
@@ -29,18 +30,18 @@ use geometry::{Intrinsics, Pose};
 use io::{self, ResultKind, SummaryJoint};
 use model::{escape_lines, escape_xml};
 
-/// Pictures are made of so many frames of every run.
+/// Number of frames of every run that are shown.
 const SHOWN: usize = 2;
-/// Runs on the page.
+/// Number of runs shown on the page.
 const RUNS_SHOWN: usize = 4;
-/// Share of the gate of residuals with full color in the pictures. chosen: for the eye
+/// Residual drawn in full color, as a share of the gate. chosen: for the eye
 const FULL: f64 = 0.25;
 
-/// Diagnoses a twin by frames, and by motion too where the request has runs. Both stand in one report; the
+/// Diagnoses a twin by frames, and also by motion if the request has runs. Both are in one report; the
 /// motion's files are in the folder `motion`.
 ///
-/// # Errors
-/// [`RunError`] where the place is taken, checked before the work, or where the twin or a
+/// # Errors [`RunError`] if the place is taken (checked before the work), the twin or a recording cannot be
+/// read, the frames do not show the twin, or the disk refuses.
 /// recording cannot be read, the frames do not show the twin, or the disk refuses.
 pub fn diagnose_frames(
     request: &DiagnoseRequest,
@@ -56,7 +57,7 @@ pub fn diagnose_frames(
         ));
     }
     let request = &request.with_urdf()?;
-    // The twin, then its place, then the recordings: the cheap refusals first.
+    // First the twin, then its place, then the recordings: cheap refusals come first.
     let (mut twin, text) = io::read_seen_twin(&request.twin).map_err(|e| failed("twin", &e))?;
     if let Some(own) = own_errors(&request.twin, &twin) {
         // The run folder of a reconstructed twin reports its errors: effects within them are not named.
@@ -80,7 +81,7 @@ pub fn diagnose_frames(
     let mut diagnosis = frame_diagnosis(&twin, &runs, options).map_err(|e| failed("diagnose", &e))?;
     monitor.check()?;
     if !twin.own.is_exact() {
-        // First, as all names are to be read with it.
+        // First, because all findings must be read with it in mind.
         diagnosis.notes.insert(0, known_errors(&twin));
     }
     let (urdf, exports) =
@@ -93,7 +94,7 @@ pub fn diagnose_frames(
         let (tree, text) = io::read_twin(&request.twin, request.gravity).map_err(|e| failed("twin", &e))?;
         let motion = find(request, &tree, &text, monitor)?;
         files.extend(motion.files.into_iter().map(|(path, content)| (format!("motion/{path}"), content)));
-        // One report with the findings of both: its readers need not know the source of each.
+        // One report with the findings of both: readers need not know which found what.
         json = report::merged_reports(
             serde_json::from_str(&motion.report).map_err(|e| failed("report", &e))?,
             &json,
@@ -105,7 +106,7 @@ pub fn diagnose_frames(
         summary = format!("by frames, {summary}by motion, {}", motion.summary);
         warnings.extend(motion.warnings);
     }
-    // One page without other files can be sent.
+    // A page without other files is easy to send.
     let page = page(&summary, &twin, &runs, &diagnosis)?;
     json["warnings"] = serde_json::to_value(&warnings).map_err(|e| failed("report", &e))?;
     let json = serde_json::to_string_pretty(&json).map_err(|e| failed("report", &e))?;
@@ -118,17 +119,17 @@ pub fn diagnose_frames(
     Ok(DiagnoseOutcome { folder, verdict, summary, warnings })
 }
 
-/// Errors of a twin by the report of its run folder; `None` of a twin without one. Values
-/// unknown to the folder count as zero.
+/// Errors of a twin according to the report of its run folder; `None` if it has none. Unknown values count as
+/// zero.
 fn own_errors(path: &Path, twin: &SeenTwin) -> Option<OwnErrors> {
     let known = io::read_run_summary(path.parent()?).ok()?.joints;
     let joints = twin.joints.iter().map(|j| joint_error(&known, &j.name)).collect();
-    // The worst part's: a part cannot be named better than its own surface is known.
+    // The largest over the parts: no effect can be named within the error of the surface.
     let surface_m = known.iter().map(|k| or_zero(k.residual_rms_m)).fold(0.0, f64::max);
     Some(OwnErrors { surface_m, joints })
 }
 
-/// Errors of a joint by a run's report; zero of a joint that it does not hold.
+/// Errors of a joint according to a run's report; zero for a joint that it does not contain.
 fn joint_error(known: &[SummaryJoint], name: &str) -> JointError {
     let known = known.iter().find(|k| k.name == name);
     known.map_or_else(JointError::default, |k| JointError {
@@ -184,7 +185,7 @@ fn page(summary: &str, twin: &SeenTwin, runs: &[FrameRun], d: &FrameDiagnosis) -
     Ok(page)
 }
 
-/// Photo, updated twin, residual before and after of a frame.
+/// Photo, updated twin, and residuals before and after, for a frame.
 fn pictures(twin: &SeenTwin, run: &FrameRun, r: usize, f: usize, d: &FrameDiagnosis) -> Vec<Picture> {
     let frame = &run.frames[f];
     let k = &frame.intrinsics;
@@ -213,7 +214,7 @@ fn picture(k: &Intrinsics, rgb: Vec<u8>, kind: PictureKind, caption: &str) -> Pi
     Picture { width: k.width, height: k.height, rgb, kind, caption, arrows: Vec::new() }
 }
 
-/// Residual of full color, meters.
+/// Residual that is drawn in full color, meters.
 fn full_m(d: &FrameDiagnosis) -> f64 {
     FULL * d.scales.gate_m()
 }
@@ -232,7 +233,7 @@ fn residual(
     let mut rgb = Vec::with_capacity(3 * image.depth_m.len());
     for i in 0..image.depth_m.len() {
         let reading = f64::from(frame.depth_m[i]);
-        // The camera's error under the hypothesis is taken out, as in (15.3).
+        // The camera's error under the hypothesis is removed, as in (15.3).
         let measured = (reading - hypothesis.camera.bias_m) / hypothesis.camera.scale;
         rgb.extend(match (frame.is_object(i), image.item[i].is_some()) {
             (true, true) if reading > 0.0 => {

@@ -1,4 +1,4 @@
-//! The twin held against its views. See docs/method.md 11.4.
+//! Compares the twin with its views. See docs/method.md 11.4.
 
 use rayon::prelude::*;
 
@@ -15,7 +15,7 @@ pub fn compare(capture: &Capture, model: &ArticulatedModel, looks: &[Look]) -> V
     states.filter_map(|state| state_difference(capture, model, state, &shapes)).collect()
 }
 
-/// How the twin differs from all masked views of a state; `None` where no view has a mask.
+/// How the twin differs from all masked views of a state; `None` if no view has a mask.
 fn state_difference(
     capture: &Capture,
     model: &ArticulatedModel,
@@ -33,7 +33,7 @@ fn state_difference(
     (!views.is_empty()).then(|| StateDifference::new(state, &views, &links))
 }
 
-/// Counts of differences in one view, with its name, and on each link.
+/// Name of a view, counts of differences in it, and counts by link.
 fn view_tallies(
     capture: &Capture,
     model: &ArticulatedModel,
@@ -53,7 +53,7 @@ fn view_tallies(
     ((frame.id.clone(), view), links)
 }
 
-/// The links in a state as a view saw them; tinted ones are shaded.
+/// The links in a state, rendered as a view saw them; tinted ones are shaded.
 pub(super) fn draw(
     model: &ArticulatedModel,
     state: usize,
@@ -76,7 +76,7 @@ pub(super) fn draw(
 
 /// Differences of a frame's pixels from the twin as its camera would see it.
 pub(super) fn differ(capture: &Capture, state: usize, frame: &RgbdFrame, twin: &Rendered) -> Vec<Difference> {
-    // Two frames of one surface lie so far apart for any twin: by noise and by the remaining errors of
+    // For any twin, two frames of one surface differ by this much: by noise and by the remaining errors of
     // poses and depth.
     let found = capture.poses.states.get(state).and_then(Option::as_ref);
     let shared_m = found.map_or(0.0, |f| f.residual_m[usize::from(f.used)]);

@@ -1,4 +1,4 @@
-//! Doubts about a twin and its runs, before the search for effects.
+//! Doubts about a twin and its runs before effects are searched.
 
 use std::collections::BTreeMap;
 
@@ -15,8 +15,8 @@ use gap::{
     twin_tree::TwinTree,
 };
 
-/// Why joints are not diagnosed for their efforts have no sign, and doubts about the others, by joint.
-/// Efforts without a sign get that of their commands. Warnings are added for both.
+/// Why joints are not diagnosed because their efforts have no sign, and doubts about the others, by joint.
+/// Efforts without a sign take that of their commands. Warnings are added for both.
 pub(super) fn input_doubts(
     recordings: &mut [(Recording, bool)],
     tree: &TwinTree,
@@ -39,7 +39,8 @@ fn doubts_of(
     hold: Hold,
     told: &Told,
 ) -> BTreeMap<usize, Doubt> {
-    // Of efforts without a known unit neither sign nor size say anything; the factor is found.
+    // If the unit of efforts is unknown, neither their sign nor their size tells anything; the factor is
+    // estimated.
     if told.unit == EffortUnit::Unknown {
         return BTreeMap::new();
     }

@@ -1,4 +1,4 @@
-//! How a run begins and ends: an earlier result, or the checkpoint of a stopped run.
+//! How a run begins and ends: with an earlier result, or the checkpoint of a stopped run.
 
 use std::path::{Path, PathBuf};
 
@@ -7,18 +7,18 @@ use super::{
 };
 use common::note::{Note, NoteCode};
 
-/// The beginning of a run.
+/// How a run begins.
 pub(super) enum Beginning {
-    /// A finished result.
+    /// There is a finished result already.
     Stands(Outcome),
-    /// A place for the results of its stages, empty or left by a stopped run.
+    /// There is a store for the results of its stages, empty or left by a stopped run.
     Open(Checkpoint),
 }
 
 /// Begins the run of a request, or continues a stopped one.
 ///
 /// # Errors
-/// An unusable checkpoint, and the result of another run where one was to be continued.
+/// If the checkpoint cannot be used, or there is only the result of another run to continue.
 pub(super) fn begin(
     request: &ReconstructRequest,
     name: &str,
@@ -30,7 +30,7 @@ pub(super) fn begin(
     // A result to be moved away by force may have been changed.
     let continues = request.resume && !request.force;
     let earlier = if continues { io::read_result_fingerprint(&result) } else { None };
-    // The result first: where it stands, an old checkpoint does not matter.
+    // The result is checked first: if it exists, an old checkpoint does not matter.
     if earlier.as_ref() == Some(&fingerprint.text()) {
         return Ok(Beginning::Stands(stands(result, &folder, fingerprint, monitor)));
     }
@@ -60,9 +60,10 @@ pub(super) fn finished(outcome: Outcome, checkpoint: Checkpoint, monitor: &Monit
     outcome
 }
 
-/// Reports that a run is finished. Its checkpoint is deleted, in case it ended between the two.
+/// Reports that a run is finished already. Its checkpoint is deleted, in case the process ended between the
+/// two.
 fn stands(folder: PathBuf, checkpoint: &Path, fingerprint: &Fingerprint, monitor: &Monitor) -> Outcome {
-    // The process may have ended between the commit of the result and the end of its checkpoint.
+    // The process may have ended after the result was committed and before the checkpoint was deleted.
     if checkpoint.exists()
         && let Ok(left) = Checkpoint::open(checkpoint, fingerprint, true)
     {
@@ -78,7 +79,7 @@ fn stands(folder: PathBuf, checkpoint: &Path, fingerprint: &Fingerprint, monitor
     Outcome { folder, joints: Vec::new(), warnings: Vec::new(), degraded: false, stood: true }
 }
 
-/// Deletes the finished stages of a run if they are of no use to a later one, else reports their place.
+/// Deletes the finished stages of a failed run unless a later run can use them; then reports where they are.
 pub(super) fn ended(error: RunError, checkpoint: Checkpoint, keep: bool, monitor: &Monitor) -> RunError {
     let bytes = checkpoint.bytes().unwrap_or_default();
     // After most failures the same input fails again, and a checkpoint would only fill the disk.

@@ -1,4 +1,4 @@
-//! Estimates of a run's time and memory, before it.
+//! Estimates a run's time and memory beforehand.
 
 use std::path::PathBuf;
 
@@ -14,16 +14,16 @@ use io::{Glimpse, count_joint_messages, glimpse_views};
 pub struct Estimate {
     /// Processor cores that the run keeps busy.
     pub cores: u32,
-    /// Most memory, bytes: an upper bound.
+    /// Largest memory use, bytes: an upper bound.
     pub memory_bytes: u64,
-    /// Most disk space for the result and the checkpoint, bytes.
+    /// Largest disk use by the result and the checkpoint, bytes.
     pub scratch_bytes: u64,
-    /// Wall time on so many cores, seconds.
+    /// Wall time on that many cores, seconds.
     pub seconds: f64,
 }
 
 impl Estimate {
-    /// Of a reconstruction; of its recordings summaries and a few messages are read.
+    /// For a reconstruction; only summaries and a few messages of its recordings are read.
     #[must_use]
     pub fn of_reconstruction(sources: &[PathBuf], config: &Config) -> Self {
         // The command itself refuses unreadable recordings.
@@ -31,7 +31,7 @@ impl Estimate {
         reconstruction(&bags, &config.capture, config.surface.nodes)
     }
 
-    /// Of a diagnosis; `frames` are RGB-D recordings.
+    /// For a diagnosis; `frames` are RGB-D recordings.
     #[must_use]
     pub fn of_diagnosis(request: &DiagnoseRequest, frames: &[PathBuf]) -> Self {
         let recordings = request.runs.iter().chain(&request.held_out).chain(frames);
@@ -47,7 +47,7 @@ impl Estimate {
     }
 }
 
-/// Busy cores of a run: stages of one thread and of all alternate.
+/// Cores a run keeps busy: single-threaded and parallel stages alternate.
 const CORES: u32 = 2;
 /// Columns and rows of frames of unknown size.
 const SIZE: (u32, u32) = (640, 480);
@@ -59,18 +59,19 @@ const BASE_BYTES: f64 = 52e6;
 const BYTES_PER_PIXEL: f64 = 19.0;
 const BYTES_PER_NODE: f64 = 45.0;
 const BYTES_PER_NODE_AND_STATE: f64 = 12.5;
-/// The estimate is a bound: objects of many parts held up to 1.15 times the fit. chosen: that, and a margin
+/// Factor on the fit that makes the estimate a bound: objects of many parts used up to 1.15 times the fit.
+/// chosen: that, and a margin
 const MEMORY_MARGIN: f64 = 1.35;
-// Processor time by the same. Fitted to five of these bags (docs/figures.md), with half of what a pixel took
-// in a fit to all of the objects above when the program took twice as long.
+// Processor time, in the same units. Fitted to five of these bags (docs/figures.md); the share of a pixel is
+// half that of a fit to all of the objects above, made when the program took twice as long.
 // measured: docs/figures.md, eval/estimate.md
 const BASE_SECONDS: f64 = 4.7;
 const SECONDS_PER_PIXEL: f64 = 0.25e-6;
 const SECONDS_PER_NODE: f64 = 1.15e-6;
-/// Wall time of a second of processor time on two cores: of ten runs on a quiet machine.
+/// Wall time per second of processor time on two cores, from ten runs on a quiet machine.
 /// measured: those ten runs
 const WALL: f64 = 0.57;
-/// Bytes of the checkpoint and the result: of a node of one state, and of a pixel.
+/// Bytes of the checkpoint and the result: per node of one state, and per pixel.
 /// chosen: the approximate size of such files
 const KEPT_PER_NODE: f64 = 14.0;
 const KEPT_PER_PIXEL: f64 = 13.0;
@@ -84,7 +85,7 @@ const DIAGNOSIS_MARGIN: f64 = 1.5;
 const DIAGNOSIS_SECONDS: f64 = 1.0;
 const SECONDS_PER_SAMPLE: f64 = 1e-3;
 
-/// Pixels of the kept frames of a recording, of `most_frames` at most.
+/// Number of pixels in the kept frames of a recording, `most_frames` at most.
 fn kept_pixels(bag: &Glimpse, most_frames: f64) -> f64 {
     let (width, height) = bag.size.unwrap_or(SIZE);
     let frames = bag.frames.map_or(most_frames, |n| (n as f64).min(most_frames));

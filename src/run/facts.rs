@@ -14,7 +14,7 @@ use export::{
 };
 use field::InstructionSet;
 
-/// A rendered view with its similarity to the photo; `None` where it was not measured.
+/// A rendered view with its similarity to the photo; `None` if that was not measured.
 fn rendering(p: &PhotoAndTwin) -> Option<Rendering> {
     Some(Rendering {
         state: p.state,
@@ -37,7 +37,7 @@ pub(super) fn facts(
     let initialization = match request.config.run.init {
         Init::Registration => compare_starts(&twin.model, "registration", true, &twin.starts),
         Init::Identity => {
-            // The result of registration alone, for the comparison of both ways.
+            // The result of registration alone, to compare both ways.
             let alone = nearest_starts(&twin.model, &twin.registered);
             let identity = compare_starts(&twin.model, "identity", true, &twin.starts);
             [identity, compare_starts(&twin.model, "registration", false, &alone)].concat()
@@ -86,7 +86,7 @@ pub(super) fn facts(
             .iter()
             .cloned()
             .chain(twin.warnings.iter().cloned())
-            // Warnings hold the cautions too: a reader of one list misses nothing.
+            // Warnings include the cautions, so that readers of this list miss nothing.
             .chain(cautions(&twin.model))
             .chain(images.differences.iter().filter_map(StateDifference::difference_warning))
             .collect(),
@@ -103,8 +103,8 @@ fn config_digest(fingerprint: &Fingerprint) -> String {
     fingerprint.only(|fact| fact.starts_with("config.")).text()
 }
 
-/// What did the numeric work: the engine that trained the `fields`, of which the CPU engine finished
-/// `replaced`, or the CPU where no field was trained.
+/// The device of the numeric work: the engine that trained the `fields`, `replaced` of which the CPU engine
+/// finished, or the CPU if no field was trained.
 fn device(config: &Config, replaced: usize, fields: usize) -> String {
     let threads = rayon::current_num_threads();
     let cpu = format!("cpu engine ({})", InstructionSet::detect().name());

@@ -1,4 +1,4 @@
-//! The stage of training the object field of one state.
+//! The stage that trains the object field of one state.
 
 use std::cell::RefCell;
 
@@ -10,9 +10,9 @@ use field::{
     TrainConfig, TrainInput, TrainerCheckpoint,
 };
 
-/// Steps between two looks at the clock, the bar and the stop flag.
+/// Steps between two checks of the clock, the progress bar and the stop flag.
 const REPORT_EVERY: usize = 10;
-/// Most steps that are lost with a failing device.
+/// Largest number of steps lost if a device fails.
 const KEEP_EVERY: usize = 200;
 
 /// A trained field and its engine.
@@ -22,11 +22,11 @@ pub(super) struct TrainedField {
     pub replaced: Option<String>,
 }
 
-/// Trains the field of a state in a stage, or takes it up where a checkpoint left it. A stop request writes a
+/// Trains the field of a state in a stage, or continues from a checkpoint. A stop request writes a
 /// checkpoint.
 ///
-/// # Errors
-/// Unusable input or settings, a loss that is no number, a stop request, an unwritable checkpoint.
+/// # Errors If input or settings are unusable, the loss is not a number, a stop is requested, or the
+/// checkpoint cannot be written.
 pub(super) fn train_field(
     stage: &str,
     input: &TrainInput,
@@ -51,10 +51,10 @@ pub(super) fn train_field(
     )
 }
 
-/// Makes an engine other than the CPU engine, or says why it cannot.
+/// Creates an engine other than the CPU engine, or says why it cannot.
 type Start<'a> = &'a dyn Fn(EngineState) -> Result<Box<dyn FieldEngine>, EngineError>;
 
-/// Why an engine or its result is of no use.
+/// Why an engine or its result cannot be used.
 #[derive(Debug, thiserror::Error)]
 enum EngineFault {
     #[error(transparent)]
@@ -76,11 +76,11 @@ fn cpu(state: EngineState) -> Box<dyn FieldEngine> {
     Box::new(CpuEngine::resume(state))
 }
 
-/// Training that survives its engine: when it fails, the CPU engine goes on from the last state that was
-/// kept.
+/// Training that survives its engine: if the engine fails, the CPU engine continues from the last saved
+/// state.
 struct Training<'a> {
     stage: String,
-    /// `None`: the CPU engine.
+    /// How to start the engine; `None` for the CPU engine.
     start: Option<Start<'a>>,
     checkpoint: Option<&'a StageStore>,
     monitor: &'a Monitor,

@@ -1,4 +1,4 @@
-//! Parts and motions of two states, or of more.
+//! Finds the parts and motions of two or more states.
 
 use super::{
     RunError, Stages,
@@ -12,7 +12,7 @@ use common::note::{Note, NoteCode};
 use geometry::Pose;
 use model::ArticulatedModel;
 
-/// Positions of a joint within so many standard deviations of each other are the same.
+/// Joint positions within this many standard deviations of each other count as equal.
 ///
 /// chosen: three, 0.3 % of a normal distribution
 const ALIKE_SIGMAS: f64 = 3.0;
@@ -21,7 +21,7 @@ const ALIKE_SIGMAS: f64 = 3.0;
 pub(super) struct Found {
     /// Parts and motions.
     pub articulation: Articulation,
-    /// Motions to the last state by registration, in its own order.
+    /// Motions to the last state from registration, in its own order.
     pub registered: Vec<Pose>,
     /// Evidence by number of parts, most parts first.
     pub curve: Vec<EvidencePoint>,
@@ -32,7 +32,7 @@ pub(super) struct Found {
 }
 
 impl Found {
-    /// Nothing but where the motions of the moving parts start.
+    /// Contains only the starts of the moving parts' motions.
     pub(crate) fn of_starts(starts: &[Pose]) -> Self {
         let starts = std::iter::once(Pose::identity()).chain(starts.iter().copied()).collect();
         let articulation = Articulation::new(Vec::new(), Vec::new(), starts);
@@ -47,12 +47,12 @@ impl Found {
 /// # Errors
 /// No motion, no overlap, fewer parts than asked for; those of the search for consistency.
 pub(super) fn find_parts(states: &[State], scene: &Scene, stages: &mut Stages) -> Result<Found, RunError> {
-    // Of more states each shows some of the parts.
+    // With more states, each shows only some of the parts.
     let parts = scene.config.run.parts.filter(|_| states.len() == 2);
     let mut registrations = Vec::with_capacity(states.len());
     for state in 1..states.len() {
         let stage = stage_of("register", state, states.len());
-        // All with state 0: its samples carry the labels of every pair.
+        // All are registered with state 0, whose samples carry the labels of every pair.
         let checkpoint = stages.checkpoint;
         registrations.push(stages.kept(&stage, None, |monitor| {
             register_state(states, state, &stage, parts, scene, checkpoint, monitor)
@@ -109,7 +109,7 @@ fn of_pairs(registrations: &[Registration], notes: fn(&Registration) -> &Vec<Not
     all
 }
 
-/// Notes of states with every joint as in an earlier one.
+/// Notes on states in which every joint is as in an earlier one.
 pub(super) fn more_views(model: &ArticulatedModel) -> Vec<Note> {
     let mut notes = Vec::new();
     for b in 1..model.states.len() {
@@ -122,16 +122,16 @@ pub(super) fn more_views(model: &ArticulatedModel) -> Vec<Note> {
     notes
 }
 
-/// Whether every joint stands at one position in two states, within its deviation.
+/// Whether every joint has the same position in two states, within its standard deviation.
 fn alike(model: &ArticulatedModel, a: usize, b: usize) -> bool {
     (0..model.joints.len()).all(|joint| is_joint_alike(model, joint, a, b))
 }
 
-/// The same of one joint.
+/// The same for one joint.
 fn is_joint_alike(model: &ArticulatedModel, joint: usize, a: usize, b: usize) -> bool {
     let apart = (model.states[a][joint] - model.states[b][joint]).abs();
     let [std_a, std_b] = [a, b].map(|state| position_std(model, joint, state));
-    // A state without a position of the joint is like no other.
+    // A state without a position of the joint equals no other.
     apart <= ALIKE_SIGMAS * std_a.hypot(std_b) && std_a.max(std_b).is_finite()
 }
 

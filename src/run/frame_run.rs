@@ -1,4 +1,4 @@
-//! A recording of an object at rest, for a diagnosis by frames, with the object's masks.
+//! Reads a recording of an object at rest for a diagnosis by frames, with the object's masks.
 
 use std::path::Path;
 
@@ -27,8 +27,8 @@ pub(super) fn frame_run(
     Ok(run)
 }
 
-/// Masks of the recording, or those that isolation finds: its rules want two states, which halves of the
-/// views stand for.
+/// Masks of the recording, or those from isolation; as isolation needs two states, each half of the views
+/// stands for one.
 fn with_masks(
     run: &mut FrameRun,
     config: &CaptureConfig,
@@ -41,7 +41,7 @@ fn with_masks(
     }
     let mut capture = Capture { noise: run.noise, ..Capture::of_states(2) };
     for (i, frame) in run.frames.drain(..).enumerate() {
-        // Frames in turn, so that both halves see the object from all sides.
+        // Frames alternate, so that both halves see the object from all sides.
         capture.states[i % 2].push(frame);
     }
     isolate(&mut capture, config, &mut stage_rng(seed, "diagnose/isolate", 0), stop)?;

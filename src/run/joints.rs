@@ -1,4 +1,4 @@
-//! The stage of the joints of moving parts.
+//! The stage that finds the joints of moving parts.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -11,8 +11,8 @@ use articulate::{
 use capture::PoseFindings;
 use geometry::{NearestPoints, Pose};
 
-/// Joints of all moving parts, in the order of the parts. The remaining motion of the static part to moved
-/// states is taken out of theirs.
+/// Joints of all moving parts, in the order of the parts. The remaining motion of the static part in moved
+/// states is removed from theirs.
 pub(super) fn joints(
     states: &[State],
     poses: &PoseFindings,
@@ -30,8 +30,8 @@ pub(super) fn joints(
             SurfaceDraws::new(&poses.draws, k, &s.surface.samples, s.frames, &scene.noise, spacing_m)
         })
         .collect();
-    // The static part is the frame of the twin and of its joints: an error of it as a whole in state 0
-    // is an error of all parts on it.
+    // The static part is the frame of the twin and of its joints: an error of the static part as a whole in
+    // state 0 shifts all other parts.
     let labels = &articulation.states[0].labels;
     let base: Vec<usize> = (0..labels.len()).filter(|&i| labels[i] == 0).collect();
     let frame = draws[0].rigid_motions(&states[0].surface.samples.points, &base);
@@ -43,8 +43,8 @@ pub(super) fn joints(
     let evidence = Evidence::new(states, &draws, articulation, scene);
     let parts = (1..articulation.parts()).into_par_iter().filter_map(|part| evidence.part(part));
     let parts: Vec<PartEvidence> = parts.collect();
-    // The apparent motion of the static part is the error of the world frames; joints against it are
-    // free of it.
+    // The apparent motion of the static part is the error of the world frames; joints relative to it are free
+    // of this error.
     let root: Vec<ParentMotion> =
         (1..states.len()).into_par_iter().map(|state| evidence.root(state, &states[state], poses)).collect();
     let extent_m = scene.bounds.extent_m();
@@ -106,7 +106,7 @@ impl<'a> Evidence<'a> {
         }
     }
 
-    /// Evidence of state 0 and number `state` for a part.
+    /// Evidence for a part from state 0 and state number `state`.
     fn pair(&self, part: usize, state: usize) -> PairEvidence<'a> {
         let of_part = self.matches[state].iter().filter(|(_, owner)| *owner == Some(part));
         let matches: Vec<LiftedMatch> = of_part.map(|(m, _)| *m).collect();
@@ -121,13 +121,13 @@ impl<'a> Evidence<'a> {
         )
     }
 
-    /// Evidence of all states for a part; `None` of a single state.
+    /// Evidence for a part from all states; `None` with a single state.
     fn part(&self, part: usize) -> Option<PartEvidence<'a>> {
         PartEvidence::new((1..self.states.len()).map(|state| self.pair(part, state)))
     }
 
-    /// The motion of the static part to number `state`: none, unless the frames of this state were moved:
-    /// its world frame is then a little its own.
+    /// The motion of the static part to state `number`: zero, unless the frames of this state were moved, as
+    /// their world frame then differs slightly.
     fn root(&self, number: usize, state: &State, poses: &PoseFindings) -> ParentMotion {
         if state.drift.is_none() && !poses.has_changes() {
             return ParentMotion::static_part();
@@ -158,8 +158,8 @@ impl Labelled<'_> {
     }
 }
 
-/// The motion closest to each match, of equal ones the motion of the part under it; `None`
-/// where none comes within `reach_m`.
+/// The motion closest to each match and, of equal ones, that of the part under it; `None` if none comes
+/// within `reach_m`.
 fn match_owners(
     matches: &[LiftedMatch],
     motions: &[Pose],
@@ -176,7 +176,7 @@ fn match_owner(m: &LiftedMatch, motions: &[Pose], surface: &Labelled<'_>, reach_
     if errors_m[best] >= reach_m {
         return None;
     }
-    // Parts may move alike in a pair of states; the match then belongs to the part under it.
+    // Parts may share a motion in a pair of states; the match then belongs to the part under it.
     if motions.iter().filter(|motion| **motion == motions[best]).count() == 1 {
         return Some(best);
     }

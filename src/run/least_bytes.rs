@@ -1,4 +1,4 @@
-//! Least bytes of a command's results: a disk with less is refused before the work.
+//! Least size of a command's results: a disk with less space is refused before the work.
 
 use config::{Config, Method};
 use field::FieldConfig;
@@ -6,15 +6,15 @@ use field::FieldConfig;
 /// Bytes of a reconstruction's folder. Measured: 3.7 MB for two parts at `surface.nodes=64`; less only for
 /// coarser surfaces.
 pub(super) const RECONSTRUCTION: u64 = 2 << 20;
-/// Bytes of a number in a checkpoint, and its numbers for each parameter: itself and two moments
-/// of the optimizer.
+/// Bytes in a checkpoint for each parameter: four for each of the parameter itself and two moments of the
+/// optimizer.
 const PARAMETER: u64 = 4 * 3;
 /// Bytes of a demonstration's folder. Measured: 0.3 to 1 MB with a film.
 pub(super) const DEMONSTRATION: u64 = 1 << 20;
 /// Bytes of a diagnosis beside its copy of the twin. Derived: four files at least, in blocks of 4 KiB.
 const DIAGNOSIS: u64 = 16 << 10;
 
-/// Bytes of the result folder and the checkpoint of a run on so many states.
+/// Least bytes of the result folder and the checkpoint of a run with `states` states.
 pub(super) fn least_reconstruction(states: usize, config: &Config) -> u64 {
     let checkpoint = match config.run.method {
         Method::Surfaces if config.trains_fields() => states as u64 * field(&config.train.field),
@@ -30,7 +30,7 @@ fn field(config: &FieldConfig) -> u64 {
     1u64.checked_shl(config.log2_table_size).unwrap_or(u64::MAX).saturating_mul(PARAMETER)
 }
 
-/// Bytes of the diagnosis of a twin with URDF `text`: it holds an updated copy.
+/// Least bytes of a diagnosis of a twin with URDF `text`, of which it contains an updated copy.
 pub(super) fn least_diagnosis(text: &str) -> u64 {
     DIAGNOSIS + text.len() as u64
 }

@@ -1,18 +1,18 @@
-//! Surface of the states without a part.
+//! Finds surface of the states that belongs to no part.
 
 use super::{articulation::Articulation, scene::Scene, state::State};
 use articulate::{OtherState, contradicted_points};
 use common::note::{Note, NoteCode};
 use geometry::{Pose, bounding_box};
 
-/// Errors of motions and depth take surface by less than this share of the truncation.
+/// Largest displacement of surface by errors of motions and depth, as a share of the truncation distance.
 /// chosen: the truncation is four deviations of depth at least (docs/method.md 3.1)
 const ERROR: f64 = 0.5;
-/// Less of a state's surface is not worth a warning.
+/// Least share of a state's surface for which there is a warning.
 /// derived: a smaller part is none either (docs/method.md 7)
 const LEAST_SHARE: f64 = 0.004;
 
-/// For each surface sample of each state whether no part gets it (docs/method.md 9.1).
+/// For each surface sample of each state, whether it belongs to no part (docs/method.md 9.1).
 pub(super) fn left_out(states: &[State], articulation: &Articulation, scene: &Scene) -> Vec<Vec<bool>> {
     let error_m = ERROR * scene.band.truncation_m;
     let mut left_out = Vec::with_capacity(states.len());
@@ -29,13 +29,13 @@ pub(super) fn left_out(states: &[State], articulation: &Articulation, scene: &Sc
     left_out
 }
 
-/// Warnings about left out surface, one of each state with much of it.
+/// Warnings about left-out surface, one for each state with much of it.
 pub(super) fn warnings(states: &[State], left_out: &[Vec<bool>]) -> Vec<Note> {
     let states = states.iter().zip(left_out).enumerate();
     states.filter_map(|(k, (state, out))| warning(k, state, out)).collect()
 }
 
-/// The warning about state number `k`; `None` where little of its surface is left out.
+/// The warning about state number `k`; `None` if little of its surface is left out.
 fn warning(k: usize, state: &State, out: &[bool]) -> Option<Note> {
     let share = out.iter().filter(|o| **o).count() as f64 / out.len().max(1) as f64;
     let points = &state.surface.samples.points;

@@ -9,8 +9,7 @@ use io::OnnxMatcher;
 
 const STAGE: &str = "match";
 
-/// Matches by the user's model; else the recording's own, as `recorded`; else those of the
-/// built-in features.
+/// Matches from the user's model; else those `recorded` with the data; else those of the built-in features.
 ///
 /// # Errors
 /// A failure of the model, a stop request.
@@ -28,7 +27,7 @@ pub(super) fn pixel_matches(
     }
 }
 
-/// Number of pairs of frames for a model.
+/// Number of frame pairs for a model.
 pub(super) fn pairs(frames: [&[RgbdFrame]; 2], config: &MatchConfig) -> usize {
     frame_pairs(frames, config.neighbors).len()
 }
@@ -42,7 +41,8 @@ fn by_model(
     let pairs = frame_pairs(frames, config.neighbors);
     let mut matches = Vec::new();
     let mut done = 0;
-    // As many at once as there are threads: images and intermediate results of no more pairs are held.
+    // As many at once as there are threads, so that images and intermediate results of no more pairs are in
+    // memory.
     for some in pairs.chunks(rayon::current_num_threads().max(1)) {
         monitor.check()?;
         let found: Vec<_> =

@@ -1,4 +1,4 @@
-//! Failures of a run that may pass when it is tried again.
+//! Tells failures of a run that may not recur if it is tried again.
 
 use std::{error::Error, io};
 
@@ -7,7 +7,7 @@ use ::io::RunDirError;
 
 impl RunError {
     /// Whether the same command may succeed later: the machine refused, or another process was in the way.
-    /// All else would be met again.
+    /// Any other failure would recur.
     #[must_use]
     pub fn may_pass(&self) -> bool {
         match self {
@@ -18,7 +18,7 @@ impl RunError {
     }
 }
 
-/// Whether the system refused for a reason in the machine, not in the requested file.
+/// Whether the system refused because of the machine, not because of the requested file.
 fn is_of_machine(error: &(dyn Error + 'static)) -> bool {
     if let Some(RunDirError::Full { .. }) = error.downcast_ref() {
         return true;
@@ -34,7 +34,7 @@ fn is_of_machine(error: &(dyn Error + 'static)) -> bool {
                     | io::ErrorKind::InvalidInput
                     | io::ErrorKind::InvalidFilename
             );
-            // Errors of a reader have no number.
+            // Errors that readers raise themselves have no system error number.
             return io.kind() == io::ErrorKind::StorageFull || (io.raw_os_error().is_some() && !of_file);
         }
         next = error.source();

@@ -1,4 +1,4 @@
-//! Reports of a running pipeline, and requests to stop it.
+//! Events from a running pipeline, and requests to stop it.
 
 use std::sync::{
     Arc,
@@ -13,39 +13,39 @@ use common::{
     stop::{Stop, Stopped},
 };
 
-/// A coming stage.
+/// A stage that is still to come.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Planned {
     /// Name, e.g. `field/state0`.
     pub stage: String,
-    /// Its share of the time, against the other stages'; 0: none.
+    /// Its share of the time, relative to the other stages; 0 if it is skipped.
     pub weight: f64,
 }
 
-/// One event. Serialized by `--json` as a line of JSON with the variant's name as `event` in
-/// snake case; the fields are those below. A non-finite number is `null`.
+/// One event. `--json` writes it as a line of JSON with the variant's name in snake case as `event` and the
+/// fields below. A non-finite number is `null`.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
-    /// Stages are to come, or weigh other than it was said before.
+    /// Stages are to come, or their weights have changed.
     Planned {
-        /// Them, in order.
+        /// The stages, in order.
         stages: Vec<Planned>,
     },
     /// A stage began.
     StageStarted {
         /// Name, e.g. `field/state0`.
         stage: String,
-        /// Number of steps it will take, where known.
+        /// Number of steps it will take, if known.
         steps: Option<usize>,
     },
     /// A step of a stage was done.
     Step {
         /// Name of the stage.
         stage: String,
-        /// Steps done.
+        /// Number of steps done.
         done: usize,
-        /// Steps in all.
+        /// Total number of steps.
         total: usize,
         /// Current loss.
         loss: f64,
@@ -54,9 +54,9 @@ pub enum Event {
     Count {
         /// Name of the stage.
         stage: String,
-        /// Parts done.
+        /// Number of parts done.
         done: usize,
-        /// Parts in all.
+        /// Total number of parts.
         total: usize,
     },
     /// A stage ended.
@@ -68,29 +68,29 @@ pub enum Event {
     },
     /// The run is degraded.
     Warning {
-        /// Its subject.
+        /// What it is about.
         code: NoteCode,
         /// A sentence.
         message: String,
     },
     /// Something to report.
     Note {
-        /// Its subject.
+        /// What it is about.
         code: NoteCode,
         /// A sentence.
         message: String,
     },
-    /// A file is in its place.
+    /// A file has been written.
     Artifact {
         /// Its path.
         path: String,
     },
-    /// One object of several has no result; the others go on.
+    /// One of several objects failed; the others continue.
     Failed {
         /// A message that names the place and the remedy.
         message: String,
     },
-    /// The run ended without a result. The last event.
+    /// The run ended without a result. This is the last event.
     Error {
         /// A message that names the place and the remedy.
         message: String,
@@ -103,7 +103,7 @@ pub enum Event {
 #[derive(Debug, Default, thiserror::Error)]
 #[error("stopped on request{}{kept}", if kept.is_empty() { "" } else { "; " })]
 pub struct Cancelled {
-    /// Kept results, their place, and how to go on; empty without any.
+    /// Which results were kept, where, and how to continue; empty if there are none.
     pub kept: String,
 }
 
@@ -113,12 +113,12 @@ impl From<Stopped> for Cancelled {
     }
 }
 
-/// Passed to every stage loop.
+/// Given to every stage: reports events and tells whether to stop.
 #[derive(Clone)]
 pub struct Monitor {
     events: Sender<Event>,
     cancel: Arc<AtomicBool>,
-    /// Name of the object, where there are several.
+    /// Name of the object, if there are several.
     object: Option<String>,
 }
 
@@ -135,8 +135,8 @@ impl Monitor {
         Self::new(std::sync::mpsc::channel().0, Arc::default())
     }
 
-    /// The same monitor for one object of several: its stages are `object/stage`, its sentences begin with
-    /// its name.
+    /// The same monitor for one of several objects: its stages are `object/stage`, and its sentences begin
+    /// with its name.
     #[must_use]
     pub fn of_object(&self, name: &str) -> Self {
         Self { object: Some(name.to_owned()), ..self.clone() }
@@ -153,7 +153,7 @@ impl Monitor {
                 | Event::Step { stage, .. }
                 | Event::Count { stage, .. }
                 | Event::StageFinished { stage, .. } => {
-                    // Here, not in the stages: they know nothing of other objects.
+                    // Done here, as the stages know nothing of other objects.
                     *stage = format!("{object}/{stage}");
                 }
                 Event::Warning { message, .. }
@@ -179,7 +179,7 @@ impl Monitor {
         self.report(Event::Note { code: note.code, message: note.text.clone() });
     }
 
-    /// The handle by which long work is asked to stop.
+    /// The handle through which long work is told to stop.
     #[must_use]
     pub fn stop(&self) -> Stop {
         Stop::by(Arc::clone(&self.cancel))
@@ -187,8 +187,7 @@ impl Monitor {
 
     /// Returns early from a loop once a stop was requested.
     ///
-    /// # Errors
-    /// [`Cancelled`], by which `monitor.check()?` ends the stage.
+    /// # Errors [`Cancelled`], so that `monitor.check()?` ends the stage.
     pub fn check(&self) -> Result<(), Cancelled> {
         if self.cancel.load(Ordering::Relaxed) { Err(Cancelled::default()) } else { Ok(()) }
     }

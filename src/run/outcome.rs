@@ -9,9 +9,9 @@ use config::{Config, ConfigError, Origins};
 use io::Place;
 use model::{ArticulatedModel, JointKind};
 
-/// Stage name in errors that come from writing the run folder.
+/// Stage name in errors from writing the run folder.
 pub(super) const OUTPUT_STAGE: &str = "output";
-/// The stage that checks whether simulators load the twin as it is meant.
+/// The stage that checks whether simulators load the twin as intended.
 pub(super) const CHECK_STAGE: &str = "check";
 
 /// Request for a reconstruction.
@@ -33,11 +33,11 @@ pub struct ReconstructRequest {
     pub keep: bool,
     /// Folder for the results of every stage, also for runs of the same recordings with other settings.
     pub stages: Option<PathBuf>,
-    /// Results of work on the growing recordings.
+    /// Results computed from the recordings while they grew.
     pub ahead: Arc<Ahead>,
     /// Whether a folder that may not be replaced is moved to `NAME.bak`.
     pub force: bool,
-    /// File for views and findings as a recording of rerun; needs the feature `rerun`.
+    /// File for views and findings as a rerun recording; needs the feature `rerun`.
     pub rerun: Option<PathBuf>,
     /// Files and folders beside the sources that the result must not replace.
     pub beside: Vec<PathBuf>,
@@ -65,13 +65,13 @@ impl ReconstructRequest {
     /// Where the result goes.
     pub(super) fn place(&self, name: &str) -> Place {
         let matcher = self.config.matching.onnx.iter();
-        // The matcher is read like a recording: a result must not take its place either.
+        // The matcher is an input like a recording: a result must not take its place either.
         let inputs =
             self.sources.iter().chain(&self.beside).chain(matcher).chain(&self.stages).cloned().collect();
         Place { force: self.force, inputs, ..Place::named(&self.out, name) }
     }
 
-    /// Where a result goes that the check rejects.
+    /// Where a result goes if the check rejects it.
     pub(super) fn rejected_place(&self, name: &str) -> Place {
         Place { out: self.out.join(format!("{name}_rejected")), name: None, ..self.place(name) }
     }
@@ -88,12 +88,12 @@ pub struct Outcome {
     pub warnings: Vec<Note>,
     /// Whether something was lost: data, or confidence in a joint.
     pub degraded: bool,
-    /// Whether the folder is of an earlier run with the same facts; nothing was done then, and nothing
+    /// Whether the folder is that of an earlier run with the same facts; then nothing was done, and nothing
     /// else is reported about it.
     pub stood: bool,
 }
 
-/// A joint as it stands in state 0, in the world frame of the recording.
+/// A joint as it is in state 0, in the world frame of the recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointSummary {
     /// Name.
@@ -104,14 +104,14 @@ pub struct JointSummary {
     pub axis_in_world: [f64; 3],
     /// Origin of the joint frame, a point of the axis, meters.
     pub point_in_world_m: [f64; 3],
-    /// Position in state 1 minus position in state 0, radians or meters; of more states, of the one
+    /// Position in state 1 minus position in state 0, radians or meters; with more states, in the one
     /// farthest from state 0.
     pub motion: f64,
     /// Position in every state.
     pub positions: Vec<f64>,
 }
 
-/// Why a run ended without a result. Nothing stands under the final name then.
+/// Why a run ended without a result. Nothing exists under the final name then.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     /// The settings cannot be used.
@@ -123,7 +123,7 @@ pub enum RunError {
     /// The checkpoint cannot be used or written.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
-    /// There is nothing to continue, and another run's result has the name.
+    /// There is nothing to continue, and the name belongs to another run's result.
     #[error(
         "{} is the result of other inputs, settings or another version, and no run is there to continue; \
          give another --name, or start anew without --resume",
@@ -152,7 +152,7 @@ impl RunError {
         Self::Stage { stage: stage.into(), source: source.into() }
     }
 
-    /// The failure of a reading stage, or its stop.
+    /// The failure of a stage that reads, or its stop.
     pub(super) fn reading(stage: &str, error: CaptureError) -> Self {
         match error {
             CaptureError::Stopped(stopped) => stopped.into(),
@@ -160,7 +160,7 @@ impl RunError {
         }
     }
 
-    /// Whether the run could go on from its checkpoint: it was stopped, or only its files could not be
+    /// Whether the run could continue from its checkpoint: it was stopped, or only its files could not be
     /// written. After any other failure it would fail again.
     #[must_use]
     pub fn can_continue(&self) -> bool {

@@ -11,9 +11,9 @@ use export::{
 use model::ArticulatedModel;
 use surface::{Difference, Paint, Rendered, TriangleMesh};
 
-/// Views shown of each state.
+/// Number of views shown of each state.
 const VIEWS: usize = 2;
-/// Color of the object where the twin has nothing, and of the twin where the camera saw through.
+/// Colors of the object where the twin has nothing, and of the twin where the camera saw through it.
 const LACKS: [u8; 3] = [232, 98, 12];
 const SURPLUS: [u8; 3] = [130, 40, 200];
 
@@ -54,7 +54,7 @@ pub(super) fn pictures(capture: &Capture, model: &ArticulatedModel, looks: &[Loo
     out
 }
 
-/// A view's tinted parts with the axes of joints, and its photo with pale surroundings.
+/// A view's tinted parts with joint axes, and its photo with pale surroundings.
 fn parts_and_kept(
     model: &ArticulatedModel,
     state: usize,
@@ -82,7 +82,7 @@ fn photo_and_twin(
     seen: &[(&TriangleMesh, Paint)],
 ) -> PhotoAndTwin {
     let caption = |what: &str| caption(state, frame, what);
-    // Cropped alike: photo and twin can be compared pixel by pixel.
+    // Cropped alike, so that photo and twin can be compared pixel by pixel.
     let window = window(frame, &[]);
     let rendered = draw(model, state, frame, seen);
     let difference = frame.mask.is_some().then(|| {
@@ -113,7 +113,7 @@ fn photo_and_twin(
     }
 }
 
-/// Where the run folder holds the object as a view saw it.
+/// Path in the run folder of the picture of the object as a view saw it.
 pub(super) fn photo_path(pair: &PhotoAndTwin) -> String {
     let mut view = String::new();
     for c in pair.view.chars() {
@@ -122,8 +122,8 @@ pub(super) fn photo_path(pair: &PhotoAndTwin) -> String {
     format!("preview/photo_state{}_{view}.png", pair.state)
 }
 
-/// Peak signal-to-noise ratio of a rendered picture against the photo over the object's pixels, background of
-/// the picture included; `None` where nothing isolates the object.
+/// Peak signal-to-noise ratio, dB, of a rendered picture relative to the photo over the object's pixels,
+/// including background of the picture there; `None` if there is no mask.
 fn psnr_db(frame: &RgbdFrame, rgb: &[u8]) -> Option<f64> {
     // Without a mask the background would count as an error of the twin.
     frame.mask.as_ref()?;
@@ -152,7 +152,7 @@ fn window(frame: &RgbdFrame, points: &[[f64; 2]]) -> Window {
     Window::around_marks(&[&shown], width, height)
 }
 
-/// The frames with most of the object, no two of them neighbors in time.
+/// The frames that show most of the object, no two of them neighbors in time.
 fn best_views(frames: &[RgbdFrame]) -> Vec<&RgbdFrame> {
     let size =
         |f: &RgbdFrame| f.depth_m.iter().enumerate().filter(|(i, d)| **d > 0.0 && f.is_object(*i)).count();
@@ -191,7 +191,7 @@ fn picture(drawn: Rendered, kind: PictureKind, caption: String) -> Picture {
     Picture { width, height, rgb: rgb.into_iter().flatten().collect(), kind, caption, ..Picture::default() }
 }
 
-/// The photo in pale gray, and in color where the twin differs from the reading.
+/// The photo in pale gray, with colors where the twin differs from the reading.
 fn marked(frame: &RgbdFrame, found: &[Difference], caption: &str) -> Picture {
     let mut tally = Tally::default();
     found.iter().for_each(|d| tally.count_reading(*d));

@@ -1,11 +1,11 @@
-//! The coming stages of a run, and about how long each takes beside the others.
+//! The coming stages of a run, and about how long each takes relative to the others.
 
 use super::{Event, Planned, ReconstructRequest, outcome::CHECK_STAGE, stage::stage_of};
 use config::{Config, Init, Method};
 
 /// Weight of a second on the machine of the weights below. derived: hundredths of a run of 25 s
 pub(super) const WEIGHT_OF_SECOND: f64 = 4.0;
-// Measured on two cores: hundredths of a default run of two states, in the mean of a laptop, a drawer and a
+// Measured on two cores: hundredths of a default run of two states, as the mean over a laptop, a drawer and a
 // fridge. measured: those three runs
 const CAPTURE: f64 = 22.0;
 const MATCH: f64 = 4.0;
@@ -18,15 +18,15 @@ const ASSEMBLE: f64 = 17.0;
 const PICTURES: f64 = 5.0;
 const EXPORT: f64 = 3.0;
 const CHECK: f64 = 1.0;
-/// Of a sample of a field's training step, and of a step of consistency: the same, presets `fields` and
+/// Weight of a sample in a field's training step and of a step of consistency, with presets `fields` and
 /// `paper`. measured: the runs of these presets
 const FIELD_SAMPLE: f64 = 2.5e-6;
 const CONSISTENCY_STEP: f64 = 0.12;
-/// Of a step of radiance fields: the same, presets `paris` and `paris-depth`.
+/// Weight of a step of radiance fields, with presets `paris` and `paris-depth`.
 /// measured: the runs of these presets
 const RADIANCE_STEP: f64 = 0.25;
 
-/// The stages of a run of so many states, in order.
+/// The stages of a run with `states` states, in order.
 #[must_use]
 pub(super) fn plan(config: &Config, states: usize) -> Vec<Planned> {
     let mut stages = Vec::new();
@@ -37,7 +37,7 @@ pub(super) fn plan(config: &Config, states: usize) -> Vec<Planned> {
         add(&stage_of("align", state, states), ALIGN);
     }
     let radiance = config.run.method == Method::Radiance;
-    // Radiance fields with published starts look at no surfaces.
+    // Radiance fields with the published starts do not use surfaces.
     if !radiance || config.run.init == Init::Registration {
         for state in 0..states {
             add(&format!("fusion/state{state}"), FUSION);
@@ -73,9 +73,9 @@ pub(super) fn plan(config: &Config, states: usize) -> Vec<Planned> {
     stages
 }
 
-/// Expected states of a recording.
+/// Expected number of states of a recording.
 fn states(request: &ReconstructRequest) -> usize {
-    // A marker topic divides one recording into as many as it likes: two are usual.
+    // A marker topic can divide one recording into any number of states: two are usual.
     let divided = request.config.capture.split_secs.len() + 1;
     io::state_count(&request.sources).unwrap_or_default().max(divided).max(2)
 }
@@ -86,7 +86,7 @@ pub(super) fn foreseen(request: &ReconstructRequest) -> Event {
     Event::Planned { stages: plan(&request.config, states(request)) }
 }
 
-/// The event that a finished run reports: no stage is to come.
+/// The event that a finished run reports: no more stages are to come.
 #[must_use]
 pub(super) fn settled(request: &ReconstructRequest) -> Event {
     let planned = plan(&request.config, states(request)).into_iter();

@@ -1,11 +1,11 @@
-//! How far runs are, from the events of their stages.
+//! Computes how far runs are from the events of their stages.
 
 use std::{collections::BTreeMap, time::Duration};
 
 use super::{Event, plan::WEIGHT_OF_SECOND};
 
-/// How much the pace of the machine behind the measured weights counts against the pace of this run: as much
-/// as stages of this weight. chosen: a tenth of a run
+/// How much the pace of the machine on which weights were measured counts relative to this run's pace: as
+/// much as stages of this weight. chosen: a tenth of a run
 const TRUST_IN_WEIGHTS: f64 = 10.0;
 
 /// A running stage.
@@ -13,35 +13,35 @@ const TRUST_IN_WEIGHTS: f64 = 10.0;
 struct Running {
     name: String,
     began: Duration,
-    /// Done share, 0 to 1; `None`: it reports no steps.
+    /// Share done, 0 to 1; `None` if it reports no steps.
     share: Option<f64>,
 }
 
-/// How far a run is, or several at once. Times are since it began.
+/// Progress of a run, or of several at once. Times are since it began.
 #[derive(Clone, Debug, Default)]
 pub struct RunProgress {
-    /// When the first stages were foreseen: earlier waiting does not count for the pace.
+    /// When the first stages were announced: waiting before does not count for the pace.
     begun: Option<Duration>,
-    /// Of coming and running stages.
+    /// Weights of coming and running stages.
     weights: BTreeMap<String, f64>,
-    /// In the order in which they began.
+    /// Running stages, in the order in which they began.
     running: Vec<Running>,
-    /// Weight of all ended stages.
+    /// Total weight of ended stages.
     done: f64,
-    /// The time of the last progress, and the weight done by then.
+    /// Time of the last progress, and the weight done by then.
     counted: (Duration, f64),
     loss: Option<f64>,
 }
 
 impl RunProgress {
-    /// Takes an event; whether it says how far the run is.
+    /// Processes an event; returns whether it changes the progress.
     pub fn take(&mut self, event: &Event, at: Duration) -> bool {
         match event {
             Event::Planned { stages } => {
                 self.begun.get_or_insert(at);
                 for planned in stages {
                     self.weights.insert(planned.stage.clone(), planned.weight);
-                    // Nothing of it is to come: its run failed.
+                    // The stage will not come: its run failed.
                     if planned.weight == 0.0 {
                         self.running.retain(|r| r.name != planned.stage);
                     }
@@ -84,20 +84,20 @@ impl RunProgress {
         self.running.iter().map(|r| self.weight(r) * r.share.unwrap_or_default()).sum()
     }
 
-    /// The last begun stage among the running ones, and the number of the others.
+    /// The running stage that began last, and the number of other running ones.
     #[must_use]
     pub fn stage(&self) -> Option<(&str, usize)> {
         self.running.last().map(|r| (r.name.as_str(), self.running.len() - 1))
     }
 
-    /// The loss of the running stage, where it has one.
+    /// The loss of the running stage, if it has one.
     #[must_use]
     pub fn loss(&self) -> Option<f64> {
         self.loss
     }
 
-    /// Done share of the work, 0 to 1, and the time for the rest at the pace so far; `None`
-    /// where no stages are foreseen.
+    /// Share of the work done, 0 to 1, and the time for the rest at the pace so far; `None` if no stages were
+    /// announced.
     #[must_use]
     pub fn at(&self, now: Duration) -> Option<(f64, Duration)> {
         let to_come: f64 = self.weights.values().sum();
@@ -115,8 +115,8 @@ impl RunProgress {
         Some(((done / all).clamp(0.0, 1.0), Duration::from_secs_f64(left_s.max(0.0))))
     }
 
-    /// The done part of the weight of a running stage: by its steps, else by its time so far, divided among
-    /// the stages at work.
+    /// The part of a running stage's weight that is done: from its steps, else from its time so far, divided
+    /// among the running stages.
     fn weight_done(&self, stage: &Running, now: Duration, seconds_of_weight: f64) -> f64 {
         let weight = self.weight(stage);
         if let Some(share) = stage.share {

@@ -1,5 +1,5 @@
-//! The stages of the method of images alone: radiance fields of the parts with free motions,
-//! again with the joints found by these, and the model of both (docs/method.md 12.11).
+//! The stages of the method that uses only images: radiance fields of the parts with free motions, then again
+//! with the joints found from these, and the model of both (docs/method.md 12.11).
 
 use nalgebra::{Point3, Vector3};
 
@@ -11,15 +11,14 @@ use geometry::Pose;
 use model::{ArticulatedModel, MovingPart, build_model};
 use surface::{TriangleMesh, keep_components};
 
-/// Steps between two looks at the stop flag and the bar.
+/// Steps between two checks of the stop flag and the progress bar.
 const REPORT_EVERY: usize = 10;
 
-/// The model by the images of two states, all parts on the static one. Free motions start from
+/// The model from the images of two states, with all parts on the static one. Free motions start from
 /// `starts`, state1_from_state0 of the mobile parts in the world.
 ///
-/// # Errors
-/// Other than two states; a state without views; a loss that is no number; a part
-/// without a surface; a stop request, an unwritable checkpoint.
+/// # Errors If there are not two states, a state has no views, the loss is not a number, a part has no
+/// surface, a stop is requested, or the checkpoint cannot be written.
 pub(super) fn radiance_model(
     name: &str,
     states: &[Vec<RgbdFrame>],
@@ -39,16 +38,16 @@ pub(super) fn radiance_model(
         let halves = starts.iter().map(|whole| HalfMotion::of_world(whole, &scene.bounds)).collect();
         RadianceTrainer::from_motions(&input, &config, halves, seed, stage)
     })?;
-    // As recommended by the published code: the free motions' joints, trained anew.
+    // As the published code recommends: trained again with the joints of the free motions.
     let found = trained("radiance/typed", &config, stages, |stage| {
         RadianceTrainer::typed(&input, &config, &free, seed, stage)
     })?;
     stages.kept("assemble", None, |_| assemble(name, &found, &config, scene))
 }
 
-/// The published starts of the mobile parts: whole motions in the world.
+/// The published starts of the mobile parts: full motions in the world.
 pub(super) fn published_starts(scene: &Scene) -> Vec<Pose> {
-    // Two without a number, which `checked_name` asks for where there may be more.
+    // Two if no number is given; `checked_name` requires one if there may be more.
     let parts = scene.config.run.parts.filter(|_| scene.config.radiance.many_parts).unwrap_or(2);
     vec![HalfMotion::free_start().state1_from_state0(&scene.bounds); parts - 1]
 }
@@ -98,7 +97,7 @@ fn train(
     Ok(trainer.trained_model())
 }
 
-/// Surfaces of the parts by their densities, joints by their motions.
+/// Builds surfaces of the parts from their densities, and joints from their motions.
 fn assemble(
     name: &str,
     found: &RadianceModel,
@@ -117,10 +116,9 @@ fn assemble(
     Ok(build_model(name, base, parts, &scene.config.model))
 }
 
-/// The surface of a part by its density.
+/// The surface of a part from its density.
 ///
-/// # Errors
-/// A density nowhere above the threshold.
+/// # Errors If the density is nowhere above the threshold.
 fn part_surface(
     found: &RadianceModel,
     part: usize,

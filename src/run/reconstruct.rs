@@ -18,14 +18,14 @@ use export::{Report, StateDifference, check_folder, link_looks, package};
 /// Reconstructs the object of a request: writes `out/<name>/` and returns the outcome.
 ///
 /// # Errors
-/// If the request cannot be fulfilled (reported before any work), a stage fails or the monitor asks
-/// to stop; nothing stands under the final name then.
+/// If the request cannot be fulfilled (reported before any work), a stage fails or the monitor requests a
+/// stop; nothing exists under the final name then.
 pub fn reconstruct(request: &ReconstructRequest, monitor: &Monitor) -> Result<Outcome, RunError> {
     // Requests that cannot succeed are refused before anything is decoded.
     let name = checked_name(request)?;
     let matcher = matcher(&request.config)?;
     let fingerprint = fingerprint(request)?;
-    // Opened also where nothing is to be kept: its lock keeps a second run of this name away.
+    // Opened even if nothing is to be kept: its lock keeps out a second run of this name.
     let checkpoint = match begin(request, &name, &fingerprint, monitor)? {
         Beginning::Stands(outcome) => return Ok(outcome),
         Beginning::Open(checkpoint) => checkpoint,
@@ -36,14 +36,14 @@ pub fn reconstruct(request: &ReconstructRequest, monitor: &Monitor) -> Result<Ou
     }
 }
 
-/// The store of stage results for runs with other settings, where requested.
+/// The store of stage results for runs with other settings, if requested.
 fn stage_folder(
     name: &str,
     request: &ReconstructRequest,
     fingerprint: &Fingerprint,
 ) -> Result<Option<StageStore>, RunError> {
     let Some(folder) = &request.stages else { return Ok(None) };
-    // Facts in the results from outside the recordings: the twin's name, and places in notes.
+    // Results also depend on facts outside the recordings: the twin's name, and paths in notes.
     let mut facts = fingerprint.clone().with("name", name);
     for (i, source) in request.sources.iter().enumerate() {
         facts = facts.with(format!("place{i}"), source.display());
@@ -51,7 +51,7 @@ fn stage_folder(
     Ok(Some(StageStore::open(folder, facts)?))
 }
 
-/// All stages, and the run folder in its place.
+/// Runs all stages and puts the run folder in its place.
 fn reconstruct_files(
     name: &str,
     matcher: Option<&io::OnnxMatcher>,
@@ -70,7 +70,7 @@ fn reconstruct_files(
         capture::open(&request.sources, &config.capture, seed, &request.ahead, monitor)
             .map_err(|e| RunError::reading("capture", e))
     })?;
-    // Not inside the stage, which a continued run does not compute again.
+    // Outside the stage, which a continued run does not compute again.
     capture.notes.iter().for_each(|n| monitor.note(n));
     capture.warnings.iter().for_each(|w| monitor.warn(w));
     // Frames to a model.

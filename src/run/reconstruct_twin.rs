@@ -22,20 +22,20 @@ use io::OnnxMatcher;
 use model::{ArticulatedModel, Link, renamed_model, validate};
 use surface::{SolidFit, TriangleMesh};
 
-/// A model and facts about its making for the report.
+/// A model, with facts for the report about how it was made.
 pub struct Twin {
     /// The model.
     pub model: ArticulatedModel,
     /// Start of each moving part's refinement, as a motion to the last state, in the order of the joints.
     pub starts: Vec<Pose>,
-    /// Motions by registration, in its own order.
+    /// Motions from registration, in its own order.
     pub registered: Vec<Pose>,
-    /// Fused surface of each state, world frame of state 0; none where radiance fields were fitted.
+    /// Fused surface of each state, in the world frame of state 0; empty if radiance fields were fitted.
     pub surfaces: Vec<TriangleMesh>,
     /// How the number of parts was found.
     pub part_count: PartCountReport,
-    /// For every later state the motion of still surfaces from state 0's world frame to its own,
-    /// where they differed: the model stands in state 0's.
+    /// For every later state, the motion of still surfaces from state 0's world frame to its own, if they
+    /// differed: the model is in state 0's.
     pub drifts: Vec<Option<Pose>>,
     /// Notes about choices, such as the number of parts.
     pub notes: Vec<Note>,
@@ -45,8 +45,8 @@ pub struct Twin {
     pub replaced_engines: Vec<String>,
 }
 
-/// From frames to a model; touches the disk for the stages' checkpoint alone. States recorded in
-/// another world frame than state 0 are moved into it.
+/// From frames to a model; accesses the disk only for checkpoints. States recorded in another world frame
+/// than state 0 are moved into it.
 ///
 /// # Errors
 /// If a stage fails or is asked to stop.
@@ -103,7 +103,7 @@ fn radiance_twin(
     Ok(twin(sound(model, scene.config)?, &drifts, found, scene, stages))
 }
 
-/// The model with the requested names; refuses an unsound one.
+/// The model with the requested names; a defective one is refused.
 fn sound(model: ArticulatedModel, config: &Config) -> Result<ArticulatedModel, RunError> {
     let findings = validate(&model);
     if findings.is_empty() {
@@ -113,7 +113,7 @@ fn sound(model: ArticulatedModel, config: &Config) -> Result<ArticulatedModel, R
     Err(RunError::stage("validate", format!("the model is not sound: {list}")))
 }
 
-/// States with a field by another engine than the requested one, and the reasons.
+/// States whose field was trained by another engine than requested, and why.
 fn replaced_engines(states: &[State]) -> Vec<String> {
     let mut replaced = Vec::new();
     for (state, s) in states.iter().enumerate() {
@@ -123,7 +123,7 @@ fn replaced_engines(states: &[State]) -> Vec<String> {
     replaced
 }
 
-/// The model of states with such drifts, and all facts for its report.
+/// The model, together with all facts for its report.
 fn twin(
     model: ArticulatedModel,
     drifts: &[Option<&Drift>],
@@ -165,7 +165,7 @@ pub(super) fn cautions(model: &ArticulatedModel) -> impl Iterator<Item = Note> {
     model.joints.iter().flat_map(|j| j.evidence.cautions.iter().map(move |c| c.about(&j.name)))
 }
 
-/// Warnings about parts with collision solids beside their surface.
+/// Warnings about parts whose collision solids do not fit their surface.
 fn solids_off(model: &ArticulatedModel) -> Vec<Note> {
     model.links.par_iter().filter_map(solids_off_of_link).collect()
 }

@@ -1,4 +1,4 @@
-//! A recording of rerun beside the run folder.
+//! A rerun recording beside the run folder.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use super::{Event, Monitor, RunError, Twin, outcome::OUTPUT_STAGE};
 use capture::Capture;
 use common::note::Note;
 
-/// Writes views and findings to a file, where one is requested.
+/// Writes views and findings to a file, if requested.
 pub(super) fn write(
     path: Option<&Path>,
     capture: &Capture,

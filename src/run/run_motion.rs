@@ -1,4 +1,4 @@
-//! The motion of joints in a run, as doubts about the input look at it.
+//! The motion of joints in a run, for judging doubts about the input.
 
 use gap::{
     fit::stretch::{Moved, RunMotion},
@@ -6,7 +6,7 @@ use gap::{
     twin_tree::TwinTree,
 };
 
-/// The motion in a run of each joint of a twin; `None` of joints other than `joints`.
+/// The motion in a run of each joint of a twin; `None` for joints not in `joints`.
 pub(super) fn motions(run: &Recording, tree: &TwinTree, joints: &[usize], told: &Told) -> RunMotion {
     let asked = (0..tree.joints.len()).map(|j| joints.contains(&j).then(|| &tree.joints[j].name));
     asked.map(|name| joint_motion(run, name?, told)).collect()

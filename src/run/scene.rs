@@ -1,11 +1,11 @@
-//! Shared facts of all stages: settings, measured noise, the box around the object, scales.
+//! Facts shared by all stages: settings, measured noise, the box around the object, scales.
 
 use super::{RunError, band::Band};
 use capture::{Capture, NoiseConfig, scene_box};
 use config::Config;
 use geometry::SceneBox;
 
-/// Shared facts of all stages behind the alignment.
+/// Facts shared by all stages after the alignment.
 pub(super) struct Scene<'a> {
     pub config: &'a Config,
     /// The noise model scaled to the recording.
@@ -16,7 +16,7 @@ pub(super) struct Scene<'a> {
 }
 
 impl<'a> Scene<'a> {
-    /// Of states that stand in one world frame, where `bounds` is around the object.
+    /// For states in one world frame, in which `bounds` is around the object.
     pub(crate) fn of(capture: &Capture, bounds: SceneBox, config: &'a Config) -> Self {
         let band = Band::of(&capture.frames(), &bounds, &capture.noise, &config.surface);
         Self { config, noise: capture.noise, bounds, band }

@@ -1,4 +1,4 @@
-//! Efforts without a sign: given one by commands, or not used.
+//! Efforts without a sign: commands give them one, or they are not used.
 
 use std::collections::BTreeMap;
 
@@ -14,8 +14,8 @@ use gap::{
     twin_tree::TwinTree,
 };
 
-/// Gives efforts recorded as magnitudes their sign, where all runs have commands of the joint, and takes them
-/// away where not: why, by joint. Of the runs the flag says whether only the proof reads them.
+/// Gives efforts recorded as magnitudes their sign if all runs have commands of the joint, and removes them
+/// if not; returns the reasons by joint. The flag of a run says whether only the proof uses it.
 pub(super) fn settle_signs(
     recordings: &mut [(Recording, bool)],
     tree: &TwinTree,
@@ -50,7 +50,7 @@ pub(super) fn settle_signs(
             let text = format!("{what}: their sign is that of the command less the position");
             warnings.push(Note::new(NoteCode::EffortsWithoutSign, text));
         } else {
-            // Nothing may use them, the other joints of a chain neither.
+            // Nothing may use them, not even the other joints of a chain.
             for (run, _) in recordings.iter_mut() {
                 let samples = run.joints.iter_mut().filter(|s| s.name == *name);
                 samples.for_each(|s| s.effort.iter_mut().for_each(|u| *u = f64::NAN));

@@ -1,4 +1,4 @@
-//! Runs stages in order and keeps their times.
+//! Runs stages in order and records their times.
 
 use std::time::Instant;
 
@@ -7,32 +7,32 @@ use serde::{Serialize, de::DeserializeOwned};
 use super::{Event, Monitor, Planned, StageStore};
 use common::note::{Note, NoteCode};
 
-/// Name of the stage of a state behind state 0, of so many states in all.
+/// Name of the stage of a state after state 0, given the number of states.
 #[must_use]
 pub(super) fn stage_of(name: &str, state: usize, count: usize) -> String {
     if count == 2 { name.to_owned() } else { format!("{name}/state{state}") }
 }
 
-/// The clock of a run.
+/// Runs the stages of a run.
 pub struct Stages<'a> {
     /// The listener for events.
     pub monitor: &'a Monitor,
     /// The store of results and of unfinished stages, for a continued run.
     pub checkpoint: Option<&'a StageStore>,
-    /// The store of results for runs with other settings, in place of the checkpoint.
+    /// The store of results for runs with other settings, used instead of the checkpoint.
     pub folder: Option<&'a StageStore>,
     /// Name and wall seconds of every finished stage, in order.
     pub seconds: Vec<(String, f64)>,
 }
 
 impl<'a> Stages<'a> {
-    /// No stage done yet.
+    /// No stage has been run yet.
     #[must_use]
     pub fn new(monitor: &'a Monitor) -> Self {
         Self { monitor, checkpoint: None, folder: None, seconds: Vec::new() }
     }
 
-    /// No stage done yet; results are kept in a checkpoint, or in a folder of stages.
+    /// No stage has been run yet; results are kept in a checkpoint, or in a folder of stages.
     #[must_use]
     pub fn keeping(
         monitor: &'a Monitor,
@@ -42,7 +42,7 @@ impl<'a> Stages<'a> {
         Self { checkpoint, folder, ..Self::new(monitor) }
     }
 
-    /// Runs one stage: reports its start and end, keeps its time, and stops before it if asked to.
+    /// Runs one stage: reports its start and end, records its time, and stops before it if requested.
     ///
     /// # Errors
     /// The stage's own error, or [`super::Cancelled`].
@@ -60,10 +60,10 @@ impl<'a> Stages<'a> {
         Ok(result)
     }
 
-    /// Runs a stage with a lasting result: takes it from the folder or the checkpoint, or computes
-    /// and keeps it.
+    /// Runs a stage whose result is kept: takes it from the folder or the checkpoint, or computes and keeps
+    /// it.
     ///
-    /// The run goes on where a result cannot be written; only its continuation is lost.
+    /// If a result cannot be written, the run goes on; it only cannot be continued from there.
     ///
     /// # Errors
     /// Those of [`Self::run`].
@@ -92,8 +92,8 @@ impl<'a> Stages<'a> {
         })
     }
 
-    /// The result of a stage from an earlier run, if it is there; the stage is then reported as begun, as
-    /// kept and as done.
+    /// The result of a stage from an earlier run, if there is one; the stage is then reported as begun, kept
+    /// and finished.
     ///
     /// # Errors
     /// [`super::Cancelled`].
@@ -120,7 +120,7 @@ impl<'a> Stages<'a> {
         Ok(Some(result))
     }
 
-    /// Reports the end of a stage and keeps its time.
+    /// Reports the end of a stage and records its time.
     fn finished(&mut self, name: &str, start: Instant) {
         let seconds = start.elapsed().as_secs_f64();
         self.seconds.push((name.to_owned(), seconds));

@@ -1,21 +1,21 @@
-//! The facts about a run behind the result of a stage: a setting for a later stage
-//! does not count.
+//! Selects the facts about a run on which the result of a stage depends: settings of later stages do not
+//! count.
 
 use super::Fingerprint;
 
-/// Stages in their order, by the first word of their names. All facts count for any other stage.
+/// Stages in their order, by the first word of their names. For any other stage all facts count.
 const ORDER: [&str; 9] =
     ["capture", "match", "align", "surface", "register", "unite", "articulate", "joints", "assemble"];
 
-/// Facts unread before the named stage, by the beginning of their names. Any other fact
-/// counts from the first stage, and `LAST` from behind the last of `ORDER`.
+/// Facts, by the beginning of their names, with the first stage that reads them. Any other fact counts from
+/// the first stage on, and those of `LAST` after the last stage of `ORDER`.
 const FIRST_READ: [(&str, &str); 12] = [
     ("config.matching.", "match"),
     ("matcher", "match"),
     ("config.register.", "align"),
     ("config.surface.", "surface"),
     ("config.train.", "surface"),
-    // It says whether fields are trained.
+    // These settings decide whether fields are trained.
     ("config.articulation.", "surface"),
     ("config.run.parts", "register"),
     ("config.joint.", "joints"),
@@ -27,13 +27,13 @@ const FIRST_READ: [(&str, &str); 12] = [
 
 const LAST: &str = "export";
 
-/// Where a stage stands in the order.
+/// Position of a stage in the order.
 fn rank(stage: &str) -> usize {
     let word = stage.split('/').next().unwrap_or_default();
     ORDER.iter().position(|known| *known == word).unwrap_or(ORDER.len())
 }
 
-/// The facts behind the results of a stage and of those before it.
+/// The facts on which the results of a stage and of those before it depend.
 pub(super) fn of_stage(facts: &Fingerprint, stage: &str) -> Fingerprint {
     let at = rank(stage);
     facts.only(|fact| {

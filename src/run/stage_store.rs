@@ -1,12 +1,12 @@
-//! Results of stages in a folder, each under the digest of its inputs.
+//! Keeps results of stages in a folder, each under the digest of its inputs.
 //!
-//! A file holds a header (magic with the version of the format, checksum) and the postcard bytes of the
-//! value, and appears under its name only when whole. A damaged file counts as absent: the stage is computed
-//! again. So no write waits for the disk: after a power cut, lost results are computed again. Values go to
-//! the file and come from it piece by piece, so they are never twice in memory, and a file is summed before
-//! any of it is decoded.
+//! A file has a header (magic with the version of the format, checksum) and the postcard bytes of the value,
+//! and appears under its name only when complete. A damaged file counts as missing, and the stage is computed
+//! again. Therefore no write waits for the disk: results lost in a power cut are computed again. Values are
+//! written and read piece by piece, so that they are never in memory twice, and a file's checksum is verified
+//! before any of it is decoded.
 //!
-//! Several processes may read and write one folder: files of one name from two of them are the same.
+//! Several processes may read and write one folder: files of the same name have the same content.
 
 use std::{
     fs::{self, File, OpenOptions},
@@ -26,11 +26,11 @@ use twox_hash::XxHash64;
 
 /// The last byte is the version of the format.
 const MAGIC: [u8; 8] = *b"ARTITWN\x04";
-/// Magic 8, checksum 8.
+/// 8 bytes of magic, 8 of checksum.
 pub(super) const HEADER_BYTES: usize = 16;
-/// Block of writing and reading, bytes.
+/// Buffer for writing and reading, bytes.
 const BUFFER_BYTES: usize = 1 << 20;
-/// End of the name of a file.
+/// Extension of the files.
 pub(super) const ENDING: &str = ".ckpt";
 
 /// A folder of results, for one run.
@@ -41,7 +41,7 @@ pub struct StageStore {
 }
 
 impl StageStore {
-    /// Opens the folder for a run of these facts, and makes it where it is not there.
+    /// Opens the folder for a run with these facts, and creates it if it is missing.
     ///
     /// # Errors
     /// If the disk refuses.
@@ -51,7 +51,7 @@ impl StageStore {
         Ok(Self { folder: folder.to_owned(), facts })
     }
 
-    /// Where it lies.
+    /// Path of the folder.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.folder
@@ -59,9 +59,8 @@ impl StageStore {
 
     /// Writes the result of a stage; replaces an earlier one.
     ///
-    /// # Errors
-    /// If the disk refuses, or would have no room for the result of the run; an earlier result stays as it
-    /// was then.
+    /// If the disk refuses, or would have no room left for the result of the run; an earlier result then
+    /// stays.
     pub fn save<T: Serialize>(&self, stage: &str, value: &T) -> Result<(), CheckpointError> {
         let (path, sum) = self.file(stage);
         write_whole(&path, |file| {
@@ -70,7 +69,7 @@ impl StageStore {
             let payload = Summed { inner: &mut *file, sum };
             let payload = postcard::to_io(value, payload).map_err(io::Error::other)?;
             let header = header(&payload.sum);
-            // Kept files are large, some 300 MB of frames; the result comes first.
+            // Kept files are large, e.g. 300 MB of frames; the result of the run has priority.
             if free_bytes(&self.folder).is_some_and(|free| free < RECONSTRUCTION) {
                 return Err(io::ErrorKind::StorageFull.into());
             }
@@ -80,7 +79,7 @@ impl StageStore {
         .map_err(|source| CheckpointError::Disk { path, source })
     }
 
-    /// The result of a stage, if there is a whole one. Damage is reported to `monitor`.
+    /// The result of a stage, if there is a complete one. Damage is reported to `monitor`.
     pub fn load<T: DeserializeOwned>(&self, stage: &str, monitor: &Monitor) -> Option<T> {
         let (path, sum) = self.file(stage);
         match read(&path, sum) {
@@ -96,7 +95,7 @@ impl StageStore {
     }
 
     /// The file of a stage's result, and the beginning of its checksum: the digest of its inputs, so that a
-    /// renamed file is found out.
+    /// renamed file is detected.
     fn file(&self, stage: &str) -> (PathBuf, XxHash64) {
         let key = of_stage(&self.facts, stage).key(stage).to_string();
         let mut sum = XxHash64::default();
@@ -110,17 +109,17 @@ fn read<T: DeserializeOwned>(path: &Path, sum: XxHash64) -> io::Result<T> {
     let mut file = BufReader::with_capacity(BUFFER_BYTES, file);
     let mut head = [0; HEADER_BYTES];
     file.read_exact(&mut head)?;
-    // Summed before it is decoded: a damaged length could ask the decoder for any amount of memory.
+    // Verified before decoding: a damaged length could make the decoder request any amount of memory.
     let mut summed = Summed { inner: io::sink(), sum };
     io::copy(&mut file, &mut summed)?;
     if head != header(&summed.sum) {
         return Err(io::Error::other("damaged, or of another run or version"));
     }
     file.seek(SeekFrom::Start(HEADER_BYTES as u64))?;
-    // Longer pieces and texts are not written.
+    // Longer pieces and texts are never written.
     let mut piece = vec![0; PIECE_BYTES];
     let (value, (mut rest, _)) = postcard::from_io((file, &mut piece)).map_err(io::Error::other)?;
-    // More bytes than the type takes: another type was written.
+    // More bytes than the type needs: another type was written.
     if rest.read(&mut [0])? > 0 {
         return Err(io::Error::other("holds more than was asked for"));
     }
@@ -134,7 +133,7 @@ fn header(sum: &XxHash64) -> [u8; HEADER_BYTES] {
     header
 }
 
-/// Sums the passing bytes.
+/// Computes the checksum of the bytes that pass.
 struct Summed<W> {
     inner: W,
     sum: XxHash64,
@@ -152,9 +151,9 @@ impl<W: Write> Write for Summed<W> {
     }
 }
 
-/// Writes a file under a temporary name, then gives it its name.
+/// Writes a file under a temporary name, then renames it.
 fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<()> {
-    // Of this process: others may write the same value to the same folder.
+    // With the process id: other processes may write the same value to the same folder.
     let temporary = path.with_extension(format!("{}.tmp", process::id()));
     let written = create_plain(&temporary).and_then(|file| {
         let mut file = BufWriter::with_capacity(BUFFER_BYTES, file);

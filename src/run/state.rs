@@ -1,4 +1,4 @@
-//! A state on its way through the pipeline: its frames, and the findings of all stages.
+//! A state in the pipeline: its frames, and what all stages found.
 
 use super::{
     RunError, Stages,
@@ -15,22 +15,22 @@ use surface::{SurfaceSource, TsdfVolume};
 /// One state, in the world frame of state 0.
 pub(super) struct State<'a> {
     pub frames: &'a [RgbdFrame],
-    /// Matches with state 0; none in state 0 itself.
+    /// Matches with state 0; empty for state 0 itself.
     pub matches: Vec<LiftedMatch>,
-    /// How it was brought into the world frame of state 0; none where it was recorded there.
+    /// How it was brought into the world frame of state 0; none if it was recorded there.
     pub drift: Option<Drift>,
-    /// Its field, where one was trained.
+    /// Its field, if one was trained.
     pub field: Option<TrainedField>,
     pub surface: StateSurface,
 }
 
 impl State<'_> {
-    /// Its field, where one was trained.
+    /// Its field, if one was trained.
     pub(crate) fn field(&self) -> Option<&ObjectField> {
         self.field.as_ref().map(|f| &f.field)
     }
 
-    /// The state as the estimation of joints sees it.
+    /// The state in the form that joint estimation uses.
     pub(crate) fn observed<'a>(&'a self, labels: &'a [u8], draws: &'a SurfaceDraws) -> ObservedState<'a> {
         ObservedState {
             frames: self.frames,
@@ -44,7 +44,7 @@ impl State<'_> {
     }
 }
 
-/// Surfaces and, where they are wanted, fields of all states, one after the other.
+/// Surfaces and, if needed, fields of all states, one after the other.
 ///
 /// # Errors
 /// A state without a surface, a failed training, a stop request.
@@ -63,7 +63,7 @@ pub(super) fn observe<'a>(
     Ok(states)
 }
 
-/// The surface of a state, and its field, where there are occupied cells: fields are wanted then.
+/// The surface of a state, and its field if occupied cells are given.
 fn observe_state(
     state: usize,
     frames: &[RgbdFrame],
@@ -73,8 +73,8 @@ fn observe_state(
 ) -> Result<(Option<TrainedField>, StateSurface), RunError> {
     let config = &scene.config.surface;
     let stage = format!("surface/state{state}");
-    // The volume is not kept: it takes twice the room of its surface, and as long to write as a tenth
-    // of its fusion. A field asks for it again.
+    // The volume is not kept: it is twice as large as its surface, and writing it takes a tenth of the time
+    // of its fusion. For a field it is fused again.
     if !scene.config.trains_fields()
         && let Some(kept) = stages.recall::<_, RunError>(&stage)?
     {
@@ -83,14 +83,14 @@ fn observe_state(
     let volume =
         stages.run(&format!("fusion/state{state}"), None, |_| Ok::<_, RunError>(fuse(frames, scene)))?;
     let field = field(state, frames, occupancy, &volume, scene, stages)?;
-    // A field trained for consistency alone does not make the surface.
+    // A field trained only for consistency is not the source of the surface.
     let trained = field.as_ref().map(|f| &f.field).filter(|_| config.source == SurfaceSource::Field);
     let surface = stages.kept(&stage, None, |_| state_surface(frames, &volume, trained, scene))?;
     Ok((field, surface))
 }
 
-/// The field of a state near the occupied cells, about the fused volume; cells are given where fields are
-/// wanted.
+/// The field of a state near the occupied cells, around the fused volume; cells are given if fields are
+/// needed.
 fn field(
     state: usize,
     frames: &[RgbdFrame],

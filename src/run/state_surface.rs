@@ -13,7 +13,8 @@ use surface::{
     marching_cubes, signed_distance, visibility_grid,
 };
 
-/// Nodes look for the nearest surface up to this share of the object's extent: joints ask no further.
+/// Nodes look for the nearest surface up to this share of the object's extent: joint estimation needs no
+/// more.
 /// chosen: more than the reach of joints' evidence, 0.03, and the diagonal of a cell of 0.006
 const NEAR: f64 = 0.05;
 
@@ -28,9 +29,9 @@ pub(crate) struct StateSurface {
     pub mesh: TriangleMesh,
     /// Untruncated signed distance, meters.
     pub sdf: Grid3<f32>,
-    /// Nodes in sight of some view (same nodes as `sdf`).
+    /// Whether some view saw each node (same nodes as `sdf`).
     pub visible: Grid3<bool>,
-    /// Certainly empty nodes (same nodes as `sdf`).
+    /// Whether each node is certainly empty (same nodes as `sdf`).
     pub free: Grid3<bool>,
     /// Points on the surface.
     pub samples: SurfaceSamples,
@@ -46,7 +47,7 @@ pub(super) fn fuse(frames: &[RgbdFrame], scene: &Scene) -> TsdfVolume {
     volume
 }
 
-/// The surface of one state from its fused volume and its field (`None`: fusion alone).
+/// The surface of one state from its fused volume and its field (`None`: from fusion alone).
 ///
 /// # Errors
 /// A state without a surface.
@@ -87,10 +88,9 @@ pub(super) fn state_surface(
     Ok(StateSurface { tsdf, weight, mesh, sdf, visible, free, samples })
 }
 
-/// Takes the field's distances at all observed nodes near a fused surface, but where views saw free
-/// space; elsewhere the fused free space stands. A residual field counts as much as the least weight
-/// of an observed node (docs/method.md 12.5): it is a guess by its neighborhood, which readings
-/// outvote.
+/// Replaces fused distances by the field's at all observed nodes near a fused surface, except where views saw
+/// free space. The field's residual counts as much as the least weight of an observed node (docs/method.md
+/// 12.5): it is a guess from the neighborhood, which readings outvote.
 fn blend_in_field(
     tsdf: &mut Grid3<f32>,
     weights: &[f32],

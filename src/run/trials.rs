@@ -1,5 +1,5 @@
-//! Trials: objects by methods by seeds, each a run of its own. Finished trials stay, and a failed run
-//! is a result: its reason is kept and stands in the tables.
+//! Trials: objects times methods times seeds, each in a run of its own. Finished trials are kept. A failed
+//! run is a result too: its reason is kept and shown in the tables.
 
 use std::{
     fs,
@@ -22,7 +22,7 @@ use common::limits::REPORT;
 use config::{Config, Origins};
 use evaluate::{self, EvaluateError, EvaluateOptions, PUBLISHED_MIN_COMPONENT, TrialCost, TrialTable, Truth};
 
-/// Settings under a name.
+/// Named settings.
 #[derive(Clone, Debug)]
 pub struct Method {
     /// Name in tables and folders.
@@ -36,11 +36,11 @@ pub struct Method {
 /// Request for trials.
 #[derive(Clone, Debug)]
 pub struct TrialsRequest {
-    /// Recordings with their truth beside them.
+    /// Recordings with their ground truth beside them.
     pub objects: Vec<PathBuf>,
     /// Methods, in the order of the tables.
     pub methods: Vec<Method>,
-    /// Seeds 0, 1, ... of every object and method.
+    /// Number of seeds (0, 1, ...) for every object and method.
     pub seeds: u64,
     /// Folder for `OBJECT/METHOD/seed_K`, `trials.json` and `trials.md`.
     pub out: PathBuf,
@@ -52,10 +52,10 @@ pub enum TrialsError {
     /// A run was stopped, or could not be begun or written.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// An object has no truth, or two of them one name.
+    /// An object has no ground truth, or two objects have the same name.
     #[error(transparent)]
     Evaluate(#[from] EvaluateError),
-    /// Two objects would take each other's place.
+    /// Two objects would use the same folder.
     #[error("two objects are named {0}: rename a folder, or give them to two commands")]
     SameName(String),
     /// A file that trials did not write has the name of a result.
@@ -78,16 +78,15 @@ struct TrialRecord {
     #[serde(flatten)]
     cost: TrialCost,
     failed: Option<String>,
-    /// Why a simulator would not load the twin as it is meant; it is measured all the same.
+    /// Why a simulator would not load the twin as intended; the twin is measured all the same.
     rejected: Option<String>,
 }
 
-/// Runs all unfinished trials, and measures all. Methods with the published inference
-/// get the number of parts of the truth, as the published methods do; others find it.
+/// Runs all unfinished trials, and measures all. Methods with the published inference get the true number of
+/// parts, as the published methods do; others find it.
 ///
-/// # Errors
-/// An object without truth; a stop request; an unwritable place. A run that fails for its
-/// inputs is no error but a failed trial.
+/// # Errors If an object has no ground truth, a stop is requested, or the place cannot be written. A run that
+/// fails because of its inputs is not an error but a failed trial.
 pub fn trials(request: &TrialsRequest, monitor: &Monitor) -> Result<TrialTable, TrialsError> {
     let tables = ["trials.json", "trials.md"].map(|name| request.out.join(name));
     let is_own = is_table(&tables[0]);
@@ -201,9 +200,9 @@ fn trial(request: &ReconstructRequest, monitor: &Monitor) -> Result<TrialRecord,
     let started = Instant::now();
     let (failed, rejected) = match reconstruct(request, monitor) {
         Ok(_) => (None, None),
-        // Its files are there.
+        // The files have been written.
         Err(error) if is_of(&error, CHECK_STAGE) => (None, Some(chain(&error))),
-        // The method cannot reconstruct these inputs, and the table shows that.
+        // The method cannot reconstruct these inputs, and the table shows it.
         Err(error @ RunError::Stage { .. }) if !is_of(&error, OUTPUT_STAGE) => (Some(chain(&error)), None),
         Err(error) => return Err(error.into()),
     };
@@ -219,7 +218,7 @@ fn is_of(error: &RunError, name: &str) -> bool {
     matches!(error, RunError::Stage { stage, .. } if stage == name)
 }
 
-/// Where the twin of a trial lies.
+/// Folder of the twin of a trial.
 fn result_folder(request: &ReconstructRequest, record: &TrialRecord) -> PathBuf {
     let name = request.name.as_deref().unwrap_or_default();
     let place = if record.rejected.is_some() { request.rejected_place(name) } else { request.place(name) };
@@ -227,21 +226,20 @@ fn result_folder(request: &ReconstructRequest, record: &TrialRecord) -> PathBuf 
     place.target().unwrap_or_default()
 }
 
-/// Writes a file that appears when it is whole, and creates its folder.
+/// Writes a file, which appears when it is complete, and creates its folder.
 fn put(path: &Path, bytes: &[u8]) -> Result<(), TrialsError> {
     let failed = |source| TrialsError::Write { path: path.to_owned(), source };
     path.parent().map_or(Ok(()), fs::create_dir_all).map_err(failed)?;
     files::write_whole(path, bytes).map_err(failed)
 }
 
-/// Forgets the highest resident memory of this process so far. Elsewhere than on Linux there is no such file,
-/// and nothing is reported.
+/// Resets the peak resident memory of this process. Other systems than Linux lack the file for it; then
+/// nothing happens and nothing is reported.
 fn forget_peak() {
     fs::write("/proc/self/clear_refs", "5").ok();
 }
 
-/// The highest resident memory of this process since it was forgotten; where the system does not count it,
-/// nothing.
+/// Peak resident memory of this process since the reset, MiB; `None` if the system does not count it.
 fn peak_mib() -> Option<f64> {
     let status = fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;

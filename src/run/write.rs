@@ -1,4 +1,4 @@
-//! The last step: the run folder goes to its place.
+//! The last step: puts the run folder in its place.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use export::{CheckFinding, ExportFile, Level, Report, ReportPictures, report_htm
 use io::{self, ResultKind};
 use model::ArticulatedModel;
 
-/// Puts the run folder in its place, whole; under a name that says so where the check found an error.
+/// Puts the complete run folder in its place; if the check found an error, under a name that says so.
 pub(super) fn write(
     model: &ArticulatedModel,
     files: &[ExportFile],
@@ -24,7 +24,7 @@ pub(super) fn write(
     let failed = |e: Box<dyn std::error::Error + Send + Sync>| RunError::stage(OUTPUT_STAGE, e);
     let errors: Vec<String> =
         found.iter().filter(|f| f.level == Level::Error).map(ToString::to_string).collect();
-    // A twin with errors in the check must not stand under the requested name.
+    // A twin that fails the check must not appear under the requested name.
     let place =
         if errors.is_empty() { request.place(&model.name) } else { request.rejected_place(&model.name) };
     let dir = io::RunDir::open(&place, ResultKind::Reconstruct).map_err(|e| failed(e.into()))?;

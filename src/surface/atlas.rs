@@ -11,7 +11,7 @@ use super::{
 /// Empty texels around a chart, so that filtering does not mix charts.
 /// chosen: one texel for bilinear filtering, and one to spare
 const MARGIN_PX: f64 = 2.0;
-/// Texels grow by this until the charts fit. chosen: a few trials, and little is given away
+/// Factor by which texels grow until the charts fit. chosen: few trials, little resolution lost
 const COARSER: f64 = 1.15;
 /// Greatest depth of a chart about its plane, as a share of the mesh's extent.
 /// chosen: a deeper chart stretches its texels
@@ -37,17 +37,17 @@ struct Chart {
     size_m: Vector2<f64>,
 }
 
-/// The mesh laid out in charts (no triangle is turned by more than 35 degrees from the first of its chart),
-/// at `texel_m` a texel or as fine as `max_px` a side allows. Triangles never overlap across charts.
+/// Lays the mesh out in charts: no triangle turns by more than 35 degrees from the first of its chart. A
+/// texel measures `texel_m`, or as little as sides of `max_px` pixels allow. Charts never overlap.
 /// Deterministic.
 #[must_use]
 pub fn atlas_of_mesh(mesh: &TriangleMesh, texel_m: f64, max_px: usize) -> Atlas {
     let extent_m = mesh.bounds().map_or(0.0, |(lo, hi)| f64::from((hi - lo).norm()));
     let mut charts: Vec<Chart> =
         grown_patches(mesh, DEPTH_SHARE * extent_m).iter().map(|p| lay_flat(mesh, p)).collect();
-    // Shelves waste least where heights fall from one to the next.
+    // Shelf packing wastes least when heights descend.
     charts.sort_by(|a, b| b.size_m.y.total_cmp(&a.size_m.y).then(b.size_m.x.total_cmp(&a.size_m.x)));
-    // Not far finer than the largest texture can be: the loop needs few rounds.
+    // Starting near the finest size `max_px` allows keeps the loop short.
     let mut texel_m = texel_m.max(extent_m / (2.0 * max_px as f64)).max(1e-9);
     let (size_px, places) = loop {
         if let Some(found) = packed_on_shelves(&charts, texel_m, max_px) {
@@ -58,7 +58,7 @@ pub fn atlas_of_mesh(mesh: &TriangleMesh, texel_m: f64, max_px: usize) -> Atlas 
     let mut atlas = Atlas {
         size_px,
         texel_m,
-        // Triangles without area are in no patch and so in no chart: they show one pixel.
+        // Triangles without area are in no patch and so in no chart: they get the middle of one pixel.
         corners_px: vec![[Point2::new(0.5, 0.5); 3]; mesh.triangles.len()],
         chart: vec![u32::MAX; mesh.triangles.len()],
     };
@@ -83,7 +83,7 @@ impl Atlas {
 /// A patch seen along its normal, turned until the rectangle around it is smallest and stands upright.
 fn lay_flat(mesh: &TriangleMesh, patch: &Patch) -> Chart {
     let z = patch.normal;
-    // Any axis far enough from the normal.
+    // Any axis not nearly parallel to the normal.
     let x = z.cross(&if z.x.abs() < 0.8 { Vector3::x() } else { Vector3::y() }).normalize();
     let axes = Matrix3::from_columns(&[x, z.cross(&x), z]);
     let mut corners = Vec::with_capacity(patch.triangles.len());
@@ -103,19 +103,19 @@ fn lay_flat(mesh: &TriangleMesh, patch: &Patch) -> Chart {
     Chart { triangles: patch.triangles.clone(), corners_m, size_m }
 }
 
-/// A point of a rectangle after its longer side is laid along x: shelves waste less. A turn by a right angle
-/// keeps left and right. The result's y points down, as pixels do.
+/// Turns a point of a rectangle by a right angle where the rectangle is higher than wide: shelves waste less.
+/// A turn does not mirror the chart. The result's y points down, as that of pixels.
 fn laid_wide(p: Point2<f64>, size: &Vector2<f64>) -> Point2<f64> {
     if size.y > size.x { Point2::new(size.y - p.y, size.x - p.x) } else { Point2::new(p.x, size.y - p.y) }
 }
 
-/// Side of the square and the upper left corner of every chart, pixels, on shelves; `None` where `max_px` is
-/// too small.
+/// Packs the charts on shelves of a square: its side and the upper left corner of every chart, pixels; `None`
+/// where `max_px` is too small.
 fn packed_on_shelves(charts: &[Chart], texel_m: f64, max_px: usize) -> Option<(usize, Vec<Vector2<f64>>)> {
     let size = |c: &Chart| c.size_m.map(|s| (s / texel_m).ceil() + 2.0 * MARGIN_PX);
     let area: f64 = charts.iter().map(|c| size(c).product()).sum();
     let widest = charts.iter().map(|c| size(c).x).fold(16.0, f64::max);
-    // Shelves leave gaps: the search only begins at the area.
+    // Shelves leave gaps, so the area is only where the search begins.
     let mut side = (1.05 * area.sqrt()).max(widest).ceil();
     loop {
         if side > max_px as f64 {

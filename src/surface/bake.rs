@@ -1,4 +1,4 @@
-//! Photos painted into a texture.
+//! Bakes photos into a texture.
 
 use nalgebra::{IsometryMatrix3, Point3, UnitQuaternion, Vector3};
 use rand_core::Rng;
@@ -8,17 +8,17 @@ use super::{Atlas, Light, Shown, TriangleMesh, sample_surface, texture::bilinear
 use capture::RgbdFrame;
 use geometry::Pose;
 
-/// A point this share of its depth behind a view's surface is hidden there.
-/// chosen: beyond errors of depth and surface
+/// A point farther behind a view's surface than this share of its depth is hidden in that view. chosen:
+/// beyond errors of depth and surface
 const DEPTH_SHARE: f64 = 0.015;
-/// A view at a smaller cosine than this is not used. chosen: 81 deg; texels get seven times as long
+/// A view at a smaller cosine of incidence is not used. chosen: 81 deg; texels get seven times as long
 const MIN_COSINE: f64 = 0.15;
 /// Exponent of cosine over depth in a view's weight: the best views count most.
 const SHARPNESS: i32 = 3;
-/// Unused pixels at the border of an image. chosen: images are worst there
+/// Pixels at the border of an image that are not used. chosen: images are worst there
 const BORDER_PX: f64 = 3.0;
-/// Scale of color differences (levels) of disagreeing views: highlights, misses.
-/// chosen: a tenth of the levels
+/// Scale of the color difference (levels) from which views disagree: highlights, wrong alignment. chosen: a
+/// tenth of the levels
 const DISAGREEMENT: f32 = 24.0;
 /// Color where there is neither a view nor a vertex color.
 const PLAIN: [u8; 3] = [150; 3];
@@ -29,9 +29,9 @@ pub struct BakeView<'a> {
     pub frame: &'a RgbdFrame,
     /// Where the mesh stood in the world.
     pub world_from_mesh: Pose,
-    /// z-depth of the whole object from that camera, meters; 0 where there is none.
+    /// z-depth of the whole object rendered for that camera, meters; 0 where there is none.
     pub depth_m: &'a [f32],
-    /// How much brighter than others the photo is, by channel.
+    /// How much brighter the photo is than the others, by channel.
     pub gain: Vector3<f32>,
 }
 
@@ -68,9 +68,10 @@ struct Texel {
     color: [u8; 3],
 }
 
-/// The texture of a mesh, `size_px * size_px` sRGB pixels: each texel the agreeing weighted mean of its views
-/// (head-on and near ones count most), without the light; the mesh's own color where there is no view; around
-/// the charts the nearest color. `normals` are unit normals at the corners of every triangle.
+/// The texture of a mesh, `size_px * size_px` sRGB pixels with the effect of the light taken out. Each texel
+/// is the weighted mean of its agreeing views (frontal and near ones count most), or the mesh's own color
+/// where no view shows it; around the charts it is the nearest color. `normals` are unit normals at the
+/// corners of every triangle.
 #[must_use]
 pub fn baked_texture(
     mesh: &TriangleMesh,
@@ -97,7 +98,7 @@ pub fn baked_texture(
     texture.into_iter().map(|c| c.unwrap_or(PLAIN)).collect()
 }
 
-/// All texels with their middle in a triangle.
+/// All texels whose middle lies in a triangle.
 fn texels_of_triangles(mesh: &TriangleMesh, atlas: &Atlas, normals: &[[Vector3<f64>; 3]]) -> Vec<Texel> {
     let mut found = Vec::new();
     let size = atlas.size_px;
@@ -141,14 +142,14 @@ fn weighted_level(levels: [u8; 3], weights: &[f64; 3]) -> u8 {
     sum.round().clamp(0.0, 255.0) as u8
 }
 
-/// Color of a texel by its views; `None` where there is none. `samples` is room for their colors.
+/// Color of a texel by its views; `None` where there is none. `samples` is a buffer for their colors.
 fn color_by_views(
     texel: &Texel,
     eyes: &[Eye],
     light: &Light,
     samples: &mut Vec<(f32, Vector3<f32>)>,
 ) -> Option<[u8; 3]> {
-    // Views of one state follow each other: the mesh stands alike in them.
+    // Views of one state follow each other, and the mesh has one pose in them: the light is computed once.
     let mut lit: Option<(UnitQuaternion<f64>, Vector3<f32>)> = None;
     samples.clear();
     for eye in eyes {
@@ -180,7 +181,7 @@ fn weighted_mean(
     (total > 0.0).then(|| samples.iter().map(|s| s.1 * weight(s)).sum::<Vector3<f32>>() / total)
 }
 
-/// A view, and how the mesh stands before its camera.
+/// A view with the pose of the mesh in its camera.
 struct Eye<'a> {
     view: &'a BakeView<'a>,
     camera_from_mesh: IsometryMatrix3<f64>,
@@ -192,7 +193,7 @@ impl<'a> Eye<'a> {
         Self { view, camera_from_mesh: nalgebra::convert(camera_from_mesh) }
     }
 
-    /// Weight and color of a place on the mesh.
+    /// Weight and color of a point on the mesh; `None` where the view does not show it.
     fn weighted_color(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> Option<(f32, Vector3<f32>)> {
         let BakeView { frame, depth_m, gain, .. } = self.view;
         let k = &frame.intrinsics;
@@ -212,7 +213,7 @@ impl<'a> Eye<'a> {
         let pixel = k.pixel_at(u, v)?;
         let model = f64::from(depth_m[pixel]);
         let measured = f64::from(frame.depth_m[pixel]);
-        // Readings scatter more than the depth of the model: three times its slack.
+        // Readings scatter more than the depth of the model: they get three times its tolerance.
         let hidden = (model > 0.0 && p.z > model * (1.0 + DEPTH_SHARE))
             || (measured > 0.0 && p.z > measured * (1.0 + 3.0 * DEPTH_SHARE));
         if hidden || !frame.is_object(pixel) {

@@ -1,5 +1,5 @@
 //! Blocks of grid nodes before a camera: most lie wholly in front of a view's readings, or wholly behind, and
-//! are decided at once.
+//! are decided without a look at their nodes.
 
 use std::ops::Range;
 
@@ -10,25 +10,25 @@ use super::{depth_tiles::DepthTiles, rows::RowCamera};
 /// Nodes along a side of a block.
 /// tuned: shared/bags/laptop, preset default; other sizes were not tried
 pub(super) const BLOCK: usize = 8;
-/// A block over more tiles is examined node by node: as quick.
+/// A block over more tiles is examined node by node, which takes no longer.
 const MOST_TILES: usize = 36;
 /// Rounding of a node's depth in single precision, as a share of it and of the other depth.
 /// derived: eight roundings of 2^-24
 const ROUNDING: f32 = 5e-7;
 
-/// How a block of nodes lies to a view's readings there.
+/// Where a block of nodes lies relative to a view's readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Sight {
     /// Outside the image, or behind every reading: the view has no evidence of it.
     Nothing,
     /// Inside the image and in front of every reading.
     InFront,
-    /// Its nodes differ.
+    /// Some nodes need a closer look.
     Mixed,
 }
 
-/// How the nodes of `ranges` (x, y, z) lie to an image with a depth for each of its rays. No node is in front
-/// of depth 0.
+/// Where the nodes of `ranges` (x, y, z) lie relative to an image with a depth for each of its rays. No node
+/// is in front of depth 0.
 pub(super) fn sight_of_block(tiles: &DepthTiles, camera: &RowCamera, ranges: &[Range<usize>; 3]) -> Sight {
     let corners: [Vector3<f32>; 8] = std::array::from_fn(|c| {
         camera.node_in_camera(
@@ -40,7 +40,7 @@ pub(super) fn sight_of_block(tiles: &DepthTiles, camera: &RowCamera, ranges: &[R
     if !camera.is_before(near) {
         return if camera.is_before(far) { Sight::Mixed } else { Sight::Nothing };
     }
-    // The projection of a box before the camera lies within that of its corners.
+    // The projection of a box before the camera lies within the bounds of its projected corners.
     let mut low = [f32::INFINITY; 2];
     let mut high = [f32::NEG_INFINITY; 2];
     for pixel in corners.iter().map(|p| camera.project(p)) {
@@ -48,7 +48,7 @@ pub(super) fn sight_of_block(tiles: &DepthTiles, camera: &RowCamera, ranges: &[R
             (low[k], high[k]) = (low[k].min(pixel[k]), high[k].max(pixel[k]));
         }
     }
-    // A pixel on each side, as positions are rounded.
+    // One pixel more on each side, as positions are rounded.
     let size = tiles.image_size().map(|n| n as f32);
     if (0..2).any(|k| high[k] < -1.0 || low[k] > size[k] + 1.0) {
         return Sight::Nothing;

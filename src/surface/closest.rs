@@ -62,7 +62,7 @@ impl MeshDistance {
                 });
             let axis = (spread.1 - spread.0).imax();
             let middle = range.len() / 2;
-            // Equal centers go by number: the same mesh has one tree.
+            // Equal centers are ordered by number: a mesh always gives the same tree.
             order[range.clone()].select_nth_unstable_by(middle, |&a, &b| {
                 center(a)[axis].total_cmp(&center(b)[axis]).then(a.cmp(&b))
             });
@@ -74,13 +74,13 @@ impl MeshDistance {
             tree.nodes.push(leaf_around(&all, &order[left.clone()], left.start));
             tree.nodes.push(leaf_around(&all, &order[right.clone()], right.start));
         }
-        // In the order of the leaves: a leaf reads one piece of memory.
+        // In the order of the leaves: the triangles of a leaf are contiguous in memory.
         tree.corners = order.iter().map(|&t| all[t as usize]).collect();
         tree.triangles = order;
         Some(tree)
     }
 
-    /// The closest point of the mesh; of equally close ones any, but always the same.
+    /// The closest point of the mesh. Of equally close ones it is always the same one.
     #[must_use]
     pub fn closest_point(&self, query: &Point3<f32>) -> ClosestPoint {
         let p = &query.coords;
@@ -89,7 +89,7 @@ impl MeshDistance {
         open.push((0.0, 0));
         while let Some((bound2, index)) = open.pop() {
             let node = &self.nodes[index as usize];
-            // A nearer point was found since this box was queued.
+            // A nearer point was found after this box was queued.
             if bound2 >= best.0 {
                 continue;
             }
@@ -97,7 +97,7 @@ impl MeshDistance {
                 let [near, far] =
                     [node.first, node.first + 1].map(|i| (self.nodes[i as usize].squared_distance(p), i));
                 let (near, far) = if near.0 <= far.0 { (near, far) } else { (far, near) };
-                // The nearer box is opened first; its content may spare the other.
+                // The nearer box is opened first: it may make the other one unnecessary.
                 open.extend([far, near]);
                 continue;
             }

@@ -1,8 +1,8 @@
-//! Colors at any point of a state, by a surface or a trained field, for the comparison of states.
+//! Colors at any point of a state, from a surface or a trained field, for comparing states.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// Color at a point with its derivative by position.
+/// Color at a point, and its derivative by position.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ColorSample {
     /// Color in `[0, 1]`.

@@ -19,12 +19,12 @@ pub struct SurfaceConfig {
     /// Truncation distance in meters; null = the larger of 2 % of the object's extent and four times the
     /// median of the expected depth noise.
     pub truncation_m: Option<f64>,
-    /// The same in the normalized cube with half side 1 (docs/method.md 1.3), as published constants are
-    /// given; `truncation_m` has precedence.
+    /// The truncation in the normalized cube of half side 1 (docs/method.md 1.3), the units of published
+    /// constants; `truncation_m` takes precedence.
     pub truncation_normalized: Option<f64>,
-    /// A node counts as observed from this many head-on readings at the median depth.
+    /// A node counts as observed from the weight of this many frontal readings at the median depth.
     pub min_readings: f64,
-    /// Whether shreds are taken off the borders of part surfaces and their rims straightened.
+    /// Whether shreds are removed from the borders of part surfaces and their rims straightened.
     pub mend_borders: bool,
     /// Whether mending also closes small holes and bays in flat faces, where no view saw through.
     pub close_holes: bool,

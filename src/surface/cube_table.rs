@@ -1,4 +1,4 @@
-//! The triangles of each of the 256 sign patterns of a cube, derived instead of listed.
+//! The triangles for each of the 256 sign patterns of a cube, derived instead of listed.
 //!
 //! On every face the surface leaves one directed segment per run of inside corners, from where the run ends
 //! to where it begins. Both cells of a face see the same corners, hence the same segments in opposite
@@ -34,7 +34,7 @@ pub(super) struct CubeTable {
     pub triangles: Vec<Vec<[u8; 3]>>,
 }
 
-/// The table; made on first use.
+/// The table, made on first use.
 pub(super) static CUBE_TABLE: LazyLock<CubeTable> = LazyLock::new(|| {
     let edges = cube_edges();
     let faces = cube_faces();
@@ -87,7 +87,8 @@ fn pattern_loops(pattern: usize, edges: &[CubeEdge; 12], faces: &[[usize; 4]]) -
             if inside(face[start]) || !inside(face[(start + 1) % 4]) {
                 continue;
             }
-            // A run of inside corners begins here; the segment leads from its end back to this edge.
+            // A run of inside corners begins here; the segment goes from the end of the run back to this
+            // edge.
             let begins = edge_between(face[start], face[(start + 1) % 4], edges);
             let mut last = (start + 1) % 4;
             while inside(face[(last + 1) % 4]) {
@@ -111,15 +112,16 @@ fn pattern_loops(pattern: usize, edges: &[CubeEdge; 12], faces: &[[usize; 4]]) -
     loops
 }
 
-/// Whether two edges lie in one face of the cube. A triangle side between them could meet the same side of
-/// the neighboring cell, with four triangles at one edge.
+/// Whether two edges lie in one face of the cube. A triangle side between them could coincide with a side in
+/// the neighboring cell, and four triangles would share an edge.
 fn share_face(a: CubeEdge, b: CubeEdge) -> bool {
     (0..3).any(|axis| {
         a.axis != axis && b.axis != axis && a.corner & AXIS_BIT[axis] == b.corner & AXIS_BIT[axis]
     })
 }
 
-/// Triangles of a loop, turned against it to face outward, with as few diagonals inside faces as possible.
+/// Triangulates a loop with as few diagonals inside faces as possible. Triangles turn against the loop, so
+/// that they face outward.
 fn loop_triangles(piece: &[usize], edges: &[CubeEdge; 12]) -> Vec<[u8; 3]> {
     let n = piece.len();
     // cost[i][j]: fewest diagonals in faces of the polygon i..=j, and its third corner beside side (i, j).

@@ -1,21 +1,21 @@
-//! Least and largest depths of the pixels of an image, by tiles: a piece of space is judged at once.
+//! Least and largest depths in tiles of an image, to judge a piece of space at once.
 
 use rayon::prelude::*;
 
 /// Pixels along a side of a tile.
 const TILE: usize = 8;
 
-/// Depths of an image by tiles, meters.
+/// Least and largest depths of an image by tiles, meters.
 pub(super) struct DepthTiles {
     width: usize,
     height: usize,
     columns: usize,
-    /// The least of the first depths of the pixels, and the largest of the second.
+    /// The least first and the largest second depth of the pixels of each tile.
     tiles: Vec<[f32; 2]>,
 }
 
 impl DepthTiles {
-    /// Of an image with two depths a pixel.
+    /// Tiles of an image with two depths a pixel.
     pub(crate) fn of_image(width: usize, height: usize, depths_m: impl Fn(usize) -> [f32; 2] + Sync) -> Self {
         let columns = width.div_ceil(TILE);
         let count = columns * height.div_ceil(TILE);
@@ -31,13 +31,13 @@ impl DepthTiles {
         [self.width, self.height]
     }
 
-    /// Number of tiles of the pixels from the first to the last column, and row.
+    /// Number of tiles that cover a range of pixels, given as its first and last column and row.
     pub(crate) fn tile_count(pixels: [[usize; 2]; 2]) -> usize {
         pixels.map(|[first, last]| last / TILE - first / TILE + 1).iter().product()
     }
 
-    /// Least first and largest second depth in the tiles of the pixels from the first to the last column, and
-    /// row.
+    /// Least first and largest second depth in the tiles that cover a range of pixels, given as its first and
+    /// last column and row.
     pub(crate) fn depths_over(&self, pixels: [[usize; 2]; 2]) -> [f32; 2] {
         let [[left, right], [top, bottom]] = pixels.map(|ends| ends.map(|p| p / TILE));
         let rows = (top..=bottom).flat_map(|row| &self.tiles[row * self.columns..][left..=right]);

@@ -1,32 +1,32 @@
-//! Where a camera saw something else than a rendered model shows. See docs/method.md 11.4.
+//! Finds where a camera saw something other than a rendered model shows. See docs/method.md 11.4.
 
 use super::Rendered;
 use capture::RgbdFrame;
 use geometry::Intrinsics;
 
-/// A reading farther than this from the model's surface is none of it, standard deviations.
+/// A reading farther from the model's surface than this is not of it, standard deviations.
 ///
 /// chosen: one of 16 000 readings of a normal distribution
 const SIGMAS: f64 = 4.0;
 
-/// The reading of a pixel against a model.
+/// How the reading of a pixel compares with a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Difference {
-    /// No reading, or one that may be of the surroundings.
+    /// There is no reading, or it may be of the surroundings.
     Unread,
     /// It lies on the model's surface.
     Same,
-    /// Object without model.
+    /// The object is there, and the model is not.
     Lacks,
-    /// Model in seen empty space.
+    /// The model is there, and the camera saw empty space.
     Surplus,
 }
 
-/// The readings of a frame against a model rendered with the frame's camera, pixel by pixel; `sigma_m` is the
-/// standard deviation of a pixel's reading against a right surface.
+/// Compares the readings of a frame with a model rendered for the frame's camera, pixel by pixel; `sigma_m`
+/// is the standard deviation of a pixel's reading of a correct surface, meters.
 ///
 /// A reading is compared with all depths of the model within one pixel: edges of object and model fall on the
-/// same pixel only by chance, and a slanted surface has many depths in one.
+/// same pixel only by chance, and a slanted surface has many depths in one pixel.
 #[must_use]
 pub fn differences(frame: &RgbdFrame, model: &Rendered, sigma_m: impl Fn(usize) -> f64) -> Vec<Difference> {
     (0..frame.depth_m.len()).map(|i| difference_at(frame, model, &sigma_m, i)).collect()
@@ -43,7 +43,7 @@ fn difference_at(
         return Difference::Unread;
     }
     let around = Around::of_pixel(model, &frame.intrinsics, pixel);
-    // Surroundings, most of the pixels.
+    // Surroundings: most of the pixels.
     if around.is_bare && !frame.is_object(pixel) {
         return Difference::Unread;
     }
@@ -52,7 +52,7 @@ fn difference_at(
     match (frame.is_object(pixel), around.is_bare) {
         (true, _) if reading_m < around.nearest_m - error_m => Difference::Lacks,
         (_, false) if is_behind => Difference::Surplus,
-        // Beside the edge of the model a reading behind it may be past the edge.
+        // Beside the edge of the model, a reading behind it may be of something past the edge.
         (true, true) if is_behind => Difference::Unread,
         (true, _) => Difference::Same,
         (false, _) => Difference::Unread,
@@ -65,7 +65,7 @@ struct Around {
     nearest_m: f64,
     /// 0 where there is no surface.
     farthest_m: f64,
-    /// Whether there is no surface at one of them.
+    /// Whether at least one of them has no surface.
     is_bare: bool,
 }
 

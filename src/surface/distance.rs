@@ -1,9 +1,9 @@
 //! Untruncated signed distance of a mesh at the nodes of a grid (docs/method.md 3.4, node-aligned).
 //!
 //! Nodes within 1.5 spacings of the surface get the exact distance to the nearest triangle. From there the
-//! nearest triangle spreads along the exact nearest-node transform, each node walks over the mesh to closer
-//! triangles, and then compares with those of its six neighbors; all distances are exact point-triangle
-//! distances. Far from the surface, on request, nodes take the distance of the nearest-node transform.
+//! nearest triangle spreads along the exact nearest-node transform; each node walks over the mesh to closer
+//! triangles and then tries those of its six neighbors. All distances are exact point-triangle distances. On
+//! request, nodes far from the surface take the distance of the nearest-node transform instead.
 
 use std::ops::Range;
 
@@ -21,27 +21,27 @@ use geometry::Grid3;
 
 /// Half width of the band of exact distances, spacings. chosen: exact where it is read most, and cheap
 const BAND: f32 = 1.5;
-/// Nodes this close to the surface hand on their triangle, spacings. Every point is within 0.87 of a node.
+/// Nodes this close to the surface pass on their triangle, spacings. Every point is within 0.87 of a node.
 /// chosen: a margin above 0.87
 const SEED: f32 = 1.0;
-/// Triangles this close belong to the searched piece of surface of a walk, spacings.
+/// A walk stays on triangles this close to where it began, spacings: one piece of surface.
 /// chosen: as [`SEED`]
 const SAME_PIECE: f32 = 1.0;
 /// Layers of one task of the band pass.
 const LAYERS_PER_TASK: usize = 4;
 
-/// Where the sign needs a decision.
+/// How the sign is decided in ambiguous places.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DistanceOptions {
-    /// Enclosed cavities count as inside, as in the method's released code: outside is only space connected
-    /// to the border of the grid or to observed free space. Otherwise a cavity is outside by the winding of
-    /// its own surface.
+    /// Enclosed cavities count as inside, as in the method's released code: only space connected to the
+    /// border of the grid or to observed free space is outside. Without it, the winding of a cavity's own
+    /// surface makes it outside.
     pub solid_cavities: bool,
-    /// At the border of an open mesh the side continues its last face up to this many spacings; further away
+    /// Within this many spacings of the border of an open mesh, its last face decides the side; farther away
     /// the node is outside.
     pub open_reach: f64,
-    /// Up to this distance a node looks for its nearest triangle, meters; further from the surface it takes
-    /// its distance from the nearest node beside the surface, right to a spacing, and this node's side.
+    /// Up to this distance a node looks for its nearest triangle, meters. Farther from the surface it takes
+    /// the distance, right to a spacing, and the side of the nearest node beside the surface.
     pub near_m: f64,
 }
 
@@ -54,10 +54,10 @@ impl Default for DistanceOptions {
 /// Why there is no distance field.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum DistanceError {
-    /// No triangle with three different corners.
+    /// No triangle has three different corners.
     #[error("the mesh has no triangle; nothing was reconstructed to measure distances to")]
     EmptyMesh,
-    /// A coordinate is NaN or infinite, or a triangle names a missing vertex.
+    /// A coordinate is NaN or infinite, or a triangle refers to a missing vertex.
     #[error("triangle {triangle} of the mesh has a corner that is missing or not finite")]
     BadTriangle {
         /// Index of the triangle.
@@ -69,7 +69,7 @@ pub enum DistanceError {
         /// Nodes along x, y, z.
         dims: [usize; 3],
     },
-    /// The free space grid does not match.
+    /// The free space grid has other nodes than the distance grid.
     #[error("the free space grid has {free:?} nodes and the distance grid {nodes:?}; both must be the same")]
     FreeSpaceShape {
         /// Nodes of the free space grid.
@@ -84,7 +84,7 @@ pub enum DistanceError {
 
 /// Signed distance in meters, negative inside, at the nodes of `nodes` (its values are not read).
 ///
-/// Nodes marked by `free` are outside regardless of the mesh. Parts of the mesh further than 1.5 spacings
+/// Nodes marked by `free` are outside regardless of the mesh. Parts of the mesh farther than 1.5 spacings
 /// outside the grid are ignored. Distances are exact up to rounding within 1.5 spacings of the surface;
 /// elsewhere single nodes near the medial axis may be off (on a rough mesh under 1 % of them by more than
 /// 0.01 spacings, at most 0.4). The result does not depend on the number of threads.
@@ -119,7 +119,7 @@ pub fn signed_distance<T>(
     if mesh.is_empty() {
         return Err(DistanceError::EmptyMesh);
     }
-    // In spacings from the first node the coordinates are small: single precision is enough.
+    // In spacings from the first node, coordinates are small enough for single precision.
     let positions: Vec<Vector3<f32>> =
         mesh.vertices.iter().map(|p| ((p.cast::<f64>() - origin) / spacing_m).cast::<f32>()).collect();
     let surface = Pseudonormals::of_mesh(&mesh, &positions);
@@ -138,7 +138,7 @@ pub fn signed_distance<T>(
         let (q, feature) = closest_on_triangle(&p, &surface.corners[t]);
         let distance = (p - q).norm();
         let beyond = distance > reach && surface.is_open(t, feature);
-        // Far from the border of an open mesh its sides mean nothing.
+        // Far from the border of an open mesh, its side means nothing.
         let inside = nearest.is_inside(i) && !beyond && !is_free(i);
         spacing_m as f32 * if inside { -distance } else { distance }
     });
@@ -176,7 +176,7 @@ struct Nearest {
     band: Band,
     /// Seed node nearest to each node.
     seed: Vec<u32>,
-    /// Triangle of each node; [`FAR`] where none was looked for.
+    /// Nearest triangle of each node; [`FAR`] where none was looked for.
     triangle: Vec<u32>,
 }
 
@@ -185,11 +185,11 @@ const FAR: u32 = NO_SEED - 1;
 
 impl Nearest {
     fn of_surface(surface: &Pseudonormals, dims: [usize; 3], near: f64) -> Result<Self, DistanceError> {
-        // A seed is no further from its surface.
+        // A seed is at most this far from its surface.
         let near = near + f64::from(SEED);
         let band = Band::of_surface(surface, dims);
         let seed = nearest_seed(dims, &band.seeds);
-        // One seed anywhere is a nearest seed everywhere: the first node speaks for all.
+        // If there is any seed, every node has a nearest one: checking the first node suffices.
         if seed[0] == NO_SEED {
             return Err(DistanceError::OutsideGrid);
         }
@@ -206,7 +206,7 @@ impl Nearest {
                         (*t, previous) = (FAR, None);
                         continue;
                     }
-                    // The node before has a closest point no further than a spacing from this one's.
+                    // The closest point of the previous node is at most a spacing away from this one's.
                     let from = band.triangle[seed[i] as usize];
                     *t = surface.nearest_by_walk(&node_position(at), [from, previous.unwrap_or(from)]);
                 }
@@ -217,15 +217,15 @@ impl Nearest {
     }
 
     /// Whether a node is inside by the mesh alone. With the seeds within one spacing of the surface, the line
-    /// from a node to its nearest seed does not cross the surface: a lattice step towards the node would lead
-    /// from a seed beyond the crossing to a nearer one.
+    /// from a node to its nearest seed does not cross the surface: from a seed beyond the crossing, a lattice
+    /// step towards the node would lead to a nearer one.
     fn is_inside(&self, i: usize) -> bool {
         let at = if self.band.triangle[i] == NO_SEED { self.seed[i] as usize } else { i };
         self.band.side[at].inside
     }
 
-    /// The nearest among the candidates of a node and of its six neighbors. Neighbors with a triangle beside
-    /// the node's own see the same piece of surface and are not asked.
+    /// The nearest triangle among the candidates of a node and of its six neighbors. Neighbors whose triangle
+    /// is beside the node's own see the same piece of surface and are skipped.
     fn refined_triangle(&self, surface: &Pseudonormals, i: usize, [x, y, z]: [usize; 3]) -> u32 {
         let own = self.triangle[i];
         if self.band.triangle[i] != NO_SEED {
@@ -253,7 +253,7 @@ impl Nearest {
                 && t != best.1
                 && (surface.corners[t as usize][0] - place).norm_squared() > SAME_PIECE * SAME_PIECE
             {
-                // Only now: most nodes ask no neighbor.
+                // Computed only when needed: most nodes ask no neighbor.
                 if best.0 == f32::INFINITY {
                     best.0 = surface.squared_distance(&p, own);
                 }
@@ -267,7 +267,7 @@ impl Nearest {
     }
 }
 
-/// Place of a seed.
+/// Grid indices of a seed.
 fn seed_at(seed: u32, [nx, ny, _]: [usize; 3]) -> [usize; 3] {
     // Divisions of 32 bits take half as long.
     let row = seed / nx as u32;
@@ -275,25 +275,25 @@ fn seed_at(seed: u32, [nx, ny, _]: [usize; 3]) -> [usize; 3] {
     [x, row % ny as u32, row / ny as u32].map(|c| c as usize)
 }
 
-/// Whether a node is further than so many spacings from its nearest seed.
+/// Whether a node is farther than `near` spacings from its nearest seed.
 fn is_far(at: [usize; 3], seed: [usize; 3], near: f64) -> bool {
     (0..3).map(|k| (at[k] as f64 - seed[k] as f64).powi(2)).sum::<f64>() > near * near
 }
 
 /// The nodes near the surface.
 struct Band {
-    /// Nearest triangle; [`NO_SEED`] further than [`BAND`] from the surface.
+    /// Nearest triangle; [`NO_SEED`] farther than [`BAND`] from the surface.
     triangle: Vec<u32>,
-    /// Whether the node hands its triangle on.
+    /// Whether the node passes its triangle on.
     seeds: Vec<bool>,
     /// Side of the surface at the node.
     side: Vec<Side>,
 }
 
-/// A side of the surface, by the closest point of a node.
+/// On which side of the surface a node lies, by its closest point.
 #[derive(Clone, Copy, Default)]
 struct Side {
-    /// By the pseudo-normal there.
+    /// Whether it is inside, by the pseudo-normal there.
     inside: bool,
     /// Whether the closest point is on the border of an open mesh.
     open: bool,
@@ -309,7 +309,7 @@ impl Band {
             seeds: vec![false; count],
             side: vec![Side::default(); count],
         };
-        // Each task fills layers of its own, by the triangles near them.
+        // Each task fills its own layers from the triangles near them.
         let lists = triangles_of_tasks(surface, nz.div_ceil(LAYERS_PER_TASK));
         let size = plane * LAYERS_PER_TASK;
         let chunks = band
@@ -348,7 +348,7 @@ impl Band {
     }
 }
 
-/// Triangles with their band in the layers of each task, ascending.
+/// For each task, the triangles whose band reaches its layers, ascending.
 fn triangles_of_tasks(surface: &Pseudonormals, tasks: usize) -> Vec<Vec<u32>> {
     let mut lists = vec![Vec::new(); tasks];
     for (t, corners) in surface.corners.iter().enumerate() {
@@ -366,8 +366,8 @@ fn triangles_of_tasks(surface: &Pseudonormals, tasks: usize) -> Vec<Vec<u32>> {
     lists
 }
 
-/// Calls `visit` with each node near the band of a triangle, layers `first..end[2]`, its offset from the
-/// closest point and the feature of this point.
+/// Calls `visit` with each node near the band of a triangle in layers `first..end[2]`, the node's offset from
+/// its closest point, and the feature on which this point lies.
 fn visit_band(
     surface: &Pseudonormals,
     t: usize,
@@ -385,7 +385,7 @@ fn visit_band(
             let mut row = nodes_between(low.x, high.x, 0, end[0]);
             // Only nodes within the band of the triangle's plane.
             let height = normal.y * (y as f32 - a.y) + normal.z * (z as f32 - a.z) - normal.x * a.x;
-            // Some slack for rounding: a node too many costs one distance, one too few is wrong.
+            // Some slack for rounding: a node too many costs one distance, one too few gives a wrong value.
             if normal.x.abs() > 1e-3 {
                 let u = (-BAND - height) / normal.x;
                 let v = (BAND - height) / normal.x;

@@ -3,13 +3,13 @@
 use super::TriangleMesh;
 use numeric::lists::Lists;
 
-/// Ends of the triangles' sides, by the vertex at their beginning.
+/// The end vertex of each triangle side, grouped by its start vertex.
 pub(crate) fn sides_by_vertex(mesh: &TriangleMesh) -> Lists<u32> {
     Lists::of_entries(mesh.vertices.len(), mesh.sides().map(|(p, q, _)| (p, q)))
 }
 
-/// Edges of a mesh at their lower ends, each as often as it has sides: the other end and the number of the
-/// side; triangle t has sides 3 t to 3 t + 2.
+/// Edges of a mesh, grouped by their lower vertex, with one entry per side: the other end and the index of
+/// the side. Triangle t has sides 3 t to 3 t + 2.
 pub(crate) struct Edges(Lists<(u32, u32)>);
 
 impl Edges {
@@ -18,12 +18,13 @@ impl Edges {
         Self(Lists::of_entries(mesh.vertices.len(), sides))
     }
 
-    /// Lower end of each edge, and its other end with each of its sides; ascending.
+    /// For each edge its lower end, and its other end with each of its sides; ascending.
     pub(crate) fn by_lower_end(&self) -> impl Iterator<Item = (u32, &[(u32, u32)])> {
         self.0.all().flat_map(|(a, ends)| ends.chunk_by(|p, q| p.0 == q.0).map(move |same| (a, same)))
     }
 
-    /// Neighbors over an edge of each of so many triangles, among those `kept`; in the order of the edges.
+    /// The neighbors over an edge of each of `triangles` triangles, among those `kept`, in the order of the
+    /// edges.
     pub(crate) fn neighbors(&self, triangles: usize, kept: impl Fn(u32) -> bool) -> Vec<Vec<u32>> {
         let mut near = vec![Vec::new(); triangles];
         for (_, same) in self.by_lower_end() {

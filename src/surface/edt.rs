@@ -30,7 +30,7 @@ pub(super) fn nearest_seed(dims: [usize; 3], seeds: &[bool]) -> Vec<u32> {
             envelope.read(|y, seed| nearest[y * nx + x] = seed);
         }
     });
-    // Along z every xz plane is independent; each is written on its own and put in place afterwards.
+    // Along z every xz plane is independent; each is computed on its own and put in place afterwards.
     let sides: Vec<Vec<u32>> = (0..ny)
         .into_par_iter()
         .map(|y| {
@@ -55,7 +55,7 @@ pub(super) fn nearest_seed(dims: [usize; 3], seeds: &[bool]) -> Vec<u32> {
     nearest
 }
 
-/// Nearest seed within one row with its first node at index `first`.
+/// Nearest seed within one row; its first node has index `first`.
 fn nearest_in_row(seeds: &[bool], first: u32, nearest: &mut [u32]) {
     let mut last = NO_SEED;
     for (x, seed) in seeds.iter().enumerate() {
@@ -107,7 +107,7 @@ impl Envelope {
             let f = height(seed);
             let mut begins = f32::NEG_INFINITY;
             while let Some(&Parabola { position: p, height: g, begins: other, .. }) = self.parabolas.last() {
-                // A parabola undercut by the new one before it becomes the lowest never is.
+                // A parabola that the new one undercuts before it becomes the lowest is never the lowest.
                 let crossing = ((f + q * q) - (g + p * p)) / (2.0 * (q - p));
                 if crossing > other {
                     begins = crossing;
@@ -119,7 +119,7 @@ impl Envelope {
         }
     }
 
-    /// Hands out the seed of the lowest parabola at each position.
+    /// Passes the seed of the lowest parabola at each position to `put`.
     fn read(&self, mut put: impl FnMut(usize, u32)) {
         if self.parabolas.is_empty() {
             return;

@@ -19,15 +19,15 @@ pub struct ShellInertia {
 ///
 /// With `m` and `n` the mass and normal of a triangle with corners `v_i`, the second moment is the sum of `m
 /// / 12 * (s s^T + sum_i v_i v_i^T)`, `s = sum_i v_i` (exact on the triangle), and `m thickness^2 / 12 * n
-/// n^T` across it; the inertia is `tr(C) I - C`. Together with an isotropic `1e-3` of the thickness term it
-/// is positive definite and fulfils the triangle inequality whatever the triangles.
+/// n^T` across it; the inertia is `tr(C) I - C`. An isotropic addition of `1e-3` of the thickness term makes
+/// it positive definite and fulfil the triangle inequality for any triangles.
 #[must_use]
 pub(crate) fn plates_inertia(
     plates: impl Iterator<Item = ([Vector3<f64>; 3], f64)>,
     density_kg_m3: f64,
 ) -> Option<ShellInertia> {
     let mut plates = plates.peekable();
-    // About a point of the first: far from the origin digits would be lost.
+    // Relative to a point of the first triangle: far from the origin digits would be lost.
     let origin = plates.peek()?.0[0];
     let mut mass = 0.0;
     let mut first = Vector3::zeros();
@@ -54,7 +54,7 @@ pub(crate) fn plates_inertia(
         return None;
     }
     let center: Vector3<f64> = first / mass;
-    // From this point to the center of mass (parallel axes).
+    // Moved from this point to the center of mass (parallel axes).
     let central = second - center * center.transpose() * mass;
     let inertia = Matrix3::identity() * central.trace() - central;
     Some(ShellInertia {

@@ -1,4 +1,4 @@
-//! The light of a recording: the brightness of a matt surface by its direction.
+//! The light of a recording: the brightness of a matt surface as a function of its direction.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
@@ -23,24 +23,24 @@ pub(crate) fn harmonics(n: &Vector3<f64>) -> SVector<f64, TERMS> {
     ])
 }
 
-/// Logarithm of a surface's brightness by its normal in the world, a series for each channel; 0 in the mean
-/// over the photos' samples: textures keep their brightness as a whole.
+/// Logarithm of a surface's brightness as a function of its normal in the world: a series for each channel.
+/// Its mean over the photos' samples is 0, so textures keep their overall brightness.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Light {
-    /// Factors of `harmonics`, a column for each channel.
+    /// Coefficients of `harmonics`, a column for each channel.
     pub terms: SMatrix<f64, TERMS, 3>,
     /// Mean of the series over the photos' samples.
     pub mean: Vector3<f64>,
 }
 
 impl Light {
-    /// How much brighter than the mean a surface of unit normal `normal` is, by channel.
+    /// Ratio of the brightness of a surface with unit normal `normal` to the mean, by channel.
     #[must_use]
     pub fn brightness_at(&self, normal: &Vector3<f64>) -> Vector3<f32> {
         self.ln_on(&harmonics(normal)).map(|ln| ln.exp() as f32)
     }
 
-    /// Its logarithm, by the harmonics of the normal.
+    /// Logarithm of that ratio, from the harmonics of the normal.
     pub(super) fn ln_on(&self, harmonics: &SVector<f64, TERMS>) -> Vector3<f64> {
         self.terms.tr_mul(harmonics) - self.mean
     }

@@ -1,5 +1,5 @@
-//! How photos were lit: the gain of each against the others where both show the same surface, and the
-//! brightness of a surface by its direction.
+//! How photos were lit: the gain of each relative to the others that show the same surface, and the
+//! brightness of a surface as a function of its direction.
 
 use nalgebra::{DMatrix, SVector, Vector3};
 use rayon::prelude::*;
@@ -15,10 +15,10 @@ const COLOR: f64 = 0.1;
 /// Standard deviations of the terms of the light, of order 1 and 2.
 /// derived: the series of a distant lamp, from any side, as bright as all other light together, in sRGB
 const LIGHT: [f64; 2] = [0.06, 0.02];
-/// Spots with one common error: a shadow falls on a sixth of a mesh across.
+/// Number of spots that share one error: a shadow covers a sixth of a mesh in each direction.
 /// chosen: 3,000 spots of a mesh over 36
 const TOGETHER: f64 = 80.0;
-/// Levels of a channel proportional to the exposure: darker ones are noise, lighter ones are cut off.
+/// Range of levels proportional to the exposure: darker ones are noise, lighter ones are cut off.
 /// chosen: three levels of noise, and a level above all others
 const FOLLOWS: std::ops::Range<f32> = 10.0..250.0;
 /// Rounds of reweighting: highlights and moved things count less in each.
@@ -29,7 +29,7 @@ const ROUNDS: usize = 4;
 pub struct Shown {
     /// Index of the photo.
     pub photo: usize,
-    /// How well it shows the spot.
+    /// Weight of the photo for this spot.
     pub weight: f32,
     /// sRGB levels.
     pub color: Vector3<f32>,
@@ -40,22 +40,22 @@ pub struct Shown {
 /// How the photos of a recording were lit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lighting {
-    /// Gain of every photo by channel, 1 in the mean of the logarithms; 1 for one without a common spot.
+    /// Gain of every photo by channel, with geometric mean 1; 1 for a photo that shares no spot with others.
     pub gains: Vec<Vector3<f32>>,
-    /// Light by the direction of a surface; none where nothing turned.
+    /// Light by the direction of a surface; zero where nothing turned between photos.
     pub light: Light,
 }
 
 impl Lighting {
-    /// The lighting of `photos` photos; each element of `spots` holds the samples of one spot. Light is known
-    /// from surfaces turned between photos alone: of two faces at rest, one may be brighter by its color. See
-    /// docs/method.md (3.8).
+    /// Estimates the lighting of `photos` photos; each element of `spots` holds the samples of one spot. Only
+    /// surfaces turned between photos tell about the light: of two faces at rest, one may be brighter by its
+    /// color. See docs/method.md (3.8).
     #[must_use]
     pub fn of_spots(spots: &[Vec<Shown>], photos: usize) -> Self {
-        // Gains of the photos, then terms of the light; a column a channel.
+        // Gains of the photos, then terms of the light; one column per channel.
         let mut logs = DMatrix::zeros(photos + TERMS, 3);
         for _ in 0..ROUNDS {
-            // Summed in their order, whatever the number of threads.
+            // Summed in a fixed order, whatever the number of threads.
             let sums: Vec<Equations> =
                 spots.par_chunks(CHUNK).map(|some| Equations::of_spots(some, &logs)).collect();
             let equations = sums.into_iter().fold(Equations::new(photos), Equations::plus);
@@ -73,7 +73,7 @@ impl Lighting {
     }
 }
 
-/// Spots of one task.
+/// Number of spots in one task.
 const CHUNK: usize = 256;
 
 /// Normal equations of the logarithms of gains and light.
@@ -115,7 +115,7 @@ impl Equations {
         equations
     }
 
-    /// Equations of some spots; `logs` as found so far.
+    /// Equations of some spots; `logs` is the current estimate.
     fn of_spots(spots: &[Vec<Shown>], logs: &DMatrix<f64>) -> Self {
         let mut sums = Self::all_zero(logs.nrows() - TERMS);
         spots.iter().for_each(|spot| sums.add_spot(spot, logs));
@@ -134,7 +134,7 @@ impl Equations {
         self
     }
 
-    /// Adds a spot, its own color eliminated; `logs` as found so far.
+    /// Adds a spot with its own color eliminated; `logs` is the current estimate.
     fn add_spot(&mut self, spot: &[Shown], logs: &DMatrix<f64>) {
         let usable = spot.iter().filter(|s| s.color.iter().all(|c| FOLLOWS.contains(c)));
         let mut seen: Vec<LogSample> = usable.map(LogSample::of_sample).collect();
@@ -150,7 +150,7 @@ impl Equations {
             own.push(s.color - gain - terms.tr_mul(&s.harmonics));
         }
         let middle = seen.iter().zip(&own).map(|(s, own)| own * s.weight).sum::<Vector3<f64>>() / total;
-        // Cauchy's weights; a spot weighs 1 in all.
+        // Cauchy's weights; the weights of a spot sum to 1.
         for (s, own) in seen.iter_mut().zip(&own) {
             s.weight /= total * (1.0 + (own - middle).norm_squared() / (3.0 * COLOR * COLOR));
         }

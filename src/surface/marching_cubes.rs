@@ -1,5 +1,5 @@
-//! The surface of a sampled field at one value (Lorensen and Cline 1987), with the case table of
-//! `cube_table`.
+//! Extracts the surface where a sampled field takes a given value (Lorensen and Cline 1987), with the case
+//! table of `cube_table`.
 
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -9,10 +9,10 @@ use geometry::Grid3;
 
 /// Node flag: value below the iso value.
 const INSIDE: u8 = 1;
-/// Node flag: no value. Shifted left by up to three it stays clear of the inside flags.
+/// Node flag: no value. Shifted left by up to three bits, it stays clear of the inside flags.
 const UNKNOWN: u8 = 16;
-/// Vertices stay this share of an edge away from its ends: rounding would turn smaller triangles.
-/// chosen: a hundredth of a voxel is below any reading
+/// Least distance of a vertex from the ends of its edge, as a share of the edge: rounding would flip smaller
+/// triangles. chosen: a hundredth of a voxel is below any reading
 const MIN_FRACTION: f64 = 0.01;
 /// Cell layers of one task.
 const LAYERS_PER_TASK: usize = 8;
@@ -32,7 +32,7 @@ pub fn marching_cubes(grid: &Grid3<f32>, iso: f32) -> TriangleMesh {
     let flags: Vec<u8> =
         values.map(|v| if v.is_finite() { u8::from(*v < iso) * INSIDE } else { UNKNOWN }).collect();
     let layers: Vec<Layer> = (0..nz).into_par_iter().map(|z| Layer::of_grid(grid, iso, &flags, z)).collect();
-    // Vertices are numbered by layer, whichever thread made it.
+    // Vertices are numbered by layer, independent of the thread that made them.
     let mut firsts = Vec::with_capacity(nz);
     let mut count = 0;
     for layer in &layers {
@@ -52,7 +52,7 @@ pub fn marching_cubes(grid: &Grid3<f32>, iso: f32) -> TriangleMesh {
     for layer in layers {
         mesh.vertices.extend(layer.positions);
     }
-    // Beside unknown nodes there are vertices without triangles.
+    // Next to unknown nodes there are vertices without triangles.
     if flags.par_iter().with_min_len(1 << 14).any(|&f| f == UNKNOWN) {
         super::drop_unused_vertices(&mesh)
     } else {
@@ -85,7 +85,7 @@ impl Layer {
                 for (x, (&a, &b)) in
                     flags[row..row + mx].iter().zip(&flags[row + stride..row + stride + mx]).enumerate()
                 {
-                    // Cut, and known at both ends: an unknown end sets another bit.
+                    // The edge is cut and both ends are known: an unknown end sets another bit.
                     if a ^ b == INSIDE {
                         let to = f64::from(grid.values[row + x + stride]);
                         let from = f64::from(grid.values[row + x]);
@@ -121,7 +121,7 @@ fn layer_triangles(
 ) -> Vec<[u32; 3]> {
     let [nx, ny, _] = dims;
     let plane = nx * ny;
-    // Place of the vertex number of each edge of a cell: in the upper layer or not, and offset from the
+    // Where each edge of a cell finds its vertex number: whether in the upper layer, and the offset from the
     // cell's slot.
     let slots: Vec<(bool, usize)> = CUBE_TABLE
         .edges
@@ -131,7 +131,7 @@ fn layer_triangles(
             (dz == 1, e.axis * plane + dy * nx + dx)
         })
         .collect();
-    // Numbers of two layers at a time: a table of the whole grid would take three numbers a node.
+    // Vertex numbers of two layers at a time: a table of the whole grid would take three numbers a node.
     let mut below = vec![0; 3 * plane];
     let mut above = vec![0; 3 * plane];
     layers[range.start].write_numbers(firsts[range.start], &mut above);

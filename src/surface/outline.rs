@@ -8,7 +8,8 @@ pub fn hull_2d(points: &[Point2<f64>]) -> Vec<Point2<f64>> {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
     sorted.dedup();
-    // The lower chain, then the upper one back (Andrew 1979); each leaves its last corner to the other.
+    // The lower chain, then the upper one back (Andrew 1979); the last corner of each is the first of the
+    // other.
     let mut hull = hull_chain(sorted.iter());
     hull.extend(hull_chain(sorted.iter().rev()));
     hull

@@ -1,4 +1,4 @@
-//! Lines and arrows in a rendered image: joint axes.
+//! Draws lines and arrows, such as joint axes, into a rendered image.
 
 use nalgebra::{Point3, Vector3};
 
@@ -6,19 +6,19 @@ use super::Rendered;
 
 /// Nothing nearer than this is drawn, meters. chosen: no object is so near
 const NEAR_M: f64 = 0.01;
-/// Length of an arrow's head as a share of the arrow's, and half width of the head as a share of its length.
-/// chosen: for the eye
+/// Length of an arrow's head as a share of the arrow's length, and half the head's width as a share of the
+/// head's length. chosen: for the eye
 const HEAD_LENGTH: f64 = 0.12;
 const HEAD_HALF_WIDTH: f64 = 0.35;
-/// Share of its color in a hidden stretch. chosen: for the eye
+/// Share of the line's color in a hidden stretch. chosen: for the eye
 const HIDDEN_SHARE: f32 = 0.35;
 
-/// Effect of a surface in front of a line.
+/// How a surface in front of a line affects it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Occlusion {
-    /// Nothing: the line is on top.
+    /// Not at all: the line is on top.
     Ignore,
-    /// The line shines through.
+    /// The line shows through, faded.
     Fade,
     /// The line is hidden.
     Hide,
@@ -31,7 +31,7 @@ pub struct LineStyle {
     pub color: [u8; 3],
     /// Width in pixels.
     pub width_px: f64,
-    /// Effect of surfaces in front.
+    /// How surfaces in front of the line affect it.
     pub occlusion: Occlusion,
 }
 
@@ -42,7 +42,7 @@ impl Rendered {
         let mut a = camera.inverse_transform_point(from);
         let mut b = camera.inverse_transform_point(to);
         if a.z > b.z {
-            // Then only the first end can be before the near plane.
+            // After the swap, only the first end can be in front of the near plane.
             std::mem::swap(&mut a, &mut b);
         }
         if b.z <= NEAR_M {
@@ -63,7 +63,7 @@ impl Rendered {
         }
     }
 
-    /// Draws an arrow between two points of the world, its head at `to`, flat towards the camera.
+    /// Draws an arrow between two points of the world; its head is at `to` and faces the camera flat.
     pub fn draw_arrow(&mut self, from: &Point3<f64>, to: &Point3<f64>, style: &LineStyle) {
         self.draw_line(from, to, style);
         let along = to - from;
@@ -76,7 +76,7 @@ impl Rendered {
         }
     }
 
-    /// Draws between two places of the image; each pixel once.
+    /// Draws a stroke between two places of the image.
     fn draw_stroke(&mut self, p: ImagePoint, q: ImagePoint, style: &LineStyle) {
         let width = self.intrinsics.width;
         let height = self.intrinsics.height;
@@ -84,7 +84,7 @@ impl Rendered {
         let du = q.u - p.u;
         let dv = q.v - p.v;
         let length2 = du * du + dv * dv;
-        // Each pixel once: a faded line would be mixed in twice where strokes overlap.
+        // Each pixel is drawn once: where strokes overlap, a faded line would be mixed in twice.
         for y in pixels_about([p.v, q.v], radius, height) {
             for x in pixels_about([p.u, q.u], radius, width) {
                 let u = x as f64 - p.u;
@@ -124,14 +124,15 @@ struct ImagePoint {
     inverse_depth: f64,
 }
 
-/// Pixels, of `count`, between two places along an axis, with a margin.
+/// The pixels, among `count`, between two places along an axis, with a margin of `radius`.
 fn pixels_about([a, b]: [f64; 2], radius: f64, count: usize) -> std::ops::Range<usize> {
     let low = a.min(b) - radius;
     let high = a.max(b) + radius;
     low.ceil().max(0.0) as usize..(high.floor() + 1.0).clamp(0.0, count as f64) as usize
 }
 
-/// The part of a line near the image (Liang and Barsky 1984); inverse depth is linear along it.
+/// The part of a line inside the image and a margin around it (Liang and Barsky 1984); inverse depth is
+/// linear along it.
 fn clipped_line(ends: [ImagePoint; 2], width: f64, height: f64, margin: f64) -> Option<[ImagePoint; 2]> {
     let [p, q] = ends;
     let mut first = 0.0f64;
@@ -151,7 +152,7 @@ fn clipped_line(ends: [ImagePoint; 2], width: f64, height: f64, margin: f64) -> 
 }
 
 impl ImagePoint {
-    /// The place at a share of the line to another.
+    /// The place at a share of the way to another.
     fn towards(&self, other: &Self, share: f64) -> Self {
         Self {
             u: self.u + (other.u - self.u) * share,

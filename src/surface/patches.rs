@@ -1,4 +1,4 @@
-//! A mesh cut into patches, flat to a tolerance.
+//! Cuts a mesh into patches that are flat to a tolerance.
 
 use std::collections::VecDeque;
 
@@ -6,16 +6,16 @@ use nalgebra::{Point3, Vector3};
 
 use super::{TriangleMesh, edges::Edges};
 
-/// Cosine of the largest angle between a triangle and its patch, and the first triangle of the patch.
+/// Cosine of the largest angle of a triangle to its patch, and to the patch's first triangle.
 /// chosen: 35 degrees
 const MIN_COSINE: f64 = 0.82;
 
-/// Triangles near one plane; joined by sides.
+/// Triangles near one plane, joined by sides.
 #[derive(Clone, Debug)]
 pub(crate) struct Patch {
     /// Triangles, ascending.
     pub triangles: Vec<u32>,
-    /// Mean normal, out of the object.
+    /// Mean normal, pointing out of the object.
     pub normal: Vector3<f64>,
     /// Center of area.
     pub center: Point3<f64>,
@@ -40,15 +40,15 @@ impl Sums {
     }
 }
 
-/// Patches grown from the largest free triangle over triangles with corners within `tolerance_m` of the
-/// patch's plane; largest area first.
+/// Patches, each grown from the largest free triangle over neighbors whose corners are within `tolerance_m`
+/// of the patch's plane; largest area first.
 pub(crate) fn grown_patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
     let count = mesh.triangles.len();
     let corners: Vec<[Point3<f64>; 3]> = (0..count).map(|t| mesh.corners(t).map(|p| p.cast())).collect();
     let normals: Vec<Vector3<f64>> = corners.iter().map(|[a, b, c]| (b - a).cross(&(c - a))).collect();
     let neighbors = Edges::of_mesh(mesh).neighbors(mesh.triangles.len(), |_| true);
     let mut order: Vec<usize> = (0..count).filter(|&t| normals[t].norm() > 0.0).collect();
-    // Large triangles have the surest normals: patches begin there. Equal ones go by number.
+    // Large triangles have the most reliable normals: patches start there. Equal ones are ordered by index.
     order.sort_by(|a, b| normals[*b].norm_squared().total_cmp(&normals[*a].norm_squared()).then(a.cmp(b)));
     let mut taken = vec![false; count];
     let mut found = Vec::new();
@@ -64,13 +64,13 @@ pub(crate) fn grown_patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch>
         while let Some(t) = queue.pop_front() {
             triangles.push(t as u32);
             sums.add_triangle(&normals[t], &corners[t]);
-            // The plane follows the triangles so far.
+            // The plane is updated with every triangle.
             let normal = sums.normal.normalize();
             let center = sums.center / sums.area;
             for &n in &neighbors[t] {
                 let n = n as usize;
                 let least = MIN_COSINE * normals[n].norm();
-                // Against the first triangle as well: around a cylinder small turns would add up.
+                // Compared with the first triangle as well: around a cylinder small turns would add up.
                 let is_turned = normals[n].dot(&normal) < least || normals[n].dot(&first) < least;
                 if !taken[n]
                     && !is_turned

@@ -1,5 +1,5 @@
-//! Normals of the faces, sides and corners of a mesh: their sign distinguishes inside from outside at any
-//! closest point (angle-weighted pseudo-normals, Baerentzen and Aanaes 2005).
+//! Normals of the faces, sides and corners of a mesh. At any closest point their sign tells inside from
+//! outside (angle-weighted pseudo-normals, Baerentzen and Aanaes 2005).
 
 use nalgebra::Vector3;
 
@@ -12,10 +12,10 @@ use numeric::lists::Lists;
 
 /// No triangle.
 const NONE: u32 = u32::MAX;
-/// Longest walk over the mesh.
+/// Largest number of steps of a walk over the mesh.
 const MAX_STEPS: usize = 64;
 
-/// Faces, sides and corners of a mesh in the coordinates of its caller.
+/// Faces, sides and corners of a mesh, in the coordinates given by the caller.
 pub(super) struct Pseudonormals {
     /// Corner positions of each triangle.
     pub corners: Vec<[Vector3<f32>; 3]>,
@@ -36,12 +36,12 @@ struct ClosestFeature {
     /// Squared distance.
     distance2: f32,
     triangle: u32,
-    /// Feature of the point.
+    /// The feature on which the point lies.
     feature: Feature,
 }
 
 impl Pseudonormals {
-    /// For a mesh with its vertices moved to `positions`.
+    /// Pseudo-normals of a mesh with its vertices at `positions`.
     pub(crate) fn of_mesh(mesh: &TriangleMesh, positions: &[Vector3<f32>]) -> Self {
         let corners: Vec<[Vector3<f32>; 3]> =
             mesh.triangles.iter().map(|t| t.map(|i| positions[i as usize])).collect();
@@ -52,7 +52,8 @@ impl Pseudonormals {
         let mut vertices = vec![Vector3::zeros(); positions.len()];
         for ((t, c), face) in mesh.triangles.iter().zip(&corners).zip(&faces) {
             for k in 0..3 {
-                // By the angle at the corner: it does not matter how a flat face is cut into triangles.
+                // Weighted by the angle at the corner, so that it does not matter how a flat face is cut into
+                // triangles.
                 let u = c[(k + 1) % 3] - c[k];
                 let v = c[(k + 2) % 3] - c[k];
                 vertices[t[k] as usize] += face * u.cross(&v).norm().atan2(u.dot(&v));
@@ -82,7 +83,7 @@ impl Pseudonormals {
         let mut open_vertices = vec![false; self.vertices.len()];
         for (a, same) in edges.by_lower_end() {
             let place = |side: u32| (side as usize / 3, side as usize % 3);
-            // Both faces of a side open half a turn to it: they count alike.
+            // Each face of a side covers half a turn around it: both weigh the same.
             let sum: Vector3<f32> = same.iter().map(|s| self.faces[place(s.1).0]).sum();
             for (t, k) in same.iter().map(|s| place(s.1)) {
                 self.sides[t][k] = sum;
@@ -94,7 +95,7 @@ impl Pseudonormals {
                     open_vertices[a as usize] = true;
                     open_vertices[b as usize] = true;
                 }
-                // A walk crosses sides of two triangles; at one of more it would not know where to go.
+                // A walk crosses only sides of two triangles; with more, its direction would be ambiguous.
                 [(_, one), (_, other)] => {
                     let (t, k) = place(one);
                     let (u, l) = place(other);
@@ -115,7 +116,7 @@ impl Pseudonormals {
         &self.faces[triangle]
     }
 
-    /// Normal of a feature, of any length.
+    /// Normal of a feature, not normalized.
     pub(crate) fn feature_normal(&self, triangle: usize, feature: Feature) -> Vector3<f32> {
         match feature {
             Feature::Face => self.faces[triangle],
@@ -143,8 +144,8 @@ impl Pseudonormals {
         ClosestFeature { distance2: (p - q).norm_squared(), triangle, feature }
     }
 
-    /// Walks over the mesh from the closer of two triangles to neighbors closer to the point, until there is
-    /// none; returns the last triangle.
+    /// Walks over the mesh from the closer of two triangles to ever closer neighbors of the point, until
+    /// there is none; returns the last triangle.
     pub(crate) fn nearest_by_walk(&self, p: &Vector3<f32>, starts: [u32; 2]) -> u32 {
         let mut best = self.closest_feature(p, starts[0]);
         if starts[1] != starts[0] {
@@ -171,8 +172,8 @@ impl Pseudonormals {
                     let corner = self.corners[t][i as usize];
                     let away = p - corner;
                     for &next in self.rings.list_at(self.triangles[t][i as usize]) {
-                        // The corner is the closest point of this triangle too unless one of its sides leads
-                        // closer.
+                        // The corner is the closest point of this triangle too, unless one of its sides leads
+                        // closer to the query.
                         if self.corners[next as usize].iter().all(|c| away.dot(&(c - corner)) <= 0.0) {
                             continue;
                         }

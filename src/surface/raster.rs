@@ -14,10 +14,10 @@ const ROWS_PER_TASK: usize = 16;
 pub(crate) const BACKGROUND: [u8; 3] = [255; 3];
 /// Color of vertices without one.
 const PLAIN: [u8; 3] = [180; 3];
-/// Brightness of a surface seen edge-on, against one facing the camera. chosen: for the eye
+/// Brightness of a surface seen edge-on, relative to one facing the camera. chosen: for the eye
 const AMBIENT: f32 = 0.35;
-/// A pixel this far outside a side (in triangle heights) still belongs to it: no rounding opens a gap.
-/// chosen: above the rounding of single precision
+/// A pixel this far outside a side, in triangle heights, still belongs to the triangle: rounding must not
+/// open gaps. chosen: above the rounding of single precision
 const SIDE_TOLERANCE: f32 = 1e-5;
 /// Share of an item's tint in its color. chosen: for the eye
 const TINT_SHARE: f32 = 0.65;
@@ -39,7 +39,7 @@ pub enum Paint<'a> {
     /// The colors of its vertices.
     #[default]
     Vertices,
-    /// These, mixed with one color.
+    /// The colors of its vertices, mixed with this one.
     Tint([u8; 3]),
     /// A texture; never shaded.
     Texture(Texture<'a>),
@@ -56,12 +56,12 @@ pub struct Rendered {
     pub rgb: Vec<[u8; 3]>,
     /// z-depth in meters; 0 where there is no surface.
     pub depth_m: Vec<f32>,
-    /// Index of the item seen.
+    /// Index of the item seen in each pixel.
     pub item: Vec<Option<u16>>,
 }
 
-/// A corner in the image. `inverse` is 1/z; `color` (of a texture the place in it, pixels) is divided by z:
-/// both are linear in the image.
+/// A corner in the image. `inverse` is 1/z; `color` (with a texture: the place in it, pixels) is divided by
+/// z: both are linear in the image.
 #[derive(Clone, Copy)]
 struct Corner {
     u: f32,
@@ -76,9 +76,9 @@ struct Facet {
     item: u16,
 }
 
-/// Draws the items as a pinhole camera sees them: perspective-correct, both sides of every triangle, the
-/// first of equally near ones. With `shading`, brightness falls with the angle between normal and ray (a lamp
-/// at the camera). The result does not depend on the number of threads.
+/// Draws the items as a pinhole camera sees them: perspective-correct, with both sides of every triangle; of
+/// equally near items the first is seen. With `shading`, brightness falls with the angle between normal and
+/// ray (a lamp at the camera). The result does not depend on the number of threads.
 #[must_use]
 pub fn render(
     items: &[RenderItem],
@@ -93,7 +93,7 @@ pub fn render(
         .enumerate()
         .flat_map(|(i, item)| facets_of_item(item, i as u16, intrinsics, world_from_camera, shading))
         .collect();
-    // Each task draws its own rows: no two threads share a pixel, and of equal depths the first item stays.
+    // Each task draws its own rows: no two threads share a pixel, and at equal depths the first item stays.
     let mut bands = vec![Vec::new(); height.div_ceil(ROWS_PER_TASK)];
     for (f, facet) in facets.iter().enumerate() {
         let v = facet.corners.map(|c| c.v);
@@ -168,7 +168,7 @@ fn facets_of_item(
             continue;
         }
         let cut = in_front(&whole);
-        // Cut at the near plane, a triangle has up to four corners: a fan.
+        // Cut at the near plane, a triangle has up to four corners and is drawn as a fan.
         for i in 2..cut.len() {
             let corners = [cut[0], cut[i - 1], cut[i]].map(|v| v.image_corner(k));
             facets.push(Facet { corners, item: index });
@@ -177,13 +177,13 @@ fn facets_of_item(
     facets
 }
 
-/// Brightness of a surface under a lamp at the camera, by unit normal and position in the camera.
+/// Brightness of a surface lit by a lamp at the camera; unit normal and position are in the optical frame.
 fn headlight(normal: &Vector3<f32>, position: &Vector3<f32>) -> f32 {
     let cosine = normal.dot(position).abs() / position.norm().max(1e-9);
     AMBIENT + (1.0 - AMBIENT) * cosine
 }
 
-/// Color of a vertex in a light, levels; of a texture the place in it, pixels.
+/// Color of a vertex at a brightness, levels; with a texture, the place in it, pixels.
 fn vertex_color(item: &RenderItem, vertex: usize, light: f32) -> Vector3<f32> {
     let own = Vector3::from(item.mesh.colors.get(vertex).copied().unwrap_or(PLAIN).map(f32::from));
     match item.paint {
@@ -232,8 +232,8 @@ fn in_front(triangle: &[CameraVertex; 3]) -> Vec<CameraVertex> {
     kept
 }
 
-/// Pixels between the least and the largest place along an axis, of `count` from `first` on; counted from
-/// `first`.
+/// The pixels between the smallest and the largest place along an axis, among `count` from `first` on; they
+/// are counted from `first`.
 fn pixels_between(places: [f32; 3], first: usize, count: usize) -> std::ops::Range<usize> {
     let low = places[0].min(places[1]).min(places[2]);
     let high = places[0].max(places[1]).max(places[2]);
@@ -241,7 +241,8 @@ fn pixels_between(places: [f32; 3], first: usize, count: usize) -> std::ops::Ran
     start..((high.floor() - first as f32 + 1.0).clamp(0.0, count as f32) as usize)
 }
 
-/// Visits the pixels of a facet nearer than by `inverse`, and updates it. Rows begin at `first_row`.
+/// Visits the pixels of a facet that are nearer than `inverse` says, and updates it. Rows begin at
+/// `first_row`.
 fn visit_nearer_pixels(
     facet: &Facet,
     width: usize,
@@ -251,7 +252,8 @@ fn visit_nearer_pixels(
 ) {
     let [a, b, c] = &facet.corners;
     let area = (b.u - a.u) * (c.v - a.v) - (c.u - a.u) * (b.v - a.v);
-    // A triangle seen edge-on covers nothing. By the signed area both windings have positive weights inside.
+    // A triangle seen edge-on covers nothing. Dividing by the signed area makes the weights inside positive
+    // for both windings.
     if area == 0.0 || !area.is_finite() {
         return;
     }

@@ -1,5 +1,5 @@
-//! A row of nodes read by one view, many nodes at once: nodes seen empty are added up, nodes near a surface
-//! are listed for a closer look.
+//! Reads a row of nodes in one view, many nodes at once: the weights of nodes seen empty are added, and nodes
+//! near a surface are listed for a closer look.
 
 use super::{
     rows::{LANES, Row, RowCamera},
@@ -7,28 +7,28 @@ use super::{
 };
 use numeric::vectorized;
 
-/// A view for a row.
+/// A view, prepared for reading rows.
 #[derive(Clone, Copy)]
 pub(super) struct Sweep<'a> {
     /// The grid in front of the view's camera.
     pub camera: &'a RowCamera,
-    /// Of each pixel.
+    /// The reading of each pixel.
     pub readings: &'a [Reading],
     /// Truncation distance, meters.
     pub truncation_m: f32,
 }
 
-/// Sums of a row's nodes: weighted distances in truncations, and weights.
+/// Sums for the nodes of a row.
 pub(super) struct RowSums<'a> {
-    /// Weighted distances in truncations.
+    /// Weighted distances, in truncation distances.
     pub sums: &'a mut [f32],
-    /// Weights.
+    /// Sums of the weights.
     pub weights: &'a mut [f32],
 }
 
 vectorized! {
-    /// Adds a view's free space to a row, and appends to `near` the x of nodes within the truncation of its
-    /// surface, ascending.
+    /// Adds a view's free space to a row. Appends to `near` the x of nodes within the truncation distance of
+    /// a surface, ascending.
     pub(super) fn sweep_over(sweep: Sweep<'_>, row: &Row, sums: RowSums<'_>, near: &mut Vec<usize>) = over_any
 }
 
@@ -42,7 +42,7 @@ fn over_any(sweep: Sweep<'_>, row: &Row, sums: RowSums<'_>, near: &mut Vec<usize
         let weights = &mut weights[first..first + count];
         match (<&mut [f32; LANES]>::try_from(&mut *sums), <&mut [f32; LANES]>::try_from(&mut *weights)) {
             (Ok(sums), Ok(weights)) => add_free(sums, weights, &free),
-            // The end of a row.
+            // The last nodes of the row.
             _ => add_free(sums, weights, &free[..count]),
         }
         // Few nodes are near a surface.
@@ -60,7 +60,7 @@ fn add_free(sums: &mut [f32], weights: &mut [f32], free: &[f32]) {
     }
 }
 
-/// Weight of empty space at each of the nodes from `first` on, and 1 for each near a read surface.
+/// For each of the nodes from `first` on: the weight of empty space, and 1 if it is near a read surface.
 #[inline(always)]
 fn free_and_near(sweep: Sweep<'_>, row: &Row, first: usize) -> ([f32; LANES], [u8; LANES]) {
     let Sweep { camera, readings, truncation_m } = sweep;

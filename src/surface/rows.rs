@@ -1,5 +1,5 @@
-//! Rows of grid nodes seen by a camera: along x a node's position in the camera is linear, so a row is
-//! clipped to the image once and then walked.
+//! Rows of grid nodes seen by a camera. Along x, a node's position in the camera is linear, so a row is
+//! clipped to the image once and then traversed.
 
 use std::ops::Range;
 
@@ -7,9 +7,9 @@ use nalgebra::{Point3, Vector3};
 
 use geometry::{Intrinsics, Pose};
 
-/// Nodes closer to the camera plane than this are not seen, meters. chosen: no camera reads so near
+/// Nodes nearer to the camera plane are not seen, meters. chosen: no camera reads so near
 const NEAR_M: f64 = 0.01;
-/// Nodes of a row projected at once.
+/// Number of nodes of a row projected at once.
 pub(super) const LANES: usize = 16;
 
 /// A node-aligned grid in front of one camera.
@@ -25,7 +25,7 @@ pub(super) struct RowCamera {
 
 /// The nodes of one row within the image.
 pub(super) struct Row {
-    /// Their x.
+    /// Range of their x.
     pub range: Range<usize>,
     start: Vector3<f32>,
     step: Vector3<f32>,
@@ -35,13 +35,13 @@ impl Row {
     /// Position of node x in the optical frame, meters.
     #[inline(always)]
     pub(crate) fn at(&self, x: usize) -> Vector3<f32> {
-        // Numbers of nodes are small, and vector instructions convert 32 bits.
+        // Node numbers are small, and vector instructions convert 32 bits.
         self.start + self.step * (x as i32) as f32
     }
 }
 
 impl RowCamera {
-    /// A camera on the grid with the given node (0, 0, 0) and spacing, both in the grid's frame.
+    /// A camera in front of the grid with the given node (0, 0, 0) and spacing, both in the grid's frame.
     pub(crate) fn new(
         intrinsics: &Intrinsics,
         camera_from_grid: &Pose,
@@ -54,7 +54,7 @@ impl RowCamera {
             origin: (camera_from_grid * origin).coords,
             steps: axes.map(|axis| camera_from_grid * (axis * spacing_m)),
             focal: [intrinsics.fx as f32, intrinsics.fy as f32],
-            // Half a pixel more: truncation gives the pixel with the nearest center.
+            // With half a pixel added, truncation gives the pixel with the nearest center.
             center: [intrinsics.cx as f32 + 0.5, intrinsics.cy as f32 + 0.5],
         }
     }
@@ -67,8 +67,8 @@ impl RowCamera {
         let right = k.width as f64 - 0.5 - k.cx;
         let top = k.cy + 0.5;
         let bottom = k.height as f64 - 0.5 - k.cy;
-        // Each is `at least zero` inside the view. The sides of the image as half spaces through the camera,
-        // and the near plane.
+        // Each value is at least zero inside the view: the sides of the image as half spaces through the
+        // camera, and the near plane.
         let planes = [
             Vector3::new(k.fx, 0.0, left),
             Vector3::new(-k.fx, 0.0, right),
@@ -76,7 +76,7 @@ impl RowCamera {
             Vector3::new(0.0, -k.fy, bottom),
             Vector3::z(),
         ];
-        // Along the row each value is linear in x; its zero cuts the row.
+        // Along the row each value is linear in x; the row is cut at its zero.
         let mut first = 0.0f64;
         let mut last = nx as f64 - 1.0;
         for (i, plane) in planes.iter().enumerate() {
@@ -100,20 +100,20 @@ impl RowCamera {
         start.cast() + self.steps[0].cast() * x as f32
     }
 
-    /// Whether a depth is far enough before the camera to be seen.
+    /// Whether a depth is beyond the camera's near plane.
     pub(crate) fn is_before(&self, depth_m: f32) -> bool {
         f64::from(depth_m) > NEAR_M
     }
 
-    /// Pixel coordinates plus one half of a point of a [`Row`]: the integer part is the pixel.
+    /// Pixel coordinates of a point of a [`Row`], plus one half: their integer part is the pixel.
     #[inline(always)]
     pub(crate) fn project(&self, p: &Vector3<f32>) -> [f32; 2] {
         let inverse = 1.0 / p.z;
         [self.focal[0] * p.x * inverse + self.center[0], self.focal[1] * p.y * inverse + self.center[1]]
     }
 
-    /// Index of the pixel of each of the nodes of a [`Row`] from x on, and their depths, meters. Nodes
-    /// outside the row's range get some pixel of the image.
+    /// Pixel index and depth, meters, of each of the nodes of a [`Row`] from x on. Nodes outside the row's
+    /// range get some pixel of the image.
     #[inline(always)]
     pub(crate) fn pixels_and_depths(&self, row: &Row, x: usize) -> ([u32; LANES], [f32; LANES]) {
         let width = self.intrinsics.width as u32;
@@ -135,7 +135,7 @@ impl RowCamera {
     /// Index of the pixel of a point of a [`Row`].
     pub(crate) fn pixel_of(&self, p: &Vector3<f32>) -> usize {
         let [u, v] = self.project(p);
-        // Rounding may put a point of the row's ends just outside.
+        // Rounding may put the ends of the row just outside the image.
         let x = (u as usize).min(self.intrinsics.width - 1);
         let y = (v as usize).min(self.intrinsics.height - 1);
         y * self.intrinsics.width + x

@@ -34,7 +34,7 @@ pub fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> 
     }
     for _ in 0..count {
         let at = unit_uniform(rng) * total;
-        // The first triangle with its end beyond; triangles without area have no width.
+        // The first triangle whose end lies beyond; triangles without area have no width.
         let t = cumulative.partition_point(|&end| end <= at).min(cumulative.len() - 1);
         // Uniform on the triangle (Osada et al. 2002).
         let root = unit_uniform(rng).sqrt();

@@ -1,4 +1,5 @@
-//! Fewer triangles for the same shape: edge collapse by quadric error (Garland and Heckbert 1997).
+//! Reduces the number of triangles at the same shape: edge collapse by quadric error (Garland and Heckbert
+//! 1997).
 
 use std::{cmp::Reverse, collections::BinaryHeap};
 
@@ -6,21 +7,22 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::{TriangleMesh, drop_unused_vertices, edges::Edges};
 
-/// Weight of the planes of open borders, against the surface.
+/// Weight of the planes at open borders, relative to the surface.
 /// chosen: borders move less than the surface
 const BORDER_WEIGHT: f64 = 10.0;
-/// Pull towards the middle of a collapsed edge, relative to the quadric: decides where the surface is flat.
-/// chosen: nothing against any bend
+/// Pull towards the middle of a collapsed edge, relative to the quadric: it decides where the surface is
+/// flat.
+/// chosen: negligible against any bend
 const CENTERING: f64 = 1e-4;
-/// A collapse may not turn a triangle's normal by more than this cosine. chosen: 73 degrees
+/// Least cosine of the turn of a triangle's normal in a collapse. chosen: 73 degrees
 const MIN_TURN_COSINE: f64 = 0.3;
-/// Triangles about a vertex for which there is room at once: six are usual.
+/// Triangles around a vertex for which memory is reserved at once: six are usual.
 const USUAL_RING: usize = 8;
 
 /// The mesh with at most `max_triangles` triangles, or as few as possible: collapses keep its topology and
-/// turn no triangle over. Collapses the edge with the least change of shape, one after the other; stops early
-/// when the next would move the surface by more than `max_error_m` (root mean square over its area). Colors
-/// are interpolated. Deterministic.
+/// turn no triangle over. The edge whose collapse changes the shape least always goes first; it stops early
+/// when the next collapse would move the surface by more than `max_error_m` (root mean square over its area).
+/// Colors are interpolated. Deterministic.
 #[must_use]
 pub fn simplify(mesh: &TriangleMesh, max_triangles: usize, max_error_m: f64) -> TriangleMesh {
     let mut work = Collapse::of_mesh(mesh, max_error_m * max_error_m);
@@ -59,7 +61,7 @@ impl Quadric {
         if self.weight > 0.0 { (sum / self.weight).max(0.0) } else { 0.0 }
     }
 
-    /// The point with the least error, near `middle` where many have it.
+    /// The point with the least error, close to `middle` where many have it.
     fn best_point(&self, middle: &Vector3<f64>) -> Vector3<f64> {
         // On a plane or a line the quadric alone is singular; the pull makes it solvable.
         let pull = CENTERING * self.a.trace();
@@ -68,8 +70,8 @@ impl Quadric {
     }
 }
 
-/// Solution of a symmetric system by its Cholesky factor, to the last bit as nalgebra's for any size; `None`
-/// where it is not positive definite.
+/// Solution of a symmetric system by its Cholesky factor, bit for bit that of nalgebra's dynamic version;
+/// `None` where it is not positive definite.
 fn cholesky_solution(a: &Matrix3<f64>, b: &Vector3<f64>) -> Option<Vector3<f64>> {
     let root = |square: f64| (square > 0.0).then(|| square.sqrt());
     let l00 = root(a[(0, 0)])?;
@@ -89,24 +91,24 @@ fn cholesky_solution(a: &Matrix3<f64>, b: &Vector3<f64>) -> Option<Vector3<f64>>
 /// An edge in the queue; stale once one of its ends has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Candidate {
-    /// Bits of the cost: it is not negative, they sort like it.
+    /// Bits of the cost: as it is not negative, they sort like it.
     cost_bits: u64,
     ends: [u32; 2],
     versions: [u32; 2],
 }
 
-/// Bits of a cost without influence on its bin: costs of a bin differ by less than a quarter.
+/// Low bits of a cost that do not affect its bin: costs in a bin differ by less than a quarter.
 const BIN_SHIFT: u32 = 50;
-/// Bins of all non-negative costs.
+/// Number of bins for all non-negative costs.
 const BINS: usize = 1 << (63 - BIN_SHIFT);
 
-/// Candidates in their order. Only those of the lowest bin are sorted: a heap of all would not stay near the
-/// processor.
+/// A priority queue of candidates. Only those of the lowest bin are sorted: a heap of all would not fit in
+/// the processor's cache.
 struct Queue {
-    /// The bin in the heap.
+    /// Index of the bin in the heap.
     bin: usize,
     heap: BinaryHeap<Reverse<Candidate>>,
-    /// The rest; of the bins up to `bin` nothing.
+    /// The other candidates; the bins up to `bin` are empty.
     bins: Vec<Vec<Candidate>>,
 }
 
@@ -120,7 +122,7 @@ impl Queue {
         if bin <= self.bin { self.heap.push(Reverse(candidate)) } else { self.bins[bin].push(candidate) }
     }
 
-    /// The least candidate; invalid ones of a bin are dropped when the queue comes to it.
+    /// The least candidate; invalid ones of a bin are dropped when the queue reaches it.
     fn pop(&mut self, valid: impl Fn(&Candidate) -> bool) -> Option<Candidate> {
         while self.heap.is_empty() {
             self.bin += 1;
@@ -143,7 +145,7 @@ struct Collapse {
     rings: Vec<Vec<u32>>,
     alive: usize,
     queue: Queue,
-    /// Most cost of a collapse, square meters.
+    /// Largest cost of a collapse, square meters.
     max_cost: f64,
 }
 
@@ -184,7 +186,7 @@ impl Collapse {
         work
     }
 
-    /// Adds planes through open sides, across their triangle, and queues all edges.
+    /// Adds planes through open sides, perpendicular to their triangle, and queues all edges.
     fn hold_borders(&mut self, mesh: &TriangleMesh) {
         let edges = Edges::of_mesh(mesh);
         for (a, same) in edges.by_lower_end() {
@@ -194,7 +196,7 @@ impl Collapse {
                 let q = self.positions[b as usize];
                 let across = (q - p).cross(&self.area_normal(&mesh.triangles[side as usize / 3]));
                 if let Some(unit) = across.try_normalize(0.0) {
-                    // By the square of the side's length, as a triangle counts by its area.
+                    // Weighted by the square of the side's length, as a triangle is weighted by its area.
                     let plane = Quadric::of_plane(&unit, &p, BORDER_WEIGHT * (q - p).norm_squared());
                     self.quadrics[a as usize].add(&plane);
                     self.quadrics[b as usize].add(&plane);
@@ -258,7 +260,7 @@ impl Collapse {
             ring.filter(|t| self.triangles[*t as usize].is_some_and(|c| c.contains(&b))).collect();
         let others = self.neighbors(b);
         let common = self.neighbors(a).iter().filter(|v| others.binary_search(v).is_ok()).count();
-        // The link condition: only the triangles at the edge may join both ends.
+        // The link condition: both ends may share only the neighbors in the edge's own triangles.
         if common != between.len() || between.is_empty() || between.len() > 2 {
             return;
         }

@@ -1,8 +1,8 @@
-//! Pixels laid over a mesh.
+//! A picture mapped onto a mesh.
 
 use nalgebra::{Vector2, Vector3};
 
-/// A square picture and where the vertices of a mesh stand in it.
+/// A square picture and the places of a mesh's vertices in it.
 #[derive(Clone, Copy)]
 pub struct Texture<'a> {
     /// Place of every vertex in `[0, 1]`, v up.
@@ -14,14 +14,14 @@ pub struct Texture<'a> {
 }
 
 impl Texture<'_> {
-    /// Place of a vertex, pixels from the middle of the upper left one.
+    /// Place of a vertex, pixels from the center of the upper left one.
     pub(super) fn place_px(&self, vertex: usize) -> Vector2<f32> {
         let [u, v] = self.uv[vertex];
         let size = self.size_px as f64;
         Vector2::new((u * size - 0.5) as f32, ((1.0 - v) * size - 0.5) as f32)
     }
 
-    /// Color at a place between four pixels, levels.
+    /// Color at a place, interpolated between four pixels, levels.
     pub(super) fn color_at(&self, place_px: Vector2<f32>) -> Vector3<f32> {
         let last = self.size_px - 1;
         let [x, y] = [place_px.x, place_px.y].map(|p| p.clamp(0.0, last as f32));
@@ -36,8 +36,8 @@ impl Texture<'_> {
     }
 }
 
-/// Color between four pixels, levels; `at` gives the color of a pixel by its steps to the right and down,
-/// `shares` are the distances to the right and down, pixels.
+/// Color interpolated between four pixels, levels. `at` gives the color of a pixel by its steps to the right
+/// and down; `shares` are the distances to the right and down, pixels.
 pub(super) fn bilinear_color(at: impl Fn(usize, usize) -> [u8; 3], shares: [f32; 2]) -> Vector3<f32> {
     let [fx, fy] = shares;
     let at = |dx, dy| Vector3::from(at(dx, dy).map(f32::from));

@@ -13,8 +13,8 @@ pub(super) enum Feature {
     Corner(u8),
 }
 
-/// Closest point of the triangle with corners `a, b, c`, and where it lies. A triangle without area has only
-/// sides.
+/// Closest point of the triangle with corners `a, b, c`, and where on it the point lies. A triangle without
+/// area has only sides.
 pub(super) fn closest_on_triangle(p: &Vector3<f32>, corners: &[Vector3<f32>; 3]) -> (Vector3<f32>, Feature) {
     let [a, b, c] = corners;
     let ab = b - a;
@@ -22,7 +22,7 @@ pub(super) fn closest_on_triangle(p: &Vector3<f32>, corners: &[Vector3<f32>; 3])
     let ap = p - a;
     let d1 = ab.dot(&ap);
     let d2 = ac.dot(&ap);
-    // The regions of corners and sides in turn; the interior is the rest.
+    // The regions of corners and sides are tried in turn; the interior is what is left.
     if d1 <= 0.0 && d2 <= 0.0 {
         return (*a, Feature::Corner(0));
     }
@@ -51,7 +51,7 @@ pub(super) fn closest_on_triangle(p: &Vector3<f32>, corners: &[Vector3<f32>; 3])
         return (b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6))), Feature::Edge(1));
     }
     let sum = va + vb + vc;
-    // Without area, rounding decides about the regions above; only sides are left then.
+    // Without area, rounding decides the regions above; only the sides are left.
     let area2 = ab.cross(&ac).norm_squared();
     if sum > 0.0 && area2 > 1e-12 * ab.norm_squared() * ac.norm_squared() {
         (a + ab * (vb / sum) + ac * (vc / sum), Feature::Face)

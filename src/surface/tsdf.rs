@@ -1,6 +1,6 @@
 //! Fusion of depth maps into a truncated signed distance volume (Curless and Levoy 1996).
 //!
-//! Per node this is the weighted least-squares solution of the same targets as those of the field's losses:
+//! At each node the result is the weighted least-squares solution for the targets of the field's losses:
 //! projective distance near a surface, 1 in front of it (docs/method.md 3.2).
 
 use nalgebra::{Point3, Vector3};
@@ -14,16 +14,16 @@ use super::{
 };
 use geometry::Grid3;
 
-/// Layers of one task, and rows of it: all views are added to these before the next rows.
-/// derived: sums of so many rows of 224 nodes and their pixels are less than a cache of 1 MB; other sizes
-/// were not tried
+/// Layers, and rows of each, in one task: all views are added to these before the next rows.
+/// derived: the sums of these rows of 224 nodes and their pixels fit in a cache of 1 MB; other sizes were not
+/// tried
 const LAYERS: usize = 8;
 const LINES: usize = 16;
 
 /// Weighted means of projective distance and color at the nodes of a grid. 24 bytes a node.
 pub struct TsdfVolume {
     truncation_m: f32,
-    /// Weighted sum of distances in truncations.
+    /// Weighted sum of distances, in truncation distances.
     sums: Grid3<f32>,
     weights: Vec<f32>,
     /// Weighted sum of red, green, blue and the sum of weights.
@@ -31,7 +31,7 @@ pub struct TsdfVolume {
 }
 
 impl TsdfVolume {
-    /// An empty volume with node (0, 0, 0) at `origin` in the world; distances beyond `truncation_m` are cut.
+    /// An empty volume with node (0, 0, 0) at `origin` in the world; distances are cut off at `truncation_m`.
     #[must_use]
     pub fn new(origin: Point3<f64>, spacing_m: f64, dims: [usize; 3], truncation_m: f64) -> Self {
         let count = dims.iter().product();
@@ -43,15 +43,15 @@ impl TsdfVolume {
         }
     }
 
-    /// Fuses views into an empty volume by all views of a node, and once more near the surface by the views
-    /// of its side (3.4): those of the other side of a thin panel would push it outwards.
+    /// Fuses views into an empty volume: first all views at every node, then again near the surface only the
+    /// views on a node's side of it (3.4): those of the other side of a thin panel would push it outwards.
     pub fn fuse(&mut self, views: &[TsdfView]) {
         self.integrate(views);
         self.fuse_facing(views);
     }
 
-    /// Fuses views. Readings weigh as `pixel weight / sigma(depth)^2`, 1 at one meter. The result does not
-    /// depend on the number of threads. See docs/method.md (3.2).
+    /// Adds views to the volume. A reading weighs `pixel weight / sigma(depth)^2`, normalized to 1 at one
+    /// meter. The result does not depend on the number of threads. See docs/method.md (3.2).
     pub fn integrate(&mut self, views: &[TsdfView]) {
         let cameras = self.view_cameras(views);
         let truncation_m = self.truncation_m;
@@ -59,7 +59,7 @@ impl TsdfVolume {
         self.layer_slabs().for_each(|slab| {
             let layers = slab.weights.len() / (nx * ny);
             let mut near = Vec::new();
-            // All views of a few rows at a time: both then stay in the cache.
+            // All views are added to a few rows at a time: both then stay in the cache.
             for lines in (0..ny).step_by(LINES) {
                 for (view, ViewCamera { camera, .. }) in views.iter().zip(&cameras) {
                     let sweep = Sweep { camera, readings: &view.readings, truncation_m };
@@ -92,10 +92,10 @@ impl TsdfVolume {
         });
     }
 
-    /// Fuses the same views again, near the surface, each node by the views of its side of the surface alone:
-    /// in a plate thinner than the truncation the readings of one side push the other outwards, by half its
-    /// thickness at most. (Splietker and Behnke 2019 keep a volume for each of six directions instead.) Nodes
-    /// without such a view stay. See docs/method.md (3.4).
+    /// Fuses the same views again near the surface, at each node only those on the node's side of the
+    /// surface: in a plate thinner than the truncation distance, the readings of one side push the other
+    /// outwards, by up to half its thickness. (Splietker and Behnke 2019 keep a volume for each of six
+    /// directions instead.) Nodes without such a view keep their value. See docs/method.md (3.4).
     pub fn fuse_facing(&mut self, views: &[TsdfView]) {
         let cameras = self.view_cameras(views);
         let first = self.distance_grid(0.0);
@@ -109,7 +109,7 @@ impl TsdfVolume {
                 let layer = slab.first + z;
                 near.clear();
                 let start = first.index(0, y, layer);
-                // A node without a reading is NaN and left out as well.
+                // A node without a reading is NaN and also left out.
                 for x in (0..nx).filter(|x| first.values[start + x].abs() < 0.999 * truncation_m) {
                     near.push(FacedNode::new(&first, [x, y, layer]));
                 }
@@ -143,7 +143,7 @@ impl TsdfVolume {
         cameras
     }
 
-    /// Some layers of nodes at a time.
+    /// The volume in slabs of some layers each.
     fn layer_slabs(&mut self) -> impl IndexedParallelIterator<Item = Slab<'_>> {
         let size = (self.sums.dims[0] * self.sums.dims[1] * LAYERS).max(1);
         let sums = self.sums.values.par_chunks_mut(size);
@@ -156,7 +156,7 @@ impl TsdfVolume {
         })
     }
 
-    /// Distances in meters, cut at the truncation; NaN where the weight is at most `min_weight`.
+    /// Distances in meters, cut off at the truncation distance; NaN where the weight is at most `min_weight`.
     #[must_use]
     pub fn distance_grid(&self, min_weight: f32) -> Grid3<f32> {
         let nodes = self.sums.values.par_iter().zip(&self.weights).with_min_len(1 << 14);
@@ -199,7 +199,7 @@ impl TsdfVolume {
             let share: f64 = (0..3).map(|k| 1.0 - (g[k] - at[k] as f64).abs()).product();
             let c = self.colors[grid.index(at[0], at[1], at[2])];
             if c[3] > 0.0 {
-                // A corner with a color counts a little everywhere: it may be the only one.
+                // A colored corner always counts a little: it may be the only one.
                 let share = share.max(1e-6) as f32;
                 add_weighted(&mut sum, [c[0] / c[3], c[1] / c[3], c[2] / c[3]], share);
             }
@@ -222,27 +222,27 @@ impl TsdfVolume {
     }
 }
 
-/// A view's camera before the nodes.
+/// A view's camera in front of the nodes.
 struct ViewCamera {
     camera: RowCamera,
-    /// Its place in the volume, meters.
+    /// Position of the camera in the volume, meters.
     eye: Vector3<f32>,
 }
 
-/// Layers of a volume for one task.
+/// Some layers of a volume, for one task.
 struct Slab<'a> {
-    /// The first layer.
+    /// Index of the first layer.
     first: usize,
     sums: &'a mut [f32],
     weights: &'a mut [f32],
     colors: &'a mut [[f32; 4]],
 }
 
-/// A node near the surface, by the views of its side.
+/// A node near the surface, fused from the views on its side.
 struct FacedNode {
     x: usize,
     position: Vector3<f32>,
-    /// Of the distance there; zero where it is unknown.
+    /// Gradient of the distance there; zero where it is unknown.
     slope: Vector3<f32>,
     sum: f32,
     weight: f32,
@@ -260,7 +260,8 @@ impl FacedNode {
         Self { x: node[0], position, slope, sum: 0.0, weight: 0.0, color: [0.0; 4] }
     }
 
-    /// Adds a view's reading, the node at `p` in its optical frame, if it sees free space there or its side.
+    /// Adds a view's reading if the view sees free space at the node (at `p` in its optical frame) or is on
+    /// its side of the surface.
     fn add_view(
         &mut self,
         view: &TsdfView,
@@ -275,14 +276,14 @@ impl FacedNode {
         };
         // docs/method.md (3.4).
         if matches!(said, NodeReading::Free { .. }) || self.slope.dot(&(eye - self.position)) >= 0.0 {
-            // Even weights about the surface leave it at the mean of noisy readings.
+            // Weights that are even around the surface leave it at the mean of noisy readings.
             let sums = NodeSums { sum: &mut self.sum, weight: &mut self.weight, color: &mut self.color };
             sums.add_reading(&said, view, 2.0);
         }
     }
 }
 
-/// Value of a node some steps along an axis from another, at most at the border of the grid.
+/// Value of the node `step` steps along an axis, at most to the border of the grid.
 fn value_beside(grid: &Grid3<f32>, node: [usize; 3], axis: usize, step: isize) -> f32 {
     let mut other = node;
     other[axis] = other[axis].saturating_add_signed(step).min(grid.dims[axis] - 1);

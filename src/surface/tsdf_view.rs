@@ -1,4 +1,4 @@
-//! A view for the fusion of depth: the readings of its pixels, and of places in space.
+//! A view for the fusion of depth: how to read its pixels, and the nodes it sees.
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -9,20 +9,21 @@ use geometry::{Intrinsics, Pose};
 
 /// Depth at which a reading has weight 1, meters. derived: the unit of length
 const REFERENCE_DEPTH_M: f64 = 1.0;
-/// Weight of a node seen through, against one near a surface: rays close by an edge would otherwise push its
-/// zero crossing inwards. (On a sphere of 20 node spacings the mean error is 0.11 spacings at weight 1 and
-/// 0.01 at 0.05.) chosen: between these two: free space still counts
+/// Weight of a node seen through, relative to one near a surface: rays that pass close by an edge would
+/// otherwise push its zero crossing inwards. (On a sphere of 20 node spacings the mean error is 0.11 spacings
+/// at weight 1 and 0.01 at 0.05.) chosen: between these two, as free space must still count
 pub(super) const FREE_WEIGHT: f32 = 0.1;
 
-/// Role of a pixel for the volume.
+/// What a pixel tells the volume.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PixelRole {
-    /// Its depth is a surface of the volume's object: carves in front and sets distances.
+    /// Its depth is a surface of the volume's object: space in front is free, and nodes near it get
+    /// distances.
     Surface,
     /// It shows something else: space in front of its depth is free, or the whole ray where its depth is
     /// unknown.
     FreeOnly,
-    /// It has no evidence.
+    /// It tells nothing.
     Skip,
 }
 
@@ -45,15 +46,15 @@ pub(crate) fn object_roles(frame: &RgbdFrame, weights: &[f32]) -> Vec<PixelRole>
 /// The reading of a pixel for fusion.
 #[derive(Clone, Copy)]
 pub(super) struct Reading {
-    /// z-depth, meters; infinite where nothing but free space is known.
+    /// z-depth, meters; infinite where only free space is known.
     pub depth_m: f32,
-    /// Its weight, 1 for a pixel of weight 1 at the reference depth, negative where its depth is no surface
-    /// of the volume's object; 0: it has no evidence.
+    /// Its weight: 1 for a pixel of weight 1 at the reference depth, negative where its depth is no surface
+    /// of the volume's object, 0 where it tells nothing.
     signed_weight: f32,
 }
 
 impl Reading {
-    /// No evidence.
+    /// It tells nothing.
     pub(crate) const NOTHING: Self = Self { depth_m: 0.0, signed_weight: 0.0 };
 
     /// A surface of the volume's object.
@@ -61,7 +62,7 @@ impl Reading {
         Self { depth_m, signed_weight: weight }
     }
 
-    /// Empty space up to a depth; it may be infinite.
+    /// Empty space up to a depth, which may be infinite.
     pub(crate) fn of_free_space(depth_m: f32, weight: f32) -> Self {
         Self { depth_m, signed_weight: -weight }
     }
@@ -89,16 +90,16 @@ impl Reading {
 pub struct TsdfView<'a> {
     /// The frame.
     pub(super) frame: &'a RgbdFrame,
-    /// Moves the view before it is fused.
+    /// Transform applied to the view before it is fused.
     pub(super) volume_from_world: Pose,
-    /// Of each pixel.
+    /// The reading of each pixel.
     pub(super) readings: Vec<Reading>,
 }
 
 impl<'a> TsdfView<'a> {
-    /// A view with pixels of these weights, e.g. of [`capture::pixel_weights`], and roles, e.g. of
-    /// `object_roles`. `volume_from_world` moves it before it is fused: the identity, or the motion of a
-    /// part from the frame's state to the volume's.
+    /// A view with a weight per pixel, e.g. from [`capture::pixel_weights`], and roles, e.g. from
+    /// `object_roles`. `volume_from_world` moves it before it is fused: the identity, or the motion of a part
+    /// from the frame's state to the volume's.
     ///
     /// # Panics
     /// If `weights` or `roles` do not have one value a pixel.
@@ -121,25 +122,25 @@ impl<'a> TsdfView<'a> {
     }
 }
 
-/// A view's reading of a node.
+/// What a view reads at a node.
 pub(super) enum NodeReading {
-    /// It lies in front of the truncation, in free space; no distance is measured.
+    /// The node is in free space, in front of the truncation; no distance is measured.
     Free {
         /// Weight of the reading.
         weight: f32,
     },
-    /// It lies near a surface.
+    /// The node is near a surface.
     Near {
-        /// Projective distance in truncations, above -1.
+        /// Projective distance in truncation distances, above -1.
         s: f32,
         /// Weight of the reading.
         weight: f32,
-        /// The reading's pixel.
+        /// Index of the reading's pixel.
         pixel: usize,
     },
 }
 
-/// A view's reading of a node at a place in the optical frame, inside the image; `None` without evidence.
+/// What a view reads at a node, given its position in the optical frame, inside the image; `None` if nothing.
 pub(super) fn reading_of_node(
     readings: &[Reading],
     intrinsics: &Intrinsics,
@@ -166,8 +167,8 @@ pub(super) fn reading_of_node(
     (s > -1.0).then_some(NodeReading::Near { s, weight, pixel })
 }
 
-/// Share of a reading's weight at a distance in truncations: falls to zero behind the surface, for both sides
-/// of a thin wall to survive.
+/// Share of a reading's weight at a distance in truncation distances. It falls to zero behind the surface, so
+/// that both sides of a thin wall survive.
 pub(super) fn behind_weight(s: f32, steepness: f32) -> f32 {
     (steepness * (1.0 + s)).min(1.0)
 }
@@ -198,8 +199,8 @@ fn readings_of_frame(
     readings.collect()
 }
 
-/// Depth between four pixels of one surface, linear in inverse depth (exact on planes); `None` at its edges.
-/// `shifted` is the pixel position plus one half.
+/// Depth interpolated between four pixels of one surface, linear in inverse depth (exact on planes); `None`
+/// at the surface's edges. `shifted` is the pixel position plus one half.
 fn interpolated_depth(
     readings: &[Reading],
     k: &Intrinsics,
@@ -228,7 +229,7 @@ fn interpolated_depth(
         high = high.max(r.depth_m);
         inverse += share / r.depth_m;
     }
-    // Readings further apart than the truncation are of two surfaces.
+    // Readings farther apart than the truncation distance are of two surfaces.
     (high - low < truncation_m).then(|| 1.0 / inverse)
 }
 

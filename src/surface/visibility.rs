@@ -1,4 +1,4 @@
-//! Nodes seen by some view, and certainly empty nodes.
+//! Finds nodes seen by some view, and nodes that are certainly empty.
 
 use rayon::prelude::*;
 
@@ -10,16 +10,16 @@ use super::{
 use capture::{NoiseConfig, RgbdFrame};
 use geometry::Grid3;
 
-/// Rule for nodes seen through.
+/// When a node counts as seen through.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FreeSpaceRule {
-    /// Depth noise.
+    /// Noise of the depth.
     pub noise: NoiseConfig,
     /// A node is in front of a reading if it is nearer by this many standard deviations of the reading ...
     pub margin_sigmas: f64,
     /// ... and by at least this, meters.
     pub margin_m: f64,
-    /// Least number of views through the node.
+    /// Least number of views that see through the node.
     pub min_views: u8,
 }
 
@@ -40,20 +40,20 @@ pub fn visibility_grid<T>(frames: &[RgbdFrame], nodes: &Grid3<T>, epsilon_m: f64
 }
 
 /// Whether each node of `nodes` is certainly empty: at least `rule.min_views` views see it clearly in front
-/// of a known depth, or on a ray off the object (off the mask) without known depth. The nearest of the 3x3
-/// readings around a pixel counts: depth bleeding and masks a pixel off carve nothing.
+/// of a known depth, or on a ray off the mask without known depth. The nearest of the 3x3 readings around a
+/// pixel counts, so that smeared depth edges and masks wrong by a pixel do not carve the object.
 #[must_use]
 pub fn free_space_grid<T>(frames: &[RgbdFrame], nodes: &Grid3<T>, rule: &FreeSpaceRule) -> Grid3<bool> {
     views_in_front(frames, nodes, rule.min_views, |frame| free_reach(frame, rule))
 }
 
-/// For each pixel the depth of certainly empty space along its ray, meters; 0 where nothing is known.
+/// Depth up to which space is certainly empty along the ray of each pixel, meters; 0 where nothing is known.
 fn free_reach(frame: &RgbdFrame, rule: &FreeSpaceRule) -> Vec<f32> {
     let w = frame.intrinsics.width;
     let h = frame.intrinsics.height;
     let single: Vec<f32> = (0..w * h).map(|i| free_reach_of_pixel(frame, rule, i)).collect();
-    // The least of 3 x 3 pixels: along rows, then along columns. A pixel without reach has no evidence, and
-    // takes none from its neighbors.
+    // The least of 3 x 3 pixels: along rows, then along columns. A pixel without reach tells nothing, and
+    // takes nothing from its neighbors.
     let mut across = single.clone();
     for y in 0..h {
         for x in 0..w {
@@ -72,13 +72,13 @@ fn free_reach(frame: &RgbdFrame, rule: &FreeSpaceRule) -> Vec<f32> {
     reach
 }
 
-/// The same by the reading of one pixel alone.
+/// The same from the reading of one pixel alone.
 fn free_reach_of_pixel(frame: &RgbdFrame, rule: &FreeSpaceRule, pixel: usize) -> f32 {
     let d = f64::from(frame.depth_m[pixel]);
     if d > 0.0 {
         // docs/method.md (3.6).
         (d - rule.margin_m.max(rule.margin_sigmas * frame.sigma_m(pixel, &rule.noise))).max(0.0) as f32
-    // An object without depth may begin anywhere on the ray: nothing on it is certainly empty.
+    // An object without known depth may begin anywhere on the ray, so nothing on it is certainly empty.
     } else if frame.is_object(pixel) {
         0.0
     } else {
@@ -86,15 +86,15 @@ fn free_reach_of_pixel(frame: &RgbdFrame, rule: &FreeSpaceRule, pixel: usize) ->
     }
 }
 
-/// A view with a reach.
+/// A view with the reach of its pixels.
 struct ReachView {
     camera: RowCamera,
-    /// Largest depth of a counted node for each pixel, meters.
+    /// Depth up to which nodes count, per pixel, meters.
     reach_m: Vec<f32>,
     tiles: DepthTiles,
 }
 
-/// Whether at least `min_views` frames see each node nearer than the reach of its pixel.
+/// For each node, whether at least `min_views` frames see it nearer than the reach of its pixel.
 fn views_in_front<T>(
     frames: &[RgbdFrame],
     nodes: &Grid3<T>,
@@ -118,7 +118,7 @@ fn views_in_front<T>(
     votes.par_chunks_mut((nx * ny * BLOCK).max(1)).enumerate().for_each(|(slab, votes)| {
         let layers = slab * BLOCK..((slab + 1) * BLOCK).min(nz);
         for lines in block_ranges(ny) {
-            // Of each block of the row: views of all of it.
+            // For each block of the row, the number of views that see all of it in front.
             let mut all = vec![0u8; nx.div_ceil(BLOCK)];
             for ReachView { camera, reach_m, tiles } in &views {
                 let mut mixed = Vec::new();
@@ -126,7 +126,7 @@ fn views_in_front<T>(
                 {
                     match sight_of_block(tiles, camera, &[range.clone(), lines.clone(), layers.clone()]) {
                         Sight::Nothing => {}
-                        // A node with all its votes is left out: a byte cannot overflow.
+                        // A node with enough votes is skipped, so a byte cannot overflow.
                         Sight::InFront => *all += 1,
                         Sight::Mixed => mixed.push((range, min_views - *all)),
                     }

@@ -1,4 +1,4 @@
-//! Joining meshes and vertices; defects of edges.
+//! Joins meshes and vertices, and counts defects of edges.
 
 use nalgebra::Point3;
 
@@ -41,9 +41,9 @@ pub fn merged_mesh(meshes: &[&TriangleMesh]) -> TriangleMesh {
     all
 }
 
-/// The mesh with vertices of the same cell of a lattice of the given spacing (0: same position exactly)
-/// joined at the first of them, without triangles of fewer than three corners then, and without unused
-/// vertices.
+/// The mesh with all vertices in one cell of a lattice joined at the first of them; the lattice has the given
+/// spacing, meters (0: only equal positions are joined). Triangles left with fewer than three corners and
+/// unused vertices are dropped.
 #[must_use]
 pub fn welded_mesh(mesh: &TriangleMesh, spacing_m: f32) -> TriangleMesh {
     let representative = first_of_cells(&mesh.vertices, spacing_m);
@@ -58,7 +58,7 @@ fn first_of_cells(vertices: &[Point3<f32>], spacing_m: f32) -> Vec<u32> {
     for (p, i) in vertices.iter().zip(0..) {
         order.push(([p.x, p.y, p.z].map(|x| lattice_key(x, spacing_m)), i));
     }
-    // By cell and then by number: each run begins with the first vertex of its cell.
+    // Sorted by cell and then by index: each run begins with the first vertex of its cell.
     order.sort_unstable();
     let mut representative = vec![0; vertices.len()];
     let mut first = 0;
@@ -77,8 +77,8 @@ fn lattice_key(x: f32, spacing_m: f32) -> i64 {
     if spacing_m > 0.0 { (x / spacing_m).floor() as i64 } else { i64::from((x + 0.0).to_bits()) }
 }
 
-/// Sides of the triangles other than those of exactly one triangle in each direction: the open sides have one
-/// triangle, the non-manifold ones more than two or two of opposite winding.
+/// Counts of irregular triangle sides. A regular one is shared by exactly two triangles of opposite
+/// direction; an open one belongs to a single triangle; any other is non-manifold.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct EdgeDefects {
     /// Sides of one triangle only.

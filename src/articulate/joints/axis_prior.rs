@@ -1,4 +1,4 @@
-//! A joint with a prior of its axis direction. See docs/method.md 8.8.
+//! Combines a joint with a prior of its axis direction. See docs/method.md 8.8.
 
 use nalgebra::{DMatrix, Matrix2, Matrix3x2, Matrix6, SMatrix, Unit, Vector3};
 
@@ -14,15 +14,15 @@ use crate::joints::{
 use geometry::Pose;
 use model::{AxisAlone, JointKind};
 
-/// Slopes below this share of the largest count as zero: of (direction 3, point 3) two have no effect, and
-/// finite differences ([`DIFFERENCE`]) leave 1e-10 to 1e-9 of them. Their inverse would blow any covariance
-/// up.
+/// Singular values below this share of the largest count as zero: two of (direction 3, point 3) have no
+/// effect, and finite differences ([`DIFFERENCE`]) leave 1e-10 to 1e-9 of them. Inverted, they would blow up
+/// any covariance.
 ///
 /// chosen: between this noise and the slopes of a real joint (no smaller than its motion in radians)
 const FLAT: f64 = 1e-6;
 
 impl JointEstimate {
-    /// The direction of the axis by the motion alone; `None` where the motion does not determine it.
+    /// The direction of the axis from the motion alone; `None` where the motion does not determine it.
     #[must_use]
     pub fn seen_direction(&self) -> Option<SeenDirection> {
         let covariance: nalgebra::Matrix3<f64> = self.evidence.covariance.fixed_view::<3, 3>(0, 0).into();
@@ -30,42 +30,43 @@ impl JointEstimate {
         known.then_some(SeenDirection { direction: self.axis, covariance })
     }
 
-    /// The joint with a prior of its direction, the rest of it moved by its covariance with the direction
-    /// (linear update of a Gaussian). `parents` are the motions of the parent to the states behind state 0.
+    /// The joint updated with a prior of its direction; its other parameters follow by their covariance with
+    /// the direction (linear update of a Gaussian). `parents` are the motions of the parent from state 0 to
+    /// the other states.
     #[must_use]
     pub fn with_axis_prior(mut self, prior: &SeenDirection, parents: &[ParentMotion]) -> Self {
         let before = self.evidence.covariance;
         let (a, b) = frame_across(&prior.direction);
         let across = Matrix3x2::from_columns(&[a, b]);
-        // The prior is of the direction alone, by its two components across the prior's own.
+        // The prior is of the direction alone, observed as two components perpendicular to the prior's.
         let mut observe = SMatrix::<f64, 2, 7>::zeros();
         observe.fixed_view_mut::<2, 3>(0, 0).copy_from(&across.transpose());
         let noise: Matrix2<f64> = across.transpose() * prior.covariance * across;
-        // Kalman's gain, and Joseph's form of the covariance: it stays positive.
+        // Kalman gain, and the covariance in Joseph's form, which keeps it positive.
         let Some(inverse) = (observe * before * observe.transpose() + noise).try_inverse() else {
             return self;
         };
         let gain = before * observe.transpose() * inverse;
-        // In that plane the prior lies at the origin, so the innovation is minus the axis' offset.
+        // In that plane the prior lies at the origin, so the innovation is minus the offset of the axis.
         let step = gain * -(across.transpose() * self.axis.into_inner());
         let farthest = (0..self.positions.len()).find(|&k| self.positions[k] == self.largest_position());
-        // A step past the start of the motion is no small one: the linear update does not hold.
+        // A step that reverses the motion is not small: the linear update does not hold.
         let Some(farthest) = farthest.filter(|_| self.largest_position() + step[6] > 0.0) else {
             return self;
         };
-        // The axis by the motion alone goes to the report, before the prior changes it.
+        // The report keeps the axis from the motion alone, before the prior changes it.
         let std_rad = before.fixed_view::<3, 3>(0, 0).trace().sqrt();
         self.evidence.axis_alone = Some(AxisAlone { axis: self.axis, std_rad });
         let kept = SMatrix::<f64, 7, 7>::identity() - gain * observe;
         self.evidence.covariance = kept * before * kept.transpose() + gain * noise * gain.transpose();
         for k in 0..self.positions.len() {
-            // Joseph's form once more, in the space of the motion: `back` reads the axis off it, `slopes`
-            // carries the change to it, and the rest of the motion stays.
+            // Joseph's form once more, in the space of the motion: `back` maps a motion to the axis, `slopes`
+            // maps a change of the axis to the motion, and the rest of the motion stays.
             let slopes = self.motion_slopes(k, k == farthest, &parents[k].state1_from_state0);
             let Ok(back) = slopes.clone().pseudo_inverse(FLAT * slopes.norm()) else { continue };
             let kept = DMatrix::identity(6, 6) - &slopes * gain * observe * back;
             let added = &slopes * gain * noise * gain.transpose() * slopes.transpose();
-            // The prior does not lessen the covariance of the parent's motion.
+            // The prior does not reduce the covariance of the parent's motion.
             let parent = parents[k].covariance;
             let covariance = &kept * (self.covariances[k] - parent) * kept.transpose() + added;
             self.covariances[k] = parent + Matrix6::from_fn(|r, c| covariance[(r, c)]);
@@ -79,20 +80,20 @@ impl JointEstimate {
         self.with_motions_on(parents.iter().map(|p| p.state1_from_state0))
     }
 
-    /// The joint with its motions on moved parents.
+    /// The joint with its motions recomputed on moved parents.
     fn with_motions_on(mut self, parents: impl Iterator<Item = Pose>) -> Self {
         let joint = self.placed_joint();
         self.motions = parents.enumerate().map(|(k, parent)| joint.world_motion(k, &parent)).collect();
         self
     }
 
-    /// A turning joint with the best place of its axis for a fixed direction; any other joint as it is. A
-    /// motion left out of the joint stays out.
+    /// A turning joint with its axis moved to the best place for its fixed direction; any other joint is
+    /// returned as it is. A motion left out of the joint stays out.
     pub fn settled(mut self, motions: &[JointMotion], config: &RefineConfig) -> Self {
         if !matches!(self.kind, JointKind::Revolute | JointKind::Screw { .. }) {
             return self;
         }
-        // An infinite deviation marks a motion in contradiction to the others.
+        // An infinite deviation marks a motion that contradicts the others.
         let kept: Vec<usize> = (0..motions.len())
             .filter(|k| self.evidence.position_std.get(*k).is_some_and(|std| std.is_finite()))
             .collect();
@@ -101,14 +102,14 @@ impl JointEstimate {
         }
         let chosen: Vec<JointMotion> = kept.iter().map(|&k| motions[k]).collect();
         let sigma_m = kept.iter().map(|&k| surface_sigma_m(&motions[k].evidence, &self.motions[k])).collect();
-        // The first two parameters are the direction: the prior has decided them, they are held.
+        // The first two parameters are the direction: the prior has decided them, so they are held.
         let mut start = self.placed_joint();
         start.positions = kept.iter().map(|&k| self.positions[k]).collect();
         let joint = Residuals { motions: &chosen, sigma_m, config }.fitted_joint(start, 2).joint;
         for (k, m) in motions.iter().enumerate() {
             self.positions[k] = match kept.iter().position(|&own| own == k) {
                 Some(own) => joint.positions[own],
-                // A motion left out has no say in the fit; it gets the nearest position.
+                // A left-out motion does not take part in the fit; it gets the nearest position.
                 None => {
                     joint.nearest_position(&(m.parent.state1_from_state0.inverse() * m.start), &joint.point)
                 }
@@ -121,8 +122,8 @@ impl JointEstimate {
         self.with_motions_on(motions.iter().map(|m| m.parent.state1_from_state0))
     }
 
-    /// Left perturbation of motion `k` in the world per unit of (direction 3, point 3, motion 1), 6 x 7; the
-    /// last column is zero where `own` is false: the motion parameter is that of another state.
+    /// Left perturbation of motion `k` in the world per unit of (direction 3, point 3, motion 1), 6 x 7. The
+    /// last column is zero unless `own`: the motion parameter belongs to another state.
     fn motion_slopes(&self, k: usize, own: bool, parent: &Pose) -> DMatrix<f64> {
         let mut slopes = DMatrix::zeros(6, 7);
         for i in 0..7 {

@@ -1,4 +1,4 @@
-//! Cautions about a joint, and its properties not observable in its states, in words.
+//! Cautions in words about a joint and about what its states cannot show.
 
 use crate::joints::{joint::JointEstimate, joint_type::DECISIVE};
 use common::note::{Note, NoteCode};
@@ -9,22 +9,23 @@ use model::{Deviations, JointFamily, JointKind, TypeScores};
 /// tuned: shared/bags
 const COARSE_DIRECTION_RAD: f64 = 0.02;
 
-/// The evidence for the judgment of a joint.
+/// The evidence from which a joint is judged.
 pub(crate) struct JudgedJoint<'a> {
     pub kind: JointKind,
-    /// Farthest from state 0, positive.
+    /// Largest position relative to state 0, positive, radians or meters.
     pub motion: f64,
     pub scores: &'a TypeScores,
-    /// Number of observations in agreement with the joint, and of those tried.
+    /// Number of observations that agree with the joint, and of all tried.
     pub agreement: [usize; 2],
 }
 
-/// Reasons for doubt of a joint, in words; [`vagueness`] adds those of its deviations, once they are final.
+/// Reasons to doubt a joint, in words. Those from its standard deviations come from [`vagueness`], once they
+/// are final.
 pub(crate) fn cautions(joint: &JudgedJoint<'_>) -> Vec<Note> {
     let JudgedJoint { kind, motion, scores, agreement: [agree, tried] } = *joint;
     let mut cautions = Vec::new();
     let [p, r] = [JointFamily::Prismatic, JointFamily::Revolute].map(|t| scores.score_of(t));
-    // A slide is a turn about an axis far away: a small motion may not distinguish them.
+    // A slide is a turn about an axis far away: a small motion may not tell them apart.
     if (p - r).abs() < DECISIVE {
         cautions.push(Note::new(
             NoteCode::JointTypeUndecided,
@@ -51,7 +52,7 @@ pub(crate) fn cautions(joint: &JudgedJoint<'_>) -> Vec<Note> {
     cautions
 }
 
-/// Properties of a joint not observable in the states of a part.
+/// Properties of a joint that the states of a part cannot show.
 pub(crate) fn not_observable(kind: JointKind, states: usize) -> Vec<Note> {
     let count = if states == 2 { "two".to_owned() } else { states.to_string() };
     let mut open = vec![Note::new(
@@ -74,8 +75,8 @@ pub(crate) fn not_observable(kind: JointKind, states: usize) -> Vec<Note> {
     open
 }
 
-/// Cautions by the deviations of a joint, of an object with a longest side of `extent_m`; none where all are
-/// small.
+/// Cautions from the standard deviations of a joint; none where all are small. `extent_m` is the longest side
+/// of the object.
 pub(crate) fn vagueness(joint: &JointEstimate, extent_m: f64) -> Vec<Note> {
     let turns = joint.kind.turns();
     let motion = joint.largest_position().abs();

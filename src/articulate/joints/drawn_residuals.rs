@@ -1,5 +1,5 @@
-//! Changes of the residuals of a motion by errors of poses and depth: one change by draw.
-//! See docs/method.md 8.11.
+//! Changes of the residuals of a motion by drawn errors of poses and depth: one change per random draw. See
+//! docs/method.md 8.11.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -9,20 +9,22 @@ use crate::{
 };
 use geometry::{NearestPoints, Pose};
 
-/// Changes of the distances of surface points and of the ends of matches, by draw.
+/// Changes of surface point distances and of match ends, per draw.
 #[derive(Clone, Debug, Default)]
 pub struct DrawnResiduals {
     /// Number of draws.
     count: usize,
-    /// Of the points of each state, meters: of the first by every draw, then of the second, and so on.
+    /// Change of the distance of the points of each state, meters: all draws of the first point, then of the
+    /// second, and so on.
     surfaces_m: [Vec<f32>; 2],
-    /// Of `point1 - T point0` of every match, meters, in the same order.
+    /// Change of `point1 - T point0` of every match, meters, in the same order.
     matches_m: Vec<Vector3<f32>>,
 }
 
 impl DrawnResiduals {
-    /// At a motion `state1_from_state0`, from the displacements of a part's surface in both states; `matches`
-    /// are the ends of its matches. The other state's surface is looked for within `radius_m`.
+    /// Computes the changes at a motion `state1_from_state0` from the displacements of a part's surface in
+    /// both states; `matches` are the ends of its matches. The partner on the other state's surface is looked
+    /// for within `radius_m`.
     #[must_use]
     pub fn new(
         draws: &[SurfaceDraws; 2],
@@ -46,7 +48,7 @@ impl DrawnResiduals {
                     let Some(j) = indices[1 - s].nearest_sample(&point, &normal) else {
                         return vec![0.0; count];
                     };
-                    // A point too high is too far away; a surface too high is too near.
+                    // A point displaced upwards is too far away; a surface displaced upwards is too near.
                     let own_m = heights_m(&draws[s], i, &surfaces[s].normals[i]);
                     let partner_m = heights_m(&draws[1 - s], j, &surfaces[1 - s].normals[j]);
                     own_m.zip(partner_m).take(count).map(|(own, partner)| (own - partner) as f32).collect()
@@ -75,12 +77,12 @@ impl DrawnResiduals {
         self.count
     }
 
-    /// Of a surface point of a state, meters.
+    /// Changes of the distance of a surface point of a state by draw, meters.
     pub fn of_point(&self, state: usize, point: usize) -> &[f32] {
         self.surfaces_m[state].get(point * self.count..(point + 1) * self.count).unwrap_or_default()
     }
 
-    /// Of a match, meters.
+    /// Changes of a match by draw, meters.
     pub fn of_match(&self, number: usize) -> &[Vector3<f32>] {
         self.matches_m.get(number * self.count..(number + 1) * self.count).unwrap_or_default()
     }

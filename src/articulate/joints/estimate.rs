@@ -1,4 +1,5 @@
-//! The one joint behind the motions of a part to all other states: type, axis, positions, chosen by evidence.
+//! Estimates the one joint behind the motions of a part to all other states: type, axis and positions are
+//! chosen by evidence.
 //!
 //! Two states are the case of one motion. The released evaluation of the published method takes the type from
 //! the ground truth; nothing here does.
@@ -17,7 +18,7 @@ use crate::joints::{
 use common::note::{Note, NoteCode};
 use model::{JointEvidence, JointKind, TypeScores};
 
-/// A motion is left out where the others have less than this share of the excess of all.
+/// A motion is left out if without it the excess is below this share of the excess with it.
 ///
 /// tuned: tests/states.rs
 const OUTLIER_SHARE: f64 = 0.2;
@@ -25,16 +26,16 @@ const OUTLIER_SHARE: f64 = 0.2;
 /// How a joint is estimated.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct JointChoice {
-    /// Whether a motion in contradiction to the others may be left out of the axis.
+    /// Whether a motion that contradicts the others may be left out of the axis.
     pub doubt: bool,
-    /// Its kind, where known.
+    /// The joint's kind, where it is known.
     pub kind: Option<JointKind>,
 }
 
-/// Fits all joint types to all motions of a part and chooses. Where a doubt is allowed and no joint explains
-/// all motions, the one whose absence lets the others agree is left out of the axis, with a caution.
+/// Fits all joint types to all motions of a part and chooses one. If `doubt` is allowed and no joint explains
+/// all motions, the motion without which the others agree is left out of the axis, with a caution.
 ///
-/// The motions must share the side of their blocks
+/// All motions must use blocks of the same side
 /// ([`MotionEvidence::block_m`](super::motion_evidence::MotionEvidence::block_m)).
 #[must_use]
 pub(crate) fn estimate_joint(
@@ -49,7 +50,7 @@ pub(crate) fn estimate_joint(
         && motions.len() > 1
         && let Some(left_out) = outlier_motion(motions, place, excess_over_free(&types.scores, true), config)
     {
-        // One motion at most is left out: without a doubt the call does not come here again.
+        // At most one motion is left out: without `doubt` the call does not come here again.
         let others = motions_without(motions, left_out);
         let estimate = estimate_joint(&others, place, JointChoice { doubt: false, ..choice }, config);
         return with_contradiction(estimate, &found, left_out);
@@ -58,23 +59,23 @@ pub(crate) fn estimate_joint(
     estimate(&found, &fit, scores)
 }
 
-/// The motions but one.
+/// All motions but one.
 fn motions_without<'a>(motions: &[JointMotion<'a>], left_out: usize) -> Vec<JointMotion<'a>> {
     motions.iter().enumerate().filter(|(k, _)| *k != left_out).map(|(_, m)| *m).collect()
 }
 
-/// The motion without which the others agree on a joint, where they do not with it (by the excess of `all`).
+/// The motion without which the others agree on a joint though all together do not (their excess is `all`).
 fn outlier_motion(
     motions: &[JointMotion],
     place: PartPlace,
     all: f64,
     config: &RefineConfig,
 ) -> Option<usize> {
-    // Where a joint explains all motions about as well as free ones do, there is nothing to doubt.
+    // Where a joint explains all motions about as well as free motions do, there is nothing to doubt.
     if all <= DECISIVE {
         return None;
     }
-    // All others agree best without the wrong motion.
+    // The others agree best when the wrong motion is left out.
     let mut best: Option<(f64, usize)> = None;
     for k in 0..motions.len() {
         let others = motions_without(motions, k);
@@ -111,7 +112,7 @@ fn with_contradiction(mut estimate: JointEstimate, found: &FreeFits, left_out: u
     estimate.motions.insert(left_out, pose);
     estimate.covariances.insert(left_out, parent.covariance);
     estimate.drawn.insert(left_out, parent.drawn.clone());
-    // Infinite marks a motion in contradiction to the others: `settled` leaves it out, too.
+    // Infinity marks a contradicting motion: `settled` leaves it out, too.
     estimate.evidence.position_std.insert(left_out, f64::INFINITY);
     estimate
 }
@@ -123,7 +124,7 @@ fn kind_of(joint: &PlacedJoint, place: &PartPlace) -> JointKind {
     match joint.freedom {
         Freedom::Slide => JointKind::Prismatic,
         Freedom::Turn => JointKind::Revolute,
-        // The thread is on the part: a screw line beside the part is of a free motion.
+        // A real thread is on the part: a screw axis beside the part comes from a free motion.
         Freedom::Helix if off_m < place.radius_m => JointKind::Screw { pitch_m_per_rad },
         Freedom::Helix => JointKind::Free { pitch_m_per_rad },
     }
@@ -136,7 +137,7 @@ fn estimate(found: &FreeFits, fit: &JointFit, scores: TypeScores) -> JointEstima
     let kind = kind_of(joint, &found.place);
     let sizes: Vec<f64> = joint.positions.iter().map(|q| q.abs()).collect();
     let farthest = motions.clone().reduce(|a, b| if sizes[b] > sizes[a] { b } else { a }).unwrap_or(0);
-    // The axis points to where the farthest motion is positive.
+    // The axis points so that the farthest position is positive.
     let sign = if joint.positions[farthest] >= 0.0 { 1.0 } else { -1.0 };
     let axis = if sign > 0.0 { joint.direction } else { -joint.direction };
     let covariance = JointCovariance::new(fit, found);

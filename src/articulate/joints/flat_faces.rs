@@ -1,31 +1,31 @@
-//! Directions of the flat faces of a surface, by its normals.
+//! Finds the directions of the flat faces of a surface from its normals.
 
 use nalgebra::{Matrix3, Unit, Vector3};
 
 use crate::{joints::square_axes::SeenDirection, observations::SurfaceSamples};
 
-/// Normals within this angle are those of one face. No other face is looked for within twice of it.
+/// Normals within this angle belong to one face. No other face is looked for within twice the angle.
 ///
 /// tuned: random objects (eval/random_objects.md)
 const NEAR_DEG: f64 = 4.0;
-/// Smallest share of the surface: faces at least as large were found true to .3 degrees, smaller ones are
-/// tilted by a degree.
+/// Smallest share of the surface in a face: larger faces were found to be true to .3 degrees, smaller ones to
+/// be tilted by a degree.
 ///
 /// tuned: random objects (eval/random_objects.md)
 const LEAST_SHARE: f64 = 0.1;
-/// A face has so many times the normals of the ring of twice the angle around it; a cylinder has as many
-/// there.
+/// Least ratio of the normals near a face's direction to those in the ring of twice the angle around it; for
+/// a cylinder the two numbers are equal.
 ///
 /// tuned: random objects (eval/random_objects.md)
 const CONTRAST: f64 = 3.0;
-/// Tried normals.
+/// Number of normals tried.
 const TRIED: usize = 300;
-/// Standard deviation of a face's direction: errors of a fused surface run together over a face.
+/// Standard deviation of a face's direction: errors of a fused surface are correlated over a face.
 ///
 /// tuned: random objects (eval/random_objects.md)
 const STD_DEG: f64 = 0.15;
 
-/// The directions of large flat faces, largest first, those of opposite faces as one.
+/// The directions of large flat faces, largest first; opposite faces count as one.
 pub(crate) fn flat_faces(surface: &SurfaceSamples) -> Vec<SeenDirection> {
     let [near, ring] = [NEAR_DEG, 2.0 * NEAR_DEG].map(|d| d.to_radians().cos());
     let normals = &surface.normals;
@@ -39,19 +39,20 @@ pub(crate) fn flat_faces(surface: &SurfaceSamples) -> Vec<SeenDirection> {
         }
         let face = mean_normal_near(normals, start, near);
         let count = count_near(normals, &face, near);
-        // A bent side has as many normals in the ring as in the middle; a face falls off sharply.
+        // A bent side has as many normals in the ring as in the middle; those of a flat face fall off
+        // sharply.
         if count > CONTRAST * (count_near(normals, &face, ring) - count) {
             let across = Matrix3::identity() - face.into_inner() * face.transpose();
             faces.push(SeenDirection { direction: face, covariance: across * STD_DEG.to_radians().powi(2) });
         }
-        // Nothing near by starts another face, whether this one was kept or not: the search ends.
+        // Normals nearby start no other face, whether this one was kept or not, so that the search ends.
         open.retain(|n| n.dot(&face).abs() < ring && n.dot(&start).abs() < ring);
     }
     faces
 }
 
-/// Number of normals within an angle of a direction or its opposite, by the cosine of the angle: opposite
-/// faces of a body show one direction.
+/// Number of normals within an angle (given by its cosine) of a direction or its opposite: opposite faces of
+/// a body show one direction.
 fn count_near(normals: &[Vector3<f64>], direction: &Vector3<f64>, cosine: f64) -> f64 {
     normals.iter().filter(|n| n.dot(direction).abs() > cosine).count() as f64
 }

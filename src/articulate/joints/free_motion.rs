@@ -9,8 +9,8 @@ use crate::joints::{
 };
 use geometry::{Pose, exp_so3};
 
-/// Smallest standard deviation of a surface residual as a share of the reach: below lies systematic error of
-/// poses and surfaces, whatever the number of points.
+/// Smallest standard deviation of a surface residual, as a share of the reach: poses and surfaces have
+/// systematic errors of this size, whatever the number of points.
 ///
 /// tuned: shared/bags
 const SIGMA_FLOOR: f64 = 0.02;
@@ -27,8 +27,8 @@ pub struct ParentMotion {
     /// Covariance of a left perturbation (translation 3, rotation 3) of the motion, square meters and
     /// radians; zero for the static part.
     pub covariance: Matrix6<f64>,
-    /// Effect of the errors of poses and depth common to all parts: a left perturbation by draw, on top of
-    /// the covariance; none where they are unknown or zero.
+    /// Effect of the drawn errors of poses and depth common to all parts: one left perturbation per draw, on
+    /// top of the covariance; empty where these errors are unknown or zero.
     pub drawn: Vec<Vector6<f64>>,
 }
 
@@ -39,7 +39,7 @@ impl ParentMotion {
         self.drawn.get(draw).copied().unwrap_or_default()
     }
 
-    /// The static part.
+    /// The motion of the static part: identity, without error.
     #[must_use]
     pub fn static_part() -> Self {
         Self { state1_from_state0: Pose::identity(), covariance: Matrix6::zeros(), drawn: Vec::new() }
@@ -54,31 +54,31 @@ pub(crate) struct FreeFit {
     pub quadratic: Quadratic,
     /// Standard deviation of a surface residual, meters.
     pub sigma_m: f64,
-    /// Squared error of the motion against that of independent residuals.
+    /// Ratio of the squared error of the motion to that expected of independent residuals.
     pub dispersion: f64,
 }
 
 impl FreeFit {
-    /// Fits a rigid motion to evidence: once with the surface residuals' deviation at the start, once with
-    /// their deviation at the motion found.
+    /// Fits a rigid motion to evidence twice: first with the standard deviation of the surface residuals at
+    /// the start, then with that at the motion found.
     pub(crate) fn new(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> Self {
-        // Away from the true motion residuals are large; only near it they have the scale of the errors.
+        // Far from the true motion residuals are large; only near it they have the scale of the errors.
         let (near, _) = fitted_motion(start, evidence, surface_sigma_m(evidence, start), config);
         let sigma_m = surface_sigma_m(evidence, &near);
         let (motion, quadratic) = fitted_motion(&near, evidence, sigma_m, config);
-        // Errors may exceed the stated ones within blocks or across them: the larger excess holds.
+        // Errors may exceed the stated ones within blocks or across them: the larger excess counts.
         let scale = quadratic.cost / quadratic.independent.max(2.0);
         let dispersion = scale.max(quadratic.dispersion());
         Self { motion, quadratic, sigma_m, dispersion }
     }
 
-    /// Independent residuals.
+    /// Number of independent residuals.
     pub(crate) fn independent_residuals(&self) -> f64 {
         self.quadratic.independent.max(2.0)
     }
 }
 
-/// Standard deviation of the surface residuals at a motion, meters, no smaller than the systematic error.
+/// Standard deviation of the surface residuals at a motion, meters, at least the systematic error.
 pub(crate) fn surface_sigma_m(evidence: &MotionEvidence, motion: &Pose) -> f64 {
     evidence.surface_sigma_m(motion, evidence.reach_m * SIGMA_FLOOR)
 }
@@ -105,15 +105,16 @@ fn fitted_motion(
     )
 }
 
-/// The motion of a part without a joint, with its covariance; zero where some direction is not observed.
+/// The motion of a part without a joint, with its covariance, which is zero where some direction is not
+/// observed.
 #[must_use]
 pub(crate) fn free_motion(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> ParentMotion {
     let free = FreeFit::new(start, evidence, config);
     let displacements = free.quadratic.displacement_covariance();
     let inverse = free.quadratic.information.cholesky().map(|c| c.inverse());
-    // Zeros mean an unobserved direction; `static_motion` reads them so.
+    // Zeros mark an unobserved direction, as `static_motion` expects.
     let covariance = inverse.map_or_else(Matrix6::zeros, |c| c * free.dispersion + c * displacements * c);
-    // The motion makes up for the change of the gradient by a draw.
+    // The motion shifts so that it cancels the change of the gradient in a draw.
     let drawn = match inverse {
         Some(c) => {
             evidence.drawn_gradients(&free.motion, free.sigma_m, config).iter().map(|g| -(c * g)).collect()

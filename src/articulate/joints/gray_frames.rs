@@ -6,9 +6,8 @@ use rayon::prelude::*;
 use crate::joints::patch_alignment::GrayPatch;
 use capture::{NoiseConfig, RgbdFrame, luma};
 
-/// A reading this share of its depth before or behind a point, beside four standard deviations, is of
-/// another surface.
-/// chosen: errors of poses
+/// A reading differing from a point's depth by more than this share, beside four standard deviations, is of
+/// another surface. chosen: errors of poses
 const DEPTH_SHARE: f64 = 0.002;
 /// Least cosine between the ray and the normal of a point with usable texture.
 /// chosen: 70 degrees; texture is three times as long there
@@ -25,7 +24,7 @@ pub(crate) struct Tangent {
 /// Gray frames of one state.
 pub(crate) struct GrayFrames<'a> {
     frames: &'a [RgbdFrame],
-    /// Where the world stands before each camera: matrices turn many points sooner than quaternions.
+    /// Pose of the world in each camera, as matrices: they transform many points faster than quaternions.
     camera_from_world: Vec<IsometryMatrix3<f64>>,
     gray: Vec<Vec<f32>>,
     noise: &'a NoiseConfig,
@@ -48,7 +47,7 @@ impl<'a> GrayFrames<'a> {
         let h = f.intrinsics.height;
         let pixel = f.intrinsics.pixel_at(u, v)?;
         let depth = f64::from(f.depth_m[pixel]);
-        // A reading at another depth is of a surface before or behind the point, with another texture.
+        // A reading at another depth is of a surface in front of or behind the point, with another texture.
         if depth <= 0.0
             || !f.is_object(pixel)
             || (depth - in_camera.z).abs() > 4.0 * self.noise.sigma_m(depth) + DEPTH_SHARE * depth
@@ -67,8 +66,8 @@ impl<'a> GrayFrames<'a> {
         Some((g00 * (1.0 - a) + g10 * a) * (1.0 - b) + (g01 * (1.0 - a) + g11 * a) * b)
     }
 
-    /// Frames with the best view of a point: most pixels per area, at most `count`, in a fixed order; with
-    /// the meters per pixel of the best one.
+    /// The frames with the best view of a point (most pixels per area), at most `count`, in a fixed order;
+    /// and the meters per pixel of the best one.
     pub(crate) fn best_frames(
         &self,
         point: &Point3<f64>,
@@ -81,7 +80,7 @@ impl<'a> GrayFrames<'a> {
                 let ray = point - Point3::from(f.world_from_camera.translation.vector);
                 let cosine = -ray.dot(normal) / ray.norm();
                 let pixel_m = (self.camera_from_world[i] * point).z / f.intrinsics.fx;
-                // The score is the number of pixels on a unit of surface; grazing views smear the texture.
+                // The score is the number of pixels per unit of surface; grazing views smear the texture.
                 (cosine > LEAST_COSINE && self.gray_at(i, point).is_some()).then_some((
                     cosine / (pixel_m * pixel_m),
                     i,
@@ -95,7 +94,7 @@ impl<'a> GrayFrames<'a> {
         (scored.iter().map(|s| s.1).collect(), pixel_m)
     }
 
-    /// The mean patch of the given frames on a tangent square.
+    /// The mean patch over the given frames, sampled on a tangent square.
     pub(crate) fn mean_patch(&self, tangent: &Tangent, frames: &[usize], radius: i32) -> GrayPatch {
         let mut values = Vec::with_capacity(((2 * radius + 1) * (2 * radius + 1)) as usize);
         for v in -radius..=radius {
@@ -110,7 +109,7 @@ impl<'a> GrayFrames<'a> {
                         seen += 1;
                     }
                 }
-                // A point unseen in most of the frames lies behind something in them, or off the mask.
+                // A point unseen in most of the frames is occluded in them, or off the mask.
                 values.push(if 2 * seen >= frames.len().max(1) { sum / seen as f32 } else { f32::NAN });
             }
         }

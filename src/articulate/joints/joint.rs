@@ -7,30 +7,31 @@ use crate::joints::joint_motion::{Freedom, PlacedJoint};
 use geometry::Pose;
 use model::{JointEvidence, JointKind};
 
-/// A joint between a parent and a moving part, in the world frame as it stands in state 0.
+/// A joint between a parent and a moving part; it is given in the world frame, as it is in state 0.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct JointEstimate {
     /// Type with the best evidence.
     pub kind: JointKind,
-    /// Unit axis direction; the farthest motion from state 0 is positive.
+    /// Unit axis direction; the position farthest from state 0 is positive.
     pub axis: Unit<Vector3<f64>>,
     /// A point of the axis near the part, meters.
     pub point: Point3<f64>,
-    /// Position in every state behind state 0, where it is 0, radians or meters.
+    /// Position in every state but state 0, where it is 0, radians or meters.
     pub positions: Vec<f64>,
-    /// Rigid motions of the part in the world from state 0 to these: the parent's and the joint's.
+    /// Rigid motions of the part in the world from state 0 to these states: the parent's motion and the
+    /// joint's.
     pub motions: Vec<Pose>,
     /// Covariance of a left perturbation (translation 3, rotation 3) of each motion.
     pub covariances: Vec<Matrix6<f64>>,
-    /// Effect of the errors of poses and depth common to all parts on each motion: a left perturbation by
-    /// draw, on top of its covariance.
+    /// Effect of the drawn errors of poses and depth common to all parts on each motion: one left
+    /// perturbation per draw, on top of its covariance.
     pub drawn: Vec<Vec<Vector6<f64>>>,
-    /// Its evidence.
+    /// Evidence for the joint.
     pub evidence: JointEvidence,
 }
 
 impl JointEstimate {
-    /// Position farthest from state 0, radians or meters, positive.
+    /// Largest distance of a position from state 0, radians or meters.
     #[must_use]
     pub fn largest_position(&self) -> f64 {
         self.positions.iter().copied().fold(0.0, |a, b| if b.abs() > f64::abs(a) { b } else { a })
@@ -42,7 +43,7 @@ impl JointEstimate {
             freedom: match self.kind {
                 JointKind::Prismatic => Freedom::Slide,
                 JointKind::Revolute => Freedom::Turn,
-                // A part of no known type moves along the screw of its motion.
+                // A part of unknown joint type moves along the screw of its motion.
                 JointKind::Screw { .. } | JointKind::Free { .. } => Freedom::Helix,
             },
             direction: self.axis,

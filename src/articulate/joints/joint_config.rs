@@ -8,23 +8,24 @@ use crate::joints::{motion_evidence::RefineConfig, square_axes::SquareConfig, te
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct JointConfig {
-    /// Source of a joint.
+    /// How joints are estimated.
     pub inference: JointInference,
     /// Robust refinement of motions.
     pub refine: RefineConfig,
     /// Dense texture matches.
     pub texture: TextureConfig,
-    /// Axes along and across each other.
+    /// Joint axes parallel or perpendicular to each other.
     pub square: SquareConfig,
 }
 
-/// Source of a joint.
+/// How joints are estimated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum JointInference {
-    /// All evidence of the states on the part and its possible parents.
+    /// From all evidence of the states on the part and its possible parents.
     #[default]
     Evidence,
-    /// The motion alone, on the static part, between two states (the published method's supplement, A.4).
+    /// From the motion alone, on the static part, between two states (the published method's supplement,
+    /// A.4).
     Published,
 }

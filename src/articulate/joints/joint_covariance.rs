@@ -14,13 +14,14 @@ use crate::joints::{
 pub(crate) struct JointCovariance<'a> {
     fit: &'a JointFit,
     found: &'a FreeFits<'a>,
-    /// Squared error of the axis against that of independent residuals.
+    /// Ratio of the squared error of the axis to that expected of independent residuals.
     pub dispersion: f64,
-    /// By the residuals and displacements of the surfaces; `None` where some direction is not observed.
+    /// Covariance from the residuals and displacements of the surfaces; `None` where some direction is not
+    /// observed.
     own: Option<DMatrix<f64>>,
-    /// By these and the motions of the parents.
+    /// Covariance from these and from the motions of the parents.
     total: Option<DMatrix<f64>>,
-    /// Changes of the parameters by errors of poses and depth, by draw.
+    /// Changes of the parameters by drawn errors of poses and depth, per draw.
     drawn: Vec<DVector<f64>>,
 }
 
@@ -28,7 +29,7 @@ impl<'a> JointCovariance<'a> {
     pub(crate) fn new(fit: &'a JointFit, found: &'a FreeFits<'a>) -> Self {
         let dispersion = found.dispersion * shared_error(fit);
         let own = fit.inverse.as_ref().map(|c| own_covariance(c, fit, dispersion));
-        // Errors of the parents are not of this part: its motions have them once, its axis through the fit.
+        // Errors of the parents are not this part's: its motions contain them once, its axis through the fit.
         let drawn = fit.inverse.as_ref().map_or_else(Vec::new, |c| drawn_parameters(c, fit, found));
         let total = own.as_ref().zip(fit.inverse.as_ref()).map(|(own, c)| {
             let squares = drawn.iter().map(|d| d * d.transpose());
@@ -52,7 +53,7 @@ impl<'a> JointCovariance<'a> {
         own + self.found.parent_motion(k).covariance
     }
 
-    /// Left perturbation of motion `k` in the world by every draw, on top of its covariance.
+    /// Left perturbation of motion `k` in the world in every draw, on top of its covariance.
     pub(crate) fn drawn_motion(&self, k: usize) -> Vec<Vector6<f64>> {
         let parent = self.found.parent_motion(k);
         let own = self.drawn.iter().map(|by| &self.fit.tangents[k] * by);
@@ -61,13 +62,13 @@ impl<'a> JointCovariance<'a> {
             .collect()
     }
 
-    /// Covariance of (direction 3, point 3, motion 1, pitch 1); the motion is number `farthest`. The axis is
-    /// turned round where this motion is negative. Infinite where some direction is not observed.
+    /// Covariance of (direction 3, point 3, motion 1, pitch 1), where the motion is number `farthest`. The
+    /// axis is reversed if this motion is negative. Infinite where some direction is not observed.
     pub(crate) fn axis_covariance(&self, farthest: usize) -> SMatrix<f64, 8, 8> {
         let Some(total) = &self.total else { return SMatrix::from_element(f64::INFINITY) };
         let joint = &self.fit.joint;
         let (a, b) = frame_across(&joint.direction);
-        // Direction and point move along two vectors across the axis, as in `PlacedJoint::stepped`.
+        // Direction and point move along two vectors perpendicular to the axis, as in `PlacedJoint::stepped`.
         let mut to = DMatrix::zeros(8, joint.dimension());
         to.fixed_view_mut::<3, 1>(0, 0).copy_from(&a);
         to.fixed_view_mut::<3, 1>(0, 1).copy_from(&b);
@@ -84,27 +85,27 @@ impl<'a> JointCovariance<'a> {
     }
 }
 
-/// The covariance of (direction 3, point 3, motion 1, pitch 1) where the axis is turned round unless it
-/// points `forward`.
+/// The covariance of (direction 3, point 3, motion 1, pitch 1) with the axis reversed unless it points
+/// `forward`.
 fn directed_covariance(covariance: &DMatrix<f64>, forward: bool) -> SMatrix<f64, 8, 8> {
     // Direction and motion change their sign together; the point and the pitch stay.
     let turned = |i: usize| !forward && !(3..6).contains(&i) && i != 7;
     SMatrix::from_fn(|r, c| if turned(r) == turned(c) { covariance[(r, c)] } else { -covariance[(r, c)] })
 }
 
-/// Covariance of the parameters by residuals, and by displacements of the surfaces.
+/// Covariance of the parameters due to residuals and to displacements of the surfaces.
 fn own_covariance(inverse: &DMatrix<f64>, fit: &JointFit, dispersion: f64) -> DMatrix<f64> {
     let mut covariance = inverse * dispersion;
     for (q, t) in fit.quadratics.iter().zip(&fit.tangents) {
-        // Displacements leave no residual: the dispersion does not hold them, docs/method.md (8.12).
+        // Displacements leave no residual, so the dispersion does not include them, docs/method.md (8.12).
         let response = inverse * t.transpose();
         covariance += &response * q.displacement_covariance() * response.transpose();
     }
     covariance
 }
 
-/// The own covariance with the covariances of the parents' motions: these shift the joint through the fit.
-/// See docs/method.md (8.12).
+/// The own covariance plus that of the parents' motions, which shift the joint through the fit. See
+/// docs/method.md (8.12).
 fn total_covariance(
     own: &DMatrix<f64>,
     inverse: &DMatrix<f64>,
@@ -113,15 +114,15 @@ fn total_covariance(
 ) -> DMatrix<f64> {
     let mut covariance = own.clone();
     for (k, (q, t)) in fit.quadratics.iter().zip(&fit.tangents).enumerate() {
-        // A small motion of a parent moves the fitted surface by as much.
+        // A small motion of a parent moves the fitted surface by the same amount.
         let carried = inverse * t.transpose() * q.information;
         covariance += &carried * found.parent_motion(k).covariance * carried.transpose();
     }
     covariance
 }
 
-/// Changes of the parameters by errors of poses and depth, by draw: through the part's own residuals, and
-/// through the parents' motions. See docs/method.md (8.13).
+/// Changes of the parameters by drawn errors of poses and depth, per draw: through the part's own residuals
+/// and through the parents' motions. See docs/method.md (8.13).
 fn drawn_parameters(inverse: &DMatrix<f64>, fit: &JointFit, found: &FreeFits) -> Vec<DVector<f64>> {
     let mut drawn: Vec<DVector<f64>> = Vec::new();
     for (k, (q, t)) in fit.quadratics.iter().zip(&fit.tangents).enumerate() {
@@ -134,26 +135,26 @@ fn drawn_parameters(inverse: &DMatrix<f64>, fit: &JointFit, found: &FreeFits) ->
     drawn
 }
 
-/// Factor of the squared error of the axis by errors of state 0, common to all motions: its cluster-robust
-/// variance with the blocks of state 0 joined across motions, against its variance with the blocks of every
-/// motion apart. At least 1, and 1 for a single motion. See docs/method.md (8.11).
+/// Factor by which errors of state 0, common to all motions, increase the squared error of the axis: the
+/// cluster-robust variance with the blocks of state 0 joined across motions, over that with every motion's
+/// blocks apart. At least 1, and 1 for a single motion. See docs/method.md (8.11).
 fn shared_error(fit: &JointFit) -> f64 {
     let Some(inverse) = &fit.inverse else { return 1.0 };
     let [joined, apart] = [true, false].map(|joined| -> f64 {
         let robust = inverse * block_scatter(fit, joined) * inverse;
-        // Shares of the variance: radians and meters add up.
+        // Relative variances: radians and meters can be added.
         (0..fit.joint.axis_dimension()).map(|i| robust[(i, i)] / inverse[(i, i)]).sum()
     });
     if apart > 0.0 { (joined / apart).max(1.0) } else { 1.0 }
 }
 
-/// Sum of the squared gradients of all blocks in the joint's parameters.
+/// Sum of the squared gradients of all blocks, in the joint's parameters.
 fn block_scatter(fit: &JointFit, joined: bool) -> DMatrix<f64> {
     let n = fit.joint.dimension();
     let mut gradients = BTreeMap::new();
     for (k, (q, t)) in fit.quadratics.iter().zip(&fit.tangents).enumerate() {
         for (block, gradient) in &q.block_gradients {
-            // The surface of the other state is in one motion only.
+            // The surface of the other state belongs to one motion only.
             let motion = if joined && block.source != Source::Surface1 { 0 } else { k };
             *gradients.entry((*block, motion)).or_insert_with(|| DVector::zeros(n)) +=
                 t.transpose() * gradient;

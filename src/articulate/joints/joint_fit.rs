@@ -1,6 +1,6 @@
-//! The fit of one joint to the motions of a part to all other states.
+//! Fits one joint to the motions of a part to all other states.
 //!
-//! Information matrices of all motions add up in the parameters of the joint.
+//! The information matrices of all motions add up in the parameters of the joint.
 
 use nalgebra::{DMatrix, DVector, Matrix6, Point3, Vector6};
 
@@ -24,7 +24,7 @@ pub struct JointMotion<'a> {
     pub evidence: MotionEvidence<'a>,
 }
 
-/// Where a part is in state 0.
+/// Position and size of a part in state 0.
 #[derive(Clone, Copy, Debug)]
 pub struct PartPlace {
     /// Middle of its surface.
@@ -51,7 +51,8 @@ impl JointFit {
     }
 }
 
-/// Residuals of a joint: the motions, the standard deviation of the surface residuals of each.
+/// What the residuals of a joint depend on: the motions, and the standard deviation of each motion's surface
+/// residuals.
 pub(crate) struct Residuals<'a> {
     pub motions: &'a [JointMotion<'a>],
     pub sigma_m: Vec<f64>,
@@ -59,7 +60,7 @@ pub(crate) struct Residuals<'a> {
 }
 
 impl Residuals<'_> {
-    /// Quadratic models of the costs of all motions, each at the pose `motion(k)`.
+    /// Quadratic models of the costs of all motions, each at pose `motion(k)`.
     pub(crate) fn models_at(&self, motion: impl Fn(usize) -> Pose) -> Vec<Quadratic> {
         let numbered = self.motions.iter().enumerate();
         numbered.map(|(k, m)| m.evidence.linearise(&motion(k), self.sigma_m[k], self.config)).collect()
@@ -69,7 +70,7 @@ impl Residuals<'_> {
         self.models_at(|k| joint.world_motion(k, &self.motions[k].parent.state1_from_state0))
     }
 
-    /// The joint of the lowest cost near a start; the first `held` of its parameters stay.
+    /// The joint of lowest cost near a start; the first `held` of its parameters stay fixed.
     pub(crate) fn fitted_joint(&self, start: PlacedJoint, held: usize) -> JointFit {
         let (joint, quadratics) = minimise(
             start,
@@ -83,7 +84,7 @@ impl Residuals<'_> {
             },
             |joint, step| joint.stepped(&step.clone().insert_rows(0, held, 0.0)),
         );
-        // The covariance is of all parameters, also of the held ones.
+        // The covariance covers all parameters, also the held ones.
         let tangents = self.motion_tangents(&joint);
         let (h, _) = normal_equations(&tangents, &quadratics);
         JointFit { joint, quadratics, tangents, inverse: h.cholesky().map(|c| c.inverse()) }
@@ -107,13 +108,14 @@ fn normal_equations(tangents: &[DMatrix<f64>], quadratics: &[Quadratic]) -> (DMa
     (h, g)
 }
 
-/// All motions of a part with a free fit of each.
+/// All motions of a part, each with its free fit.
 pub(crate) struct FreeFits<'a> {
     pub residuals: Residuals<'a>,
     pub free: Vec<FreeFit>,
-    /// Squared error of the motions against that of independent residuals, a mean by their number.
+    /// Ratio of the squared error of the motions to that expected of independent residuals, averaged by their
+    /// number.
     pub dispersion: f64,
-    /// Independent residuals, divided by the dispersion.
+    /// Number of independent residuals, divided by the dispersion.
     pub count: f64,
     pub place: PartPlace,
 }
@@ -122,14 +124,15 @@ impl<'a> FreeFits<'a> {
     pub(crate) fn new(motions: &'a [JointMotion<'a>], place: PartPlace, config: &'a RefineConfig) -> Self {
         let free: Vec<FreeFit> =
             motions.iter().map(|m| FreeFit::new(&m.start, &m.evidence, config)).collect();
-        // A motion with more residuals is more evidence on their errors.
+        // A motion with more residuals tells more about their errors.
         let independent: f64 = free.iter().map(FreeFit::independent_residuals).sum();
         let weighed: f64 = free.iter().map(|f| f.independent_residuals() * f.dispersion).sum();
         let dispersion = weighed / independent;
-        // All types are judged by one scale, the free motion's, or the worst fit would forgive itself.
+        // All types are judged by one scale, the free motions': by its own, the worst fit would excuse
+        // itself.
         let sigma_m = free.iter().map(|f| f.sigma_m).collect();
         let residuals = Residuals { motions, sigma_m, config };
-        // At least two readings: the logarithm of one is 0, and parameters would cost nothing.
+        // At least two: the logarithm of one is 0, and parameters would cost nothing.
         Self { residuals, free, dispersion, count: (independent / dispersion).max(2.0), place }
     }
 
@@ -143,8 +146,8 @@ impl<'a> FreeFits<'a> {
         self.parent_motion(k).state1_from_state0.inverse() * self.free[k].motion
     }
 
-    /// Change of half the gradient of motion `k` by errors of poses and depth, by draw: by the part's own
-    /// residuals, and by the motion of its parent, made a gradient by the `information`.
+    /// Change of half the gradient of motion `k` by drawn errors of poses and depth, per draw: through the
+    /// part's own residuals, and through the motion of its parent, which `information` turns into a gradient.
     pub(crate) fn drawn_gradients(
         &self,
         k: usize,
@@ -161,27 +164,27 @@ impl<'a> FreeFits<'a> {
         (0..self.free.len()).map(|k| self.relative_motion(k))
     }
 
-    /// The best slide for all motions.
+    /// The slide that fits all motions best.
     pub(crate) fn fitted_slide(&self) -> JointFit {
         self.fit_from_best(self.all_relative().map(|m| PlacedJoint::slide(&m, &self.place.middle)).collect())
     }
 
-    /// The best turn about one axis for all motions; `None` where none of them turns.
+    /// The turn about one axis that fits all motions best; `None` where none of them turns.
     pub(crate) fn fitted_turn(&self) -> Option<JointFit> {
         let starts: Vec<PlacedJoint> =
             self.all_relative().filter_map(|m| PlacedJoint::turn(&m, &self.place.middle)).collect();
         (!starts.is_empty()).then(|| self.fit_from_best(starts))
     }
 
-    /// The best screw for all motions; `None` where none of them turns.
+    /// The screw that fits all motions best; `None` where none of them turns.
     pub(crate) fn fitted_helix(&self) -> Option<JointFit> {
         let starts: Vec<PlacedJoint> =
             self.all_relative().filter_map(|m| PlacedJoint::helix(&m, &self.place.middle)).collect();
         (!starts.is_empty()).then(|| self.fit_from_best(starts))
     }
 
-    /// The joint fitted from the best of some starts, each with the positions nearest to the motions: the
-    /// largest motion shows the axis most sharply, but a wrong one may be the largest.
+    /// The joint fitted from the best of some starts, each with the positions nearest to the motions. Several
+    /// are tried because the largest motion shows the axis most sharply, but may be wrong.
     fn fit_from_best(&self, starts: Vec<PlacedJoint>) -> JointFit {
         let mut starts: Vec<(f64, PlacedJoint)> = starts
             .into_iter()

@@ -1,7 +1,7 @@
-//! Motions of one joint: an axis of some freedom, and a position in every state behind state 0.
+//! The motions of one joint: an axis with some freedom, and a position in every state but state 0.
 //!
-//! The parameters are the axis (direction 2; point 2 where it turns; pitch 1 of a screw) and one position a
-//! state.
+//! The parameters are those of the axis (direction 2; point 2 where it turns; pitch 1 of a screw) and one
+//! position a state.
 
 use nalgebra::{DMatrix, DVector, Point3, Unit, Vector3};
 
@@ -9,7 +9,7 @@ use crate::joints::minimise::{DIFFERENCE, left_difference};
 use geometry::{Pose, Screw, log_so3};
 use model::JointFamily;
 
-/// Cosine from which on an axis is too near a direction to help to span the plane across it.
+/// Cosine above which an axis is too close to a direction to span the plane perpendicular to it.
 /// chosen: the other one is then at least 36 degrees off: the product keeps its digits
 const HELPER_COSINE: f64 = 0.6;
 
@@ -22,7 +22,7 @@ pub enum Freedom {
 }
 
 impl Freedom {
-    /// Its type of joint.
+    /// The joint type with this freedom.
     pub fn family(self) -> JointFamily {
         match self {
             Self::Slide => JointFamily::Prismatic,
@@ -32,17 +32,17 @@ impl Freedom {
     }
 }
 
-/// A smaller rotation, radians, has no axis to start a fit from.
+/// A rotation smaller than this, radians, gives no axis to start a fit from.
 ///
 /// chosen: a motion by a tenth of the part's radius puts the axis of such a turn a hundred radii away,
 /// farther than any hinge (`far` in joint_type.rs)
 const LEAST_ANGLE_RAD: f64 = 1e-3;
-/// A shorter slide, meters, has no direction.
+/// A slide shorter than this, meters, has no direction.
 ///
 /// chosen: above the rounding of coordinates, below any reading
 const LEAST_SLIDE_M: f64 = 1e-9;
 
-/// A joint and its position in every state behind state 0. The axis stands as in state 0.
+/// A joint and its position in every state but state 0. The axis is given as it is in state 0.
 #[derive(Clone, Debug)]
 pub struct PlacedJoint {
     pub freedom: Freedom,
@@ -53,7 +53,7 @@ pub struct PlacedJoint {
 }
 
 impl PlacedJoint {
-    /// The slide with the same displacement of a point as a motion relative to the parent; without positions.
+    /// The slide that displaces a point as a motion relative to the parent does; without positions.
     pub fn slide(motion: &Pose, near: &Point3<f64>) -> Self {
         let direction = Unit::try_new(motion * near - near, LEAST_SLIDE_M).unwrap_or_else(Vector3::x_axis);
         let point = *near;
@@ -61,8 +61,8 @@ impl PlacedJoint {
         Self { freedom: Freedom::Slide, direction, point, pitch_m_per_rad: 0.0, positions }
     }
 
-    /// The turn about the screw axis of a motion relative to the parent, its point near another; without
-    /// positions. `None` where the motion hardly turns.
+    /// The turn about the screw axis of a motion relative to the parent, with the axis point nearest to
+    /// `near`; without positions. `None` where the motion hardly turns.
     pub fn turn(motion: &Pose, near: &Point3<f64>) -> Option<Self> {
         let screw = Screw::of_motion(motion).filter(|s| s.angle_rad > LEAST_ANGLE_RAD)?;
         let point = foot_on_line(&screw.point, &screw.direction, near);
@@ -75,7 +75,7 @@ impl PlacedJoint {
         })
     }
 
-    /// The screw of a motion relative to the parent, as [`Self::turn`].
+    /// The screw of a motion relative to the parent, otherwise as [`Self::turn`].
     pub fn helix(motion: &Pose, near: &Point3<f64>) -> Option<Self> {
         let pitch_m_per_rad = Screw::of_motion(motion).map_or(0.0, |s| s.advance_m / s.angle_rad);
         Self::turn(motion, near).map(|turn| Self { freedom: Freedom::Helix, pitch_m_per_rad, ..turn })
@@ -97,7 +97,7 @@ impl PlacedJoint {
 
     /// The joint moved by a step of its parameters.
     pub fn stepped(&self, s: &DVector<f64>) -> Self {
-        // Across the axis alone: a point shifted along its line gives the same joint.
+        // Moves only perpendicular to the axis: a point shifted along its line gives the same joint.
         let (a, b) = frame_across(&self.direction);
         let mut next = self.clone();
         next.direction = Unit::new_normalize(self.direction.into_inner() + a * s[0] + b * s[1]);
@@ -121,7 +121,7 @@ impl PlacedJoint {
         Screw { direction: self.direction, point: self.point, angle_rad, advance_m }.to_motion()
     }
 
-    /// Motion number `k` in the world, on a moved parent.
+    /// Motion number `k` in the world, given the parent's motion.
     pub fn world_motion(&self, k: usize, parent: &Pose) -> Pose {
         parent * self.motion_at(self.positions[k])
     }
@@ -129,7 +129,7 @@ impl PlacedJoint {
     /// The position nearest to a motion relative to the parent.
     pub fn nearest_position(&self, relative: &Pose, near: &Point3<f64>) -> f64 {
         match self.freedom {
-            // At the part's middle: a rotation in the motion moves this point least.
+            // Measured at the part's middle: a rotation in the motion moves this point least.
             Freedom::Slide => self.direction.dot(&(relative * near - near)),
             Freedom::Turn | Freedom::Helix => log_so3(&relative.rotation).dot(&self.direction),
         }
@@ -151,7 +151,7 @@ impl PlacedJoint {
     }
 }
 
-/// Two unit vectors in the plane across a direction, a fixed choice for each direction.
+/// Two unit vectors perpendicular to a direction and to each other; deterministic for each direction.
 pub(crate) fn frame_across(direction: &Unit<Vector3<f64>>) -> (Vector3<f64>, Vector3<f64>) {
     let d = direction.into_inner();
     let helper = if d.x.abs() < HELPER_COSINE { Vector3::x() } else { Vector3::y() };

@@ -1,9 +1,9 @@
-//! The type of the joint behind the motions of a part, by the Bayesian information criterion.
-//! See docs/method.md 8.6.
+//! The type of the joint behind the motions of a part, chosen by the Bayesian information criterion. See
+//! docs/method.md 8.6.
 //!
-//! Every type is a family of motions relative to the parent, fitted to the same evidence. Its score is
-//! `cost + parameters * ln(independent residuals)`, the cost without its share by errors without a residual;
-//! the type with the lowest score wins, a screw only decisively.
+//! Every type is a family of motions relative to the parent, fitted to the same evidence. Its score is `cost
+//! + parameters * ln(independent residuals)`, where the cost excludes the share due to errors that leave no
+//! residual. The type with the lowest score wins; a screw must win decisively.
 
 use crate::joints::{
     free_motion::FREEDOMS,
@@ -32,17 +32,17 @@ impl TypeFits {
         let slide = found.fitted_slide();
         let turn = found.fitted_turn();
         let helix = found.fitted_helix();
-        // A part at rest is scored for the report alone: no choice rests on it.
+        // A part at rest is scored only for the report: no choice depends on it.
         let still = found.residuals.models_at(|k| found.parent_motion(k).state1_from_state0);
         let free: f64 = found.free.iter().map(|f| f.quadratic.cost).sum();
         let misfit = Misfit::new(found);
-        // The free motion has six parameters in every state, a joint one.
+        // A free motion has six parameters in every state, a joint has one.
         let mut scores = vec![
             (JointFamily::Fixed, type_score(found, still.iter().map(|q| q.cost).sum(), 0.0)),
             (JointFamily::Free, type_score(found, free, FREEDOMS * found.free.len() as f64)),
         ];
         for fit in [Some(&slide), turn.as_ref(), helix.as_ref()].into_iter().flatten() {
-            // Misfit by errors without a residual counts against no joint.
+            // Misfit due to errors that leave no residual does not count against a joint.
             let excess = (fit.cost() - free).max(0.0);
             let left = misfit.as_ref().map_or(excess, |m| m.unexplained_misfit(excess, fit, found));
             let cost = fit.cost() - excess + left;
@@ -59,7 +59,7 @@ impl TypeFits {
             JointFamily::Screw => self.helix,
             JointFamily::Fixed | JointFamily::Free | JointFamily::Prismatic => None,
         };
-        // A turn may not be there, even if it is asked for: none of the motions turns.
+        // There may be no turn even if one is asked for: none of the motions turns.
         (best.unwrap_or(self.slide), self.scores)
     }
 }
@@ -68,10 +68,10 @@ fn type_score(found: &FreeFits, cost: f64, parameters: f64) -> f64 {
     cost / found.dispersion + parameters * found.count.ln()
 }
 
-/// The type of the lowest score, a screw only decisively.
+/// The type of the lowest score; a screw must win decisively.
 fn best_type(scores: &TypeScores) -> JointFamily {
     let [slide, turn] = [JointFamily::Prismatic, JointFamily::Revolute].map(|t| scores.score_of(t));
-    // A screw explains any motion of two states, a slide and a turn only some.
+    // A screw explains any single motion, a slide or a turn only some.
     if scores.score_of(JointFamily::Screw) + DECISIVE < slide.min(turn) {
         JointFamily::Screw
     } else if turn < slide {
@@ -81,8 +81,8 @@ fn best_type(scores: &TypeScores) -> JointFamily {
     }
 }
 
-/// Score of the best joint with one freedom, less the free motion's. Any motion has a screw: it pays as in
-/// the choice of the type, and counts only where it is `threaded`. See docs/method.md (8.15).
+/// Score of the best joint with one freedom, less that of the free motion. Any motion has a screw: it is
+/// penalised as in the choice of the type, and counts only where it is `threaded`. See docs/method.md (8.15).
 pub(crate) fn excess_over_free(scores: &TypeScores, threaded: bool) -> f64 {
     let screw = if threaded { scores.score_of(JointFamily::Screw) + DECISIVE } else { f64::INFINITY };
     let simple = scores.score_of(JointFamily::Prismatic).min(scores.score_of(JointFamily::Revolute));
@@ -90,11 +90,11 @@ pub(crate) fn excess_over_free(scores: &TypeScores, threaded: bool) -> f64 {
 }
 
 /// Evidence against an axis far from its part, on the scale of the scores: a hinge is on the part or beside
-/// it. The axis lies about the part's middle as a Student distribution in the plane across it with two
-/// degrees of freedom and a scale of sqrt 2 radii. A slide is a turn about an axis far away. See
+/// it. In the plane perpendicular to it, the axis has a Student distribution about the part's middle, with
+/// two degrees of freedom and a scale of sqrt 2 radii. A slide is a turn about an axis far away. See
 /// docs/method.md (8.9).
 fn far(joint: &PlacedJoint, place: &PartPlace) -> f64 {
-    // A slide has no place.
+    // A slide has no position.
     if joint.freedom == Freedom::Slide {
         return 0.0;
     }

@@ -1,10 +1,10 @@
-//! The tree of parts: parents by the simplicity of the relative motion and by contact.
-//! See docs/method.md 8.10.
+//! The tree of parts: parents are chosen by simplicity of the relative motion and by contact. See
+//! docs/method.md 8.10.
 //!
-//! A part moves simply against its parent: it turns about one line or slides along one direction. Against any
-//! other part it makes the motions of all joints between them, simple only by chance (parallel axes, equal
-//! directions). A part touches its parent in all states, and turns about a line close to both. The static
-//! part is preferred where it qualifies: it gives the shortest chains.
+//! Relative to its parent, a part moves simply: it turns about one line or slides along one direction.
+//! Relative to any other part, it makes the motions of all joints between them, which are simple only by
+//! chance (parallel axes, equal directions). A part touches its parent in all states, and turns about a line
+//! close to both. The static part is preferred where it qualifies: it gives the shortest chains.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -32,14 +32,14 @@ use model::JointKind;
 /// A joint and its parent.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct TreeJointEstimate {
-    /// Its parent: 0 is the static part, k the k-th moving part.
+    /// Index of the parent: 0 is the static part, k the k-th moving part.
     pub parent: usize,
-    /// The joint, the parent's motion taken out.
+    /// The joint, relative to the parent.
     pub joint: JointEstimate,
 }
 
 /// The joints of all moving parts, in their order, each with its parent. `root` are the motions of the static
-/// part to all states behind state 0, `extent_m` is the longest side of the object.
+/// part from state 0 to all other states; `extent_m` is the longest side of the object.
 #[must_use]
 pub fn kinematic_tree(
     root: &[ParentMotion],
@@ -48,20 +48,20 @@ pub fn kinematic_tree(
     extent_m: f64,
     config: &JointConfig,
 ) -> Vec<TreeJointEstimate> {
-    // A joint hides the space between its two surfaces.
+    // A joint hides the space between the surfaces of its two parts.
     let contact_m = (HINGE * extent_m).max(2.0 * states[0].sdf.spacing_m);
     let still: Vec<SurfaceSamples> = states.iter().map(|s| s.samples_of_part(0)).collect();
-    // Contact and simplicity make the tree before any axis is drawn to another.
+    // Contact and simplicity decide the tree before priors move any axis towards another.
     let candidates = parent_candidates(root, parts, &still, contact_m, config);
     let parents = chosen_parents(&candidates, contact_m);
     let doubtful = JointChoice { doubt: true, kind: None };
-    // The prior of each axis rests on the other axes, each by its motions alone.
+    // The prior of each axis comes from the other axes, each estimated from its motions alone.
     let alone =
         joints_of_tree(&parents, root, |k, carried| parts[k].estimated_joint(carried, doubtful, config));
     let axes: Vec<_> = alone.iter().map(JointEstimate::seen_direction).collect();
     let priors = square_priors(&axes, &flat_faces(&still[0]), &config.square);
     let mut joints = joints_of_tree(&parents, root, |k, carried| {
-        // Where the parent's joint changes, so does the motion against it, not its kind.
+        // Where the parent's joint changes, so does the motion relative to it, but not its kind.
         let known = JointChoice { kind: Some(alone[k].kind), ..doubtful };
         let joint =
             if parents[k] == 0 { alone[k].clone() } else { parts[k].estimated_joint(carried, known, config) };
@@ -74,9 +74,9 @@ pub fn kinematic_tree(
     joints.into_iter().zip(parents).map(|(joint, parent)| TreeJointEstimate { parent, joint }).collect()
 }
 
-/// Adds notes on properties of a joint not determined by the motions of its part.
+/// Adds notes on properties of a joint that the motions of its part do not determine.
 fn add_open_properties(joint: &mut JointEstimate, part: &PartEvidence, extent_m: f64, config: &JointConfig) {
-    // A turning part has shown its turn; a round one may have turned as it slid.
+    // A turning part has shown its turn; a round one may have turned while it slid.
     if joint.kind == JointKind::Prismatic && part.looks_alike_round(joint, config) {
         let open = "a turn about its axis: the part looks alike all round, so that a screw would do as well";
         joint.evidence.not_observable.push(Note::new(NoteCode::SpinNotObserved, open));
@@ -85,7 +85,7 @@ fn add_open_properties(joint: &mut JointEstimate, part: &PartEvidence, extent_m:
     joint.evidence.cautions.splice(0..0, vague);
 }
 
-/// A joint with a prior of its direction by the other axes and the faces.
+/// A joint with a prior of its direction from the other axes and the faces.
 fn with_prior(
     joint: JointEstimate,
     prior: Option<&SeenDirection>,
@@ -99,7 +99,7 @@ fn with_prior(
     }
 }
 
-/// The joints of a tree, parents first: each is estimated with its parent's motions as the tree makes them.
+/// The joints of a tree, parents first: each is estimated with its parent's motions as found in the tree.
 fn joints_of_tree(
     parents: &[usize],
     root: &[ParentMotion],
@@ -124,7 +124,7 @@ fn joints_of_tree(
     }
 }
 
-/// The motion of the joint's part to every state behind state 0.
+/// The motions of the joint's part from state 0 to every other state.
 fn motions_of_part(joint: &JointEstimate) -> Vec<ParentMotion> {
     let mut motions = Vec::with_capacity(joint.motions.len());
     for (k, (motion, covariance)) in joint.motions.iter().zip(&joint.covariances).enumerate() {
@@ -134,8 +134,8 @@ fn motions_of_part(joint: &JointEstimate) -> Vec<ParentMotion> {
     motions
 }
 
-/// Parent of every part: the static part where it qualifies, else a qualified candidate in the tree already,
-/// simplest and nearest first; the static part where there is none.
+/// Parent of every part: the static part where it qualifies, else the simplest and nearest qualified
+/// candidate that is already in the tree; the static part where there is none.
 fn chosen_parents(candidates: &[Candidates], contact_m: f64) -> Vec<usize> {
     let qualified: Vec<Vec<&ParentCandidate>> = candidates.iter().map(Candidates::qualified).collect();
     let mut parents: Vec<Option<usize>> =
@@ -144,7 +144,8 @@ fn chosen_parents(candidates: &[Candidates], contact_m: f64) -> Vec<usize> {
         let mut best: Option<(f64, usize, usize)> = None;
         for k in (0..parents.len()).filter(|&k| parents[k].is_none()) {
             for c in qualified[k].iter().filter(|c| c.parent > 0 && parents[c.parent - 1].is_some()) {
-                // The cost of docs/method.md (8.16): a decisive excess is worth the largest gap of contact.
+                // The cost of docs/method.md (8.16): a decisive excess costs as much as the largest contact
+                // gap.
                 let cost_m = c.gap_m + contact_m * c.excess / DECISIVE;
                 if best.is_none_or(|b| cost_m.total_cmp(&b.0).is_lt()) {
                     best = Some((cost_m, k, c.parent));
@@ -154,7 +155,7 @@ fn chosen_parents(candidates: &[Candidates], contact_m: f64) -> Vec<usize> {
         let Some((_, k, parent)) = best else { break };
         parents[k] = Some(parent);
     }
-    // A part without contact, or with itself among its parents' parents, hangs on the static part.
+    // A part without contact, or with itself among its ancestors, gets the static part as parent.
     parents.into_iter().map(Option::unwrap_or_default).collect()
 }
 

@@ -7,8 +7,8 @@ use nalgebra::{Matrix3, Point3};
 use crate::{joints::motion_evidence::MatchEvidence, observations::LiftedMatch, samples::spacing::cell_of};
 use capture::{NoiseConfig, RgbdFrame};
 
-/// Covariance of a point lifted from a pixel, square meters, world axes: `sigma_pixel * depth / f` across the
-/// ray and the depth noise along it. See docs/method.md (8.2).
+/// Covariance of a point lifted from a pixel, square meters, in world axes: `sigma_pixel * depth / f`
+/// perpendicular to the ray and the depth noise along it. See docs/method.md (8.2).
 fn lifted_covariance(
     point: &Point3<f64>,
     frame: &RgbdFrame,
@@ -23,11 +23,11 @@ fn lifted_covariance(
     Matrix3::identity() * (across * across) + ray * ray.transpose() * (along * along)
 }
 
-/// Evidence of the matches for a motion. See docs/method.md (8.3).
+/// The evidence of matches for a motion. See docs/method.md (8.3).
 ///
-/// Matches with their state-0 ends in one cell of side `cell_m` see one feature. Seen in `n0` frames of state
-/// 0 and `n1` of state 1, its displacement is known to `sigma^2 (1/n0 + 1/n1)`, however many of the pairs
-/// were matched; the shares of the `m` pairs (variance `2 sigma^2`) add up to this variance.
+/// Matches whose state-0 ends lie in one cell of side `cell_m` see one feature. If it was seen in `n0` frames
+/// of state 0 and `n1` of state 1, its displacement is known to `sigma^2 (1/n0 + 1/n1)`, however many of the
+/// pairs were matched; the shares of the `m` pairs (variance `2 sigma^2`) add up to this variance.
 #[must_use]
 pub(crate) fn match_evidence(
     matches: &[LiftedMatch],

@@ -26,8 +26,8 @@ const MOST_DAMPING: f64 = 1e8;
 /// deviation from the minimum
 const LEAST_GAIN: f64 = 1e-9;
 
-/// The model after all steps, with its linearization. `equations` gives information and half the gradient in
-/// the model's parameters.
+/// Minimises a cost and returns the model and its linearization at the end. `equations` gives information and
+/// half the gradient in the model's parameters.
 pub(crate) fn minimise<M, Q>(
     mut model: M,
     iterations: usize,
@@ -41,7 +41,7 @@ pub(crate) fn minimise<M, Q>(
     for _ in 0..iterations {
         let (h, g) = equations(&model, &q);
         let mut damped = h.clone();
-        // The 1e-12 holds an unobserved parameter: a factor exists.
+        // The 1e-12 keeps an unobserved parameter in place and the matrix factorizable.
         (0..h.nrows()).for_each(|k| damped[(k, k)] += damping * h[(k, k)] + 1e-12);
         let Some(step) = damped.cholesky().map(|c| -c.solve(&g)) else { break };
         let next = stepped(&model, &step);

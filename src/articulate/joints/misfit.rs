@@ -1,5 +1,5 @@
-//! The misfit of a joint against the free motions beyond errors without a residual: errors of poses and
-//! depth, of displaced surfaces, of the parents' motions. See docs/method.md 8.6.
+//! How much worse a joint fits than the free motions, beyond the effect of errors that leave no residual:
+//! errors of poses and depth, of displaced surfaces, of the parents' motions. See docs/method.md 8.6.
 
 use nalgebra::{DMatrix, DVector, DVectorView, Matrix6, Vector6};
 
@@ -8,17 +8,17 @@ use crate::joints::{
     minimise::left_difference,
 };
 
-/// Two metrics of a change of all free motions, 6 K x 6 K each, in squared standard deviations times the
+/// Two metrics for a change of all free motions, 6 K x 6 K each, in squared standard deviations times the
 /// dispersion.
 pub(crate) struct Misfit {
-    /// By the residuals alone: their information.
+    /// From the residuals alone: their information.
     by_residuals: DMatrix<f64>,
-    /// By residuals and those errors together.
+    /// From residuals and those errors together.
     by_all: DMatrix<f64>,
 }
 
 impl Misfit {
-    /// None where the residuals leave some direction of a motion open.
+    /// `None` where the residuals leave some direction of a motion open.
     pub(crate) fn new(found: &FreeFits) -> Option<Self> {
         let size = 6 * found.free.len();
         let mut by_residuals = DMatrix::zeros(size, size);
@@ -43,7 +43,8 @@ impl Misfit {
         Some(Self { by_residuals, by_all })
     }
 
-    /// The rest of a joint's misfit (its cost less the free motions') beyond errors without a residual.
+    /// The part of a joint's misfit (its cost less the free motions') that errors without a residual do not
+    /// explain.
     pub(crate) fn unexplained_misfit(&self, misfit: f64, fit: &JointFit, found: &FreeFits) -> f64 {
         let differences = found.free.iter().enumerate().map(|(k, free)| -> Vector6<f64> {
             left_difference(
@@ -59,14 +60,14 @@ impl Misfit {
         let [left, all] = [&self.by_all, &self.by_residuals]
             .map(|metric| least_squared_length(metric, off.column(0), &tangents));
         match (left, all) {
-            // The cost is robust: far from the motions it is less than the square.
+            // The cost is robust: far from the free motions it grows less than the square.
             (Some(left), Some(all)) if all > 0.0 => misfit.min(left / all * misfit.max(all)),
             _ => misfit,
         }
     }
 }
 
-/// The least squared length of `off + tangents p` over all p, in a metric.
+/// The least squared length of `off + tangents p` over all p, in a given metric.
 fn least_squared_length(
     metric: &DMatrix<f64>,
     off: DVectorView<f64>,

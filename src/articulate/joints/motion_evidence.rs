@@ -1,14 +1,14 @@
-//! Evidence of two states for the motion of one part: distances of surfaces and lifted matches, as robust
+//! Evidence from two states for the motion of one part: surface distances and lifted matches, as robust
 //! residuals of a motion. See docs/method.md (8.1).
 //!
 //! Residuals of a motion `T = state1_from_state0`, each divided by its standard deviation:
 //! - a surface point `x` of state 0: the other state's signed distance `d1(T x)`;
-//! - a surface point `y` of state 1: `d0(T^-1 y)`, both by as much more as the readings lie above the one
-//!   surface and not above the other;
+//! - a surface point `y` of state 1: `d0(T^-1 y)`; both are corrected where the readings lie above one surface
+//!   and not above the other;
 //! - a lifted match: `point1 - T point0`, whitened by the covariances of both ends.
 //!
 //! Rows are derivatives by a left perturbation `T <- exp(v, w) T`, i.e. `d(T x) = v + w x (T x)`. Residuals
-//! are thinned to the number of independent ones: the information matrix can be read as an inverse
+//! are weighted down to the number of independent ones, so that the information matrix is an inverse
 //! covariance.
 
 use std::ops::{Range, RangeInclusive};
@@ -35,13 +35,13 @@ pub struct RefineConfig {
     pub iterations: usize,
     /// Robust scale (Geman-McClure), in standard deviations.
     pub robust_sigmas: f64,
-    /// Largest distance of a correspondence, as a share of the object's extent.
+    /// Largest distance between corresponding points, as a share of the object's extent.
     pub reach: f64,
-    /// Smallest cosine between a warped normal and the other surface's normal.
+    /// Smallest cosine between a moved normal and the other surface's normal.
     pub normal_cosine: f64,
     /// Length over which errors of a reconstructed surface are correlated, in grid spacings.
     pub correlation_spacings: f64,
-    /// Standard deviation of a match's pixel, pixels.
+    /// Standard deviation of a match's position in the image, pixels.
     pub match_pixel_sigma: f64,
 }
 
@@ -69,7 +69,7 @@ pub struct MatchEvidence {
     pub covariance0: Matrix3<f64>,
     /// Covariance of point 1, square meters.
     pub covariance1: Matrix3<f64>,
-    /// Share of an independent observation (matches of one feature in many frame pairs share one).
+    /// Share in an independent observation (matches of one feature in many frame pairs share one).
     pub share: f64,
 }
 
@@ -80,8 +80,8 @@ pub struct MotionEvidence<'a> {
     pub surfaces: [&'a SurfaceSamples; 2],
     /// Signed distance of each state's whole surface, meters.
     pub sdf: [&'a Grid3<f32>; 2],
-    /// Offset of the distance of every surface point, meters, where fused surfaces lie off their readings;
-    /// none where empty.
+    /// Correction of the distance of every surface point, meters, where fused surfaces lie off their
+    /// readings; empty for none.
     pub offsets_m: [&'a [f64]; 2],
     /// Where each state was seen.
     pub visible: [&'a Grid3<bool>; 2],
@@ -93,25 +93,25 @@ pub struct MotionEvidence<'a> {
     pub areas_m2: [f64; 2],
     /// Largest distance that counts, meters.
     pub reach_m: f64,
-    /// Side of the blocks of the surface with errors in common, meters.
+    /// Side of the cubic blocks within which surface errors are correlated, meters.
     pub block_m: f64,
-    /// Displacement of fused surfaces common to a side of the part and without a residual, meters.
+    /// Displacement of the fused surface that a whole side of the part shares and no residual shows, meters.
     pub displacement_m: f64,
-    /// Size of the patches of one displacement, meters.
+    /// Size of the patches that are displaced as one, meters.
     pub patch_m: f64,
-    /// Changes of the residuals by errors of poses and depth.
+    /// Changes of the residuals by drawn errors of poses and depth.
     pub drawn: &'a DrawnResiduals,
 }
 
-/// Slopes of a signed distance beside a surface. In the middle between two surfaces it is far below one.
-/// Where a state saw empty space, but not the surface behind it, the field jumps from inside to outside: the
-/// jump looks like a surface some millimeters in front of the true one.
+/// Plausible slopes of a signed distance near a surface. Midway between two surfaces the slope is far below
+/// one. Where a state saw empty space but not the surface behind it, the field jumps from inside to outside:
+/// the jump looks like a surface some millimeters in front of the true one.
 ///
 /// chosen: between nodes a distance changes by at most its length along each axis, root 3 in all; 0.3 is
 /// below one by more than noise
 const SLOPES: RangeInclusive<f64> = 0.3..=1.733;
 
-/// Points per parallel task; fixed: sums do not depend on the number of threads.
+/// Points per parallel task; fixed, so that sums do not depend on the number of threads.
 const CHUNK: usize = 1024;
 
 impl MotionEvidence<'_> {
@@ -122,7 +122,7 @@ impl MotionEvidence<'_> {
         self.linearise_drawn(motion, sigma_m, config, 0)
     }
 
-    /// Changes of half the gradient of [`Self::linearise`] by errors of poses and depth, by draw.
+    /// Changes of half the gradient of [`Self::linearise`] by drawn errors of poses and depth, per draw.
     #[must_use]
     pub fn drawn_gradients(&self, motion: &Pose, sigma_m: f64, config: &RefineConfig) -> Vec<Vector6<f64>> {
         match self.drawn.draw_count() {
@@ -149,7 +149,7 @@ impl MotionEvidence<'_> {
                     )
                 })
                 .collect();
-            // In the order of the chunks, as sums of floats depend on it.
+            // Merged in the order of the chunks, as sums of floats depend on it.
             q = parts.into_iter().fold(q, Quadratic::merge);
         }
         self.linearise_matches(&mut q, motion, config);
@@ -169,7 +169,7 @@ impl MotionEvidence<'_> {
         let source = [Source::Surface0, Source::Surface1][state];
         let warp = if state == 0 { *motion } else { motion.inverse() };
         let share = self.independent_share(state);
-        // A point without a partner costs as much as the worst partner: leaving the evidence must not pay.
+        // A point without a partner costs as much as the worst partner: losing evidence must not pay.
         let missing = share * config.robust_sigmas * config.robust_sigmas;
         for i in points {
             let x = &self.surfaces[state].points[i];
@@ -185,8 +185,8 @@ impl MotionEvidence<'_> {
                 q.cost += missing;
                 continue;
             }
-            // Towards state 1 the point moves with the perturbation; towards state 0 the perturbation acts
-            // before the inverse: d(T^-1 y) = -R^T (v + w x y). docs/method.md (8.4).
+            // The perturbation moves the point towards state 1; towards state 0 it acts before the inverse:
+            // d(T^-1 y) = -R^T (v + w x y). docs/method.md (8.4).
             let (lever, slope) = if state == 0 { (y.coords, g) } else { (x.coords, -(motion.rotation * g)) };
             let w = lever.cross(&slope);
             let row = Vector6::new(slope.x, slope.y, slope.z, w.x, w.y, w.z) / sigma_m;
@@ -214,11 +214,11 @@ impl MotionEvidence<'_> {
         q
     }
 
-    /// Signed distance of a point from the surface of a state, meters, and its gradient; `None` where it is
-    /// not known.
+    /// Signed distance of a point from the surface of a state, meters, and its gradient; `None` where they
+    /// are unknown.
     fn signed_distance(&self, state: usize, y: &Point3<f64>) -> Option<(f64, Vector3<f64>)> {
         let visible = self.visible[state];
-        // First, as it costs least.
+        // Checked first, as it costs least.
         if !visible.nearest_node(y).is_some_and(|i| visible.values[i]) {
             return None;
         }
@@ -229,7 +229,7 @@ impl MotionEvidence<'_> {
     }
 
     /// Share of a sample of a state in an independent observation: samples closer than the correlation length
-    /// of errors are not independent.
+    /// of the errors are not independent.
     fn independent_share(&self, state: usize) -> f64 {
         let independent = self.areas_m2[state] / self.independent_area_m2;
         (independent / self.surfaces[state].points.len().max(1) as f64).min(1.0)
@@ -255,7 +255,7 @@ impl MotionEvidence<'_> {
             q.tried += 1;
             let distance = residual.norm();
             q.inliers += usize::from(distance < 2.0 * config.robust_sigmas);
-            // One robust weight a match: the three rows fade together.
+            // One robust weight per match: its three rows fade together.
             let k = 4.0 * config.robust_sigmas * config.robust_sigmas;
             let u = k / (k + distance * distance);
             let weight = m.share * u * u;
@@ -268,7 +268,7 @@ impl MotionEvidence<'_> {
             for i in 0..3 {
                 let a = move_by.row(i);
                 let b = turn_by.row(i);
-                // The residual is the measured less the moved point: its slope is negative.
+                // The residual is the measured point less the moved one: its slope is negative.
                 let row = -Vector6::new(a[0], a[1], a[2], b[0], b[1], b[2]);
                 q.information += row * row.transpose() * weight;
                 q.gradient += row * (residual[i] * weight);
@@ -295,7 +295,7 @@ impl MotionEvidence<'_> {
                 Some((d + self.offset_m(state, i)).abs())
             }));
         }
-        // Without a partner the scale is a third of the reach.
+        // Without any partner, the scale is a third of the reach.
         median(all).map_or(self.reach_m / 3.0, |m| m * SIGMAS_PER_MAD).max(floor_m)
     }
 }

@@ -1,4 +1,4 @@
-//! Evidence of state 0 and another state on one part: surfaces, matches, texture, and the motion by these.
+//! Evidence on one part from state 0 and another state: surfaces, matches, texture, and the motion they give.
 
 use nalgebra::{Point3, Vector3};
 
@@ -27,7 +27,7 @@ pub struct ObservedState<'a> {
     pub frames: &'a [RgbdFrame],
     /// Points on the whole surface.
     pub samples: &'a SurfaceSamples,
-    /// Part of every point.
+    /// Part label of every point.
     pub labels: &'a [u8],
     /// Untruncated signed distance, meters.
     pub sdf: &'a Grid3<f32>,
@@ -35,7 +35,7 @@ pub struct ObservedState<'a> {
     pub visible: &'a Grid3<bool>,
     /// Area of the whole surface, square meters.
     pub area_m2: f64,
-    /// By how much errors of poses and depth displace the points.
+    /// Displacements of the points by drawn errors of poses and depth.
     pub draws: &'a SurfaceDraws,
 }
 
@@ -51,33 +51,33 @@ impl ObservedState<'_> {
     }
 }
 
-/// Rounds of texture matching and motion refinement: each starts from a better motion.
+/// Rounds of texture matching and motion refinement; each starts from a better motion.
 const ROUNDS: usize = 2;
-/// Blocks of surface errors in common along the side of a square with the area of a part: enough of them to
-/// measure a spread, few enough for a block to be wider than the smoothing of fusion.
+/// Number of blocks of correlated surface errors along the side of a square with the area of a part: enough
+/// of them to measure a spread, few enough that a block is wider than the smoothing of fusion.
 ///
 /// tuned: shared/bags
 const BLOCKS_ALONG: f64 = 6.0;
-/// Patches of one displacement of the fused surface along the same side: a side of a part may also tilt.
+/// Number of patches displaced as one along the same side: a side of a part may also tilt.
 ///
 /// derived: two, the fewest for a tilt
 const PATCHES_ALONG: f64 = 2.0;
-/// A displacement of a fused surface by less than this share of its grid's spacing is not known:
-/// interpolation moves it so far.
+/// Displacements of a fused surface below this share of its grid's spacing are unknown: interpolation moves
+/// it as far.
 ///
 /// tuned: shared/bags
 const UNCLEAR_SPACINGS: f64 = 0.25;
 
-/// All evidence of state 0 and another state on one part.
+/// All evidence on one part from state 0 and another state.
 pub struct PairEvidence<'a> {
     states: [ObservedState<'a>; 2],
-    /// Surface points in each state.
+    /// Surface points of the part in each state.
     pub surfaces: [SurfaceSamples; 2],
     /// Lifted and dense matches on it.
     pub matches: Vec<MatchEvidence>,
     /// Its motion from state 0 to the other in the world, refined without a joint.
     pub motion: Pose,
-    /// Where it is in state 0.
+    /// Position and size of the part in state 0.
     pub place: PartPlace,
     /// Length over which surface errors are correlated, meters.
     correlation_m: f64,
@@ -85,17 +85,17 @@ pub struct PairEvidence<'a> {
     areas_m2: [f64; 2],
     /// Largest distance that counts, meters.
     reach_m: f64,
-    /// Displacement of the fused surfaces, meters.
+    /// Remaining displacement of the fused surfaces, meters.
     displacement_m: f64,
-    /// By how much it makes distances too small at every sample of each state, meters.
+    /// By how much displaced surfaces make the distance of every sample of each state too small, meters.
     offsets_m: [Vec<f64>; 2],
-    /// Changes of the residuals by errors of poses and depth.
+    /// Changes of the residuals by drawn errors of poses and depth.
     drawn: DrawnResiduals,
 }
 
 impl<'a> PairEvidence<'a> {
-    /// Evidence of part `part`, from a starting motion `state1_from_state0`. `matches` are the lifted matches
-    /// on the part, `extent_m` is the longest side of the object.
+    /// Gathers the evidence on part `part`, from a starting motion `state1_from_state0`. `matches` are the
+    /// lifted matches on the part; `extent_m` is the longest side of the object.
     #[must_use]
     pub fn gather(
         part: u8,
@@ -108,7 +108,7 @@ impl<'a> PairEvidence<'a> {
     ) -> Self {
         let surfaces = states.each_ref().map(|s| s.samples_of_part(part));
         let areas_m2 = [0, 1].map(|s| {
-            // Samples are even over the area: their share is the area's.
+            // Samples are uniform over the area, so their share is the share of the area.
             let share = surfaces[s].points.len() as f64 / states[s].samples.points.len().max(1) as f64;
             states[s].area_m2 * share
         });
@@ -138,14 +138,14 @@ impl<'a> PairEvidence<'a> {
         pair
     }
 
-    /// Rounds of offsets of the surfaces, joint and dense texture.
+    /// Repeats: surface offsets, joint, dense texture.
     fn refine_motion(&mut self, noise: &NoiseConfig, config: &JointConfig) {
         let (frames, sdf) = (self.states.map(|s| s.frames), self.states.map(|s| s.sdf));
         let spacing_m = sdf[0].spacing_m;
         let correlation_m = self.correlation_m;
         let heights = ReadingHeights::new(self.surfaces.each_ref(), frames, noise, correlation_m, spacing_m);
         let unclear_m = UNCLEAR_SPACINGS * spacing_m;
-        // Dense matches of a round give way to those of the next with its better motion.
+        // In the next round, with its better motion, new dense matches replace these.
         let sparse = self.matches.len();
         for _ in 0..ROUNDS {
             let offsets_m = heights.offsets_m(self.surfaces.each_ref(), &self.motion, correlation_m);
@@ -162,29 +162,29 @@ impl<'a> PairEvidence<'a> {
             let dense = texture_matches(surfaces, frames, sdf, motion, noise, &config.texture);
             self.matches.truncate(sparse);
             self.matches.extend(dense);
-            // Texture was looked for under the joint's motion (noise moves it less); fits start from the free
-            // one (no wrong joint bends it).
+            // Texture was looked for under the joint's motion (less affected by noise); fits start from the
+            // free one (not bent by a wrong joint).
             self.motion = found.evidence.state1_from_state0;
         }
-        // Offsets under the last motion are the remaining error.
+        // The offsets under the final motion are the remaining error.
         let offsets_m = heights.offsets_m(self.surfaces.each_ref(), &self.motion, correlation_m);
         self.displacement_m = surface_error_m(&offsets_m[0]);
         self.offsets_m = offsets_m.map(|o| clear_offsets(o, unclear_m));
     }
 
-    /// The evidence for the part's motion, on a moved parent.
+    /// The evidence for the part's motion, given the parent's motion.
     #[must_use]
     pub fn joint_motion<'m>(&'m self, parent: &'m ParentMotion) -> JointMotion<'m> {
         JointMotion { start: self.motion, parent, evidence: self.motion_evidence() }
     }
 
-    /// The motion of this part by itself, with its covariance.
+    /// The motion of this part without a joint, with its covariance.
     #[must_use]
     pub fn free_motion(&self, config: &JointConfig) -> ParentMotion {
         free_motion(&self.motion, &self.motion_evidence(), &config.refine)
     }
 
-    /// The residuals of a motion.
+    /// The evidence that gives the residuals of a motion.
     #[must_use]
     pub fn motion_evidence(&self) -> MotionEvidence<'_> {
         let side_m = (0.5 * (self.areas_m2[0] + self.areas_m2[1])).sqrt();
@@ -205,7 +205,7 @@ impl<'a> PairEvidence<'a> {
     }
 }
 
-/// Where a surface is.
+/// Position and size of a surface.
 fn place_of_surface(surface: &SurfaceSamples) -> PartPlace {
     let sum: Vector3<f64> = surface.points.iter().map(|p| p.coords).sum();
     let middle = Point3::from(sum / surface.points.len().max(1) as f64);

@@ -1,4 +1,4 @@
-//! Possible parents of a part: how simply it moves against each, and whether it touches it.
+//! Possible parents of a part: how simply it moves relative to each, and whether it touches it.
 
 use rayon::prelude::*;
 
@@ -26,29 +26,29 @@ pub(crate) struct ParentCandidate {
     joint: JointEstimate,
     /// Lowest score of a joint with one freedom, less the free motion's.
     pub excess: f64,
-    /// Distance of both parts, the largest of all states, meters.
+    /// Distance between both parts, the largest over all states, meters.
     pub gap_m: f64,
-    /// Distance of the axis of a turn from both parts in state 0, summed, meters; 0 for a slide.
+    /// Sum of the distances of a turn's axis from both parts in state 0, meters; 0 for a slide.
     off_m: f64,
 }
 
 /// All possible parents of a part.
 pub(crate) struct Candidates {
     all: Vec<ParentCandidate>,
-    /// Closer parts touch, meters.
+    /// Parts closer than this touch, meters.
     contact_m: f64,
 }
 
 impl Candidates {
-    /// Whether a part moves against a candidate no less simply, decisively, than against any other in
-    /// contact.
+    /// Whether a part moves as simply relative to a candidate as relative to any other in contact: none is
+    /// decisively simpler.
     fn as_simple(&self, candidate: &ParentCandidate) -> bool {
         let touching = self.all.iter().filter(|c| c.gap_m < self.contact_m);
         candidate.excess < touching.map(|c| c.excess).fold(f64::INFINITY, f64::min) + DECISIVE
     }
 
-    /// The candidates in contact with a simple motion of the part, no less simple, decisively, than any other
-    /// of them; where some of the turns run by both parts, as hinges do, only those.
+    /// The candidates in contact relative to which the part moves simply, with none decisively simpler. If
+    /// some of their turns have an axis close to both parts, as hinges do, only those are returned.
     pub(crate) fn qualified(&self) -> Vec<&ParentCandidate> {
         let simple: Vec<&ParentCandidate> =
             self.all.iter().filter(|c| c.gap_m < self.contact_m && self.as_simple(c)).collect();
@@ -57,7 +57,7 @@ impl Candidates {
         if hinged.is_empty() { simple } else { hinged }
     }
 
-    /// Adds notes on doubts of the parent of part number `part` and on other possible ones.
+    /// Adds notes on doubts about the parent of part number `part` and on other possible parents.
     pub(crate) fn add_doubts(&self, joint: &mut JointEstimate, part: usize, parent: usize) {
         let all = if joint.positions.len() == 1 { "both" } else { "all" };
         let scores =
@@ -88,7 +88,7 @@ impl Candidates {
         }
     }
 
-    /// Why a part with an equally simple motion against the static part does not hang on it.
+    /// Why a part that moves as simply relative to the static part does not have it as parent.
     fn against_base(&self, base: &ParentCandidate, joint: &JointEstimate) -> Note {
         let name = link_name(base.parent);
         let why = if base.gap_m < self.contact_m {
@@ -105,12 +105,12 @@ impl Candidates {
     }
 }
 
-/// A part as another one's parent.
+/// A part as a possible parent of another.
 struct PossibleParent<'a> {
     /// Its surface in every state.
     surfaces: Vec<&'a SurfaceSamples>,
     indices: Vec<SampleIndex<'a>>,
-    /// Its motion to every state behind state 0.
+    /// Its motion from state 0 to every other state.
     motions: Vec<ParentMotion>,
 }
 
@@ -119,14 +119,14 @@ impl<'a> PossibleParent<'a> {
         Self {
             indices: surfaces.iter().map(|s| SampleIndex::new(s, reach_m)).collect(),
             surfaces,
-            // All candidates are judged by motions without a joint: their errors are much alike.
+            // All candidates are judged by motions without a joint, whose errors are comparable.
             motions: motions
                 .map(|state1_from_state0| ParentMotion { state1_from_state0, ..ParentMotion::static_part() })
                 .collect(),
         }
     }
 
-    /// Distance from another part, the largest of all states, meters; at most the reach of the index.
+    /// Largest distance from another part over all states, meters; at most the reach of the index.
     fn gap_m(&self, part: &PossibleParent) -> f64 {
         let mut largest_m = 0.0;
         for (part, own) in part.surfaces.iter().zip(&self.indices) {
@@ -137,8 +137,8 @@ impl<'a> PossibleParent<'a> {
     }
 }
 
-/// The possible parents of every part. `root` are the motions of the static part, `still` its surface in
-/// every state; parts closer than `contact_m` touch.
+/// The possible parents of every part. `root` are the motions of the static part, `still` is its surface in
+/// every state; parts closer than `contact_m`, meters, touch.
 pub(crate) fn parent_candidates(
     root: &[ParentMotion],
     parts: &[PartEvidence],
@@ -146,7 +146,7 @@ pub(crate) fn parent_candidates(
     contact_m: f64,
     config: &JointConfig,
 ) -> Vec<Candidates> {
-    // Gaps need not be known beyond the contact; twice it leaves room for the report.
+    // Gaps beyond contact need not be known; twice its distance leaves room for the report.
     let reach_m = 2.0 * contact_m;
     let mut bodies =
         vec![PossibleParent::new(still.iter().collect(), root.iter().map(|m| m.state1_from_state0), reach_m)];
@@ -174,7 +174,7 @@ fn parent_candidate(
     config: &JointConfig,
 ) -> ParentCandidate {
     let joint = part.estimated_joint(&body.motions, JointChoice::default(), config);
-    // Any motion has a screw line: beside the part it makes no parent simple.
+    // Any motion has a screw axis: beside the part, it does not make a parent simple.
     let threaded = matches!(joint.kind, JointKind::Screw { .. });
     let excess = excess_over_free(&joint.evidence.type_scores, threaded);
     let off_m = if joint.kind == JointKind::Revolute {

@@ -1,4 +1,4 @@
-//! All evidence of the states on one part, and its joint.
+//! All evidence of the states on one part, and the joint estimated from it.
 
 use crate::{
     joints::{
@@ -13,14 +13,14 @@ use crate::{
     observations::SurfaceSamples,
 };
 
-/// All evidence on one part: of state 0 with every other state, in their order.
+/// All evidence on one part: state 0 paired with every other state, in their order.
 pub struct PartEvidence<'a> {
     first: PairEvidence<'a>,
     others: Vec<PairEvidence<'a>>,
 }
 
 impl<'a> PartEvidence<'a> {
-    /// The evidence of all pairs; `None` without one.
+    /// Collects the evidence of all pairs; `None` without one.
     #[must_use]
     pub fn new(pairs: impl IntoIterator<Item = PairEvidence<'a>>) -> Option<Self> {
         let mut pairs = pairs.into_iter();
@@ -37,13 +37,13 @@ impl<'a> PartEvidence<'a> {
         std::iter::once(&self.first.surfaces[0]).chain(self.pairs().map(|p| &p.surfaces[1]))
     }
 
-    /// Where it is in state 0.
+    /// Position and size of the part in state 0.
     #[must_use]
     pub fn place(&self) -> PartPlace {
         self.first.place
     }
 
-    /// The joint between a parent, by its motions to all other states, and this part.
+    /// Estimates the joint between this part and a parent with the given motions to all other states.
     #[must_use]
     pub fn estimated_joint(
         &self,
@@ -54,7 +54,7 @@ impl<'a> PartEvidence<'a> {
         estimate_joint(&self.joint_motions(parents), self.place(), choice, &config.refine)
     }
 
-    /// A turning joint with the best place of its axis for a fixed direction.
+    /// A turning joint with its axis at the best place for its fixed direction.
     #[must_use]
     pub fn settled(
         &self,
@@ -65,7 +65,7 @@ impl<'a> PartEvidence<'a> {
         joint.settled(&self.joint_motions(parents), &config.refine)
     }
 
-    /// Whether the part would fit all states as well if it had turned about the axis of a joint.
+    /// Whether the part would fit all states as well after a turn about the axis of a joint.
     #[must_use]
     pub fn looks_alike_round(&self, joint: &JointEstimate, config: &JointConfig) -> bool {
         self.pairs().zip(&joint.motions).all(|(pair, motion)| {
@@ -73,8 +73,7 @@ impl<'a> PartEvidence<'a> {
         })
     }
 
-    /// The evidence for all motions, with blocks of one size: the blocks of state 0 are counted across
-    /// motions.
+    /// The evidence for all motions, with one block size: the blocks of state 0 are joined across motions.
     fn joint_motions<'m>(&'m self, parents: &'m [ParentMotion]) -> Vec<JointMotion<'m>> {
         let mut motions: Vec<JointMotion> =
             self.pairs().zip(parents).map(|(pair, parent)| pair.joint_motion(parent)).collect();

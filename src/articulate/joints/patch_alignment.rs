@@ -1,16 +1,16 @@
-//! A patch of gray values found in a larger one.
+//! Finds a patch of gray values in a larger one.
 
 use nalgebra::{Matrix2, Vector2};
 
-/// Least share of the least contrast for any alignment.
+/// Share of the least contrast below which no alignment can succeed.
 ///
 /// chosen: the rest is rounding, left to the alignment
 const SURELY_PLAIN: f64 = 0.99;
-/// A shorter step ends the search, patch samples.
+/// A step shorter than this ends the search, patch samples.
 ///
 /// chosen: below the shift of a patch by noise of gray values
 const FOUND_SAMPLES: f64 = 0.02;
-/// Steps to and fro by less than this found the place well enough, patch samples.
+/// Oscillating steps below this also end the search, patch samples.
 ///
 /// chosen: a tenth of a sample
 const TO_AND_FRO_SAMPLES: f64 = 0.1;
@@ -51,8 +51,9 @@ impl GrayPatch {
         (f00 * (1.0 - a) + f10 * a) * (1.0 - b) + (f01 * (1.0 - a) + f11 * a) * b
     }
 
-    /// Whether too little of a reference is seen, or it is too plain, for [`align`] to find it anywhere. The
-    /// alignment compares [`MIN_SEEN`] of it or more, with a sum of squared deviations up to that of all.
+    /// Whether [`align`] cannot find a reference anywhere, because too little of it is seen or it is too
+    /// plain. The alignment compares at least [`MIN_SEEN`] of it, whose sum of squared deviations is at most
+    /// that of all.
     pub(crate) fn is_lost(&self, min_contrast: f64) -> bool {
         let seen = self.values.iter().filter(|v| v.is_finite()).map(|v| f64::from(*v));
         let count = seen.clone().count() as f64;
@@ -63,16 +64,16 @@ impl GrayPatch {
     }
 }
 
-/// A patch found in a larger one.
+/// Where a patch was found in a larger one.
 pub(crate) struct Shift {
-    /// Patch samples along the two tangents.
+    /// Shift along the two tangents, patch samples.
     pub shift: Vector2<f64>,
     pub covariance: Matrix2<f64>,
     /// Normalized correlation there.
     pub correlation: f64,
 }
 
-/// One sample of a patch, the sample of the other one, and the gradient there.
+/// A sample of a patch, the corresponding sample of the other patch, and the gradient there.
 type Row = (f64, f64, Vector2<f64>);
 
 /// Looks for a patch in a larger one (Lucas and Kanade 1981). `None` without contrast, outside the reach, or
@@ -84,9 +85,9 @@ pub(crate) fn aligned_shift(reference: &GrayPatch, target: &GrayPatch, min_contr
         let (step, covariance, correlation) =
             alignment_step(&seen_rows(reference, target, &shift), min_contrast)?;
         last = Some(Shift { shift, covariance, correlation });
-        // The image's slope holds for about a sample and no farther.
+        // The image's slope is valid for about a sample.
         shift += step.map(|s| s.clamp(-1.0, 1.0));
-        // Beyond, the slopes at the patch's border would read outside the larger patch.
+        // Beyond this, the slopes at the patch's border would read outside the larger patch.
         if shift.amax() > f64::from(REACH - 1) {
             return None;
         }
@@ -97,7 +98,7 @@ pub(crate) fn aligned_shift(reference: &GrayPatch, target: &GrayPatch, min_contr
     last.filter(|last| (last.shift - shift).norm() < TO_AND_FRO_SAMPLES)
 }
 
-/// The samples of a patch seen in both.
+/// The samples seen in both patches.
 fn seen_rows(reference: &GrayPatch, target: &GrayPatch, shift: &Vector2<f64>) -> Vec<Row> {
     let mut rows = Vec::new();
     for v in -RADIUS..=RADIUS {
@@ -118,8 +119,8 @@ fn seen_rows(reference: &GrayPatch, target: &GrayPatch, shift: &Vector2<f64>) ->
     rows
 }
 
-/// A step of the shift, its covariance and the correlation before it; `None` where too little is seen, or is
-/// plain.
+/// A step of the shift, its covariance, and the correlation before it; `None` where too little is seen or the
+/// patch is plain.
 fn alignment_step(rows: &[Row], min_contrast: f64) -> Option<(Vector2<f64>, Matrix2<f64>, f64)> {
     let n = rows.len() as f64;
     if n < MIN_SEEN * f64::from((2 * RADIUS + 1).pow(2)) {
@@ -136,7 +137,7 @@ fn alignment_step(rows: &[Row], min_contrast: f64) -> Option<(Vector2<f64>, Matr
     let mut square = 0.0;
     let mut product = 0.0;
     for (a, b, d) in rows {
-        // Light may have changed with the normal: brightness and contrast of both patches are made equal.
+        // Light may have changed with the normal, so brightness and contrast of both patches are equalised.
         let a = (a - ma) / sa;
         let b = (b - mb) / sb;
         let d = d / sb;

@@ -1,6 +1,6 @@
-//! The joint of a motion by the published method (Weng et al. 2024, supplement A.4): the type by the angle,
-//! axis and pivot in closed form. No surface is asked and nothing is refitted: errors of the joint are errors
-//! of the motion alone.
+//! The joint of a motion by the published method (Weng et al. 2024, supplement A.4): the angle decides the
+//! type; axis and pivot are in closed form. Surfaces are not used and nothing is refitted: errors of the
+//! joint are errors of the motion alone.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use common::note::{Note, NoteCode};
 use geometry::{Pose, Screw};
 use model::{JointEvidence, JointKind, TypeScores};
 
-/// A motion with a smaller turn is a slide, radians.
+/// A motion that turns less than this is a slide, radians.
 ///
 /// derived: the published 10 degrees
 const LEAST_TURN_RAD: f64 = std::f64::consts::PI / 18.0;
@@ -20,14 +20,14 @@ const LEAST_TURN_RAD: f64 = std::f64::consts::PI / 18.0;
 /// chosen: far beyond the variance of a guess (docs/method.md 8.7), and finite: JSON holds it
 const UNKNOWN: f64 = 1e12;
 
-/// The joint on the static part behind a motion `state1_from_state0` in the world of a part about `middle`,
-/// meters. Its deviations are not determined.
+/// The joint to the static part for a motion `state1_from_state0` in the world of a part around `middle`,
+/// meters. Its standard deviations are not determined.
 #[must_use]
 pub fn published_joint(state1_from_state0: &Pose, middle: &Point3<f64>) -> TreeJointEstimate {
     let turn = Screw::of_motion(state1_from_state0).filter(|s| s.angle_rad >= LEAST_TURN_RAD);
     let shift = state1_from_state0.translation.vector;
     let (kind, axis, point, position, motion) = match turn {
-        // The pivot is the least squares solution of p = R p + t: the advance along the axis is left out.
+        // The pivot is the least squares solution of p = R p + t: the advance along the axis is ignored.
         Some(s) => {
             let point = foot_on_line(&s.point, &s.direction, middle);
             (JointKind::Revolute, s.direction, point, s.angle_rad, s.motion_by(s.angle_rad, 0.0))

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 
-/// The observation behind a residual. Errors run together within one kind, not across kinds.
+/// The kind of observation behind a residual. Errors are correlated within one kind, not across kinds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Source {
     /// The surface of state 0.
@@ -15,23 +15,23 @@ pub enum Source {
     Matches,
 }
 
-/// A cube of space: its residuals of one source may have an error in common.
+/// A cube of space: the errors of its residuals of one source may be correlated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Block {
     cell: [i64; 3],
-    /// The observation behind its residuals.
+    /// The kind of observation behind its residuals.
     pub source: Source,
 }
 
 impl Block {
-    /// The block of side `side_m` with a point in it.
+    /// The block of side `side_m` around a point.
     #[must_use]
     pub fn block_of(x: &Point3<f64>, side_m: f64, source: Source) -> Self {
         Self { cell: cell_of(x, side_m), source }
     }
 }
 
-/// A patch on one side of a surface, displaced as a whole: place, side, source.
+/// A patch on one side of a surface that is displaced as a whole: place, side, source.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct DisplacedPatch {
     cell: [i64; 3],
@@ -40,7 +40,7 @@ pub struct DisplacedPatch {
 }
 
 impl DisplacedPatch {
-    /// The patch of size `size_m` with a point of a normal in it.
+    /// The patch of size `size_m` around a point with a given normal.
     #[must_use]
     pub fn patch_of(x: &Point3<f64>, normal: &Vector3<f64>, size_m: f64, source: Source) -> Self {
         let axis = normal.iamax();
@@ -60,9 +60,9 @@ pub struct Quadratic {
     pub information: Matrix6<f64>,
     /// Half the gradient.
     pub gradient: Vector6<f64>,
-    /// Robust cost in independent residuals.
+    /// Robust cost, in independent residuals.
     pub cost: f64,
-    /// Number of surface points and matches in agreement with the motion (within the robust scale).
+    /// Number of surface points and matches that agree with the motion (within the robust scale).
     pub inliers: usize,
     /// Number of compared surface points and matches.
     pub tried: usize,
@@ -70,14 +70,13 @@ pub struct Quadratic {
     pub squared_m2: f64,
     /// Number of inlier surface points.
     pub surface_inliers: usize,
-    /// Independent residuals.
+    /// Number of independent residuals.
     pub independent: f64,
-    /// Sums of the rows times residuals over blocks of the surface, by block; matches are blocks of their
-    /// own.
+    /// For each block of the surface, the sum of rows times residuals; every match is a block of its own.
     pub block_gradients: BTreeMap<Block, Vector6<f64>>,
     /// Changes of the gradient by the displacement of each patch of a surface.
     pub displaced: BTreeMap<DisplacedPatch, Vector6<f64>>,
-    /// Changes of the gradient by errors of poses and depth, by draw, where wanted.
+    /// Changes of the gradient by drawn errors of poses and depth, per draw, where requested.
     pub drawn: Vec<Vector6<f64>>,
 }
 
@@ -100,13 +99,13 @@ impl Default for Quadratic {
 }
 
 impl Quadratic {
-    /// Nothing yet, with room for so many draws.
+    /// An empty model, with room for `count` draws.
     pub fn with_draws(count: usize) -> Self {
         Self { drawn: vec![Vector6::zeros(); count], ..Self::default() }
     }
 
     /// Adds one residual `r` (in standard deviations) with its row, robustly, as `share` of an observation;
-    /// its weight.
+    /// returns its weight.
     pub fn add_residual(&mut self, r: f64, row: &Vector6<f64>, share: f64, scale: f64, block: Block) -> f64 {
         // Cost and weight of docs/method.md (8.5).
         let k = scale * scale;
@@ -139,22 +138,22 @@ impl Quadratic {
         self
     }
 
-    /// Covariance of the gradient by displacements of the surfaces' patches.
+    /// Covariance of the gradient due to displacements of the surfaces' patches.
     #[must_use]
     pub fn displacement_covariance(&self) -> Matrix6<f64> {
         self.displaced.values().map(|g| g * g.transpose()).sum()
     }
 
-    /// Factor of the squared errors of a free motion over those of independent residuals: the cluster-robust
+    /// Ratio of the squared errors of a free motion to those of independent residuals: the cluster-robust
     /// covariance (Liang and Zeger 1986) over blocks of the surface against the inverse information, averaged
-    /// over the six parameters; at least 1. Errors of a reconstructed surface common to a block do not
+    /// over the six parameters; at least 1. Errors of a reconstructed surface that a block shares do not
     /// average out within it. See docs/method.md (8.10).
     #[must_use]
     pub fn dispersion(&self) -> f64 {
         let parameters = 6;
         let blocks = self.block_gradients.len();
         let Some(covariance) = self.information.cholesky().map(|c| c.inverse()) else { return 1.0 };
-        // Fewer blocks than parameters show no spread.
+        // No more blocks than parameters: they show no spread.
         if blocks <= parameters {
             return 1.0;
         }

@@ -1,11 +1,11 @@
 //! Common directions of the axes of one object: most mechanisms are built square. See docs/method.md (8.14).
 //!
-//! Hinges and slides mostly run along or across each other and the flat faces of the body. A frame of three
-//! square directions is fitted to all axes, each with its covariance, and to the faces, by the likelihood of
-//! a mixture: a share of the directions lies along one of the frame's, but for a tolerance of building; some
-//! of these are tilted by degrees, the rest runs anywhere. The frame by the others is a prior of each axis,
-//! where the axis is likelier with it than without. The prior hardly moves an axis known better than the
-//! tolerance of building; it moves an axis left open by a small motion of a narrow part.
+//! Hinges and slides are mostly parallel or perpendicular to each other and to the flat faces of the body. A
+//! frame of three orthogonal directions is fitted to all axes, each with its covariance, and to the faces, by
+//! the likelihood of a mixture: some directions lie along one of the frame's within a manufacturing
+//! tolerance, some of them are tilted by degrees, and the rest are arbitrary. The frame from the other axes
+//! is a prior of each axis, if it makes the axis likelier. The prior hardly moves an axis known better than
+//! the tolerance; it moves an axis that a small motion or a narrow part leaves open.
 
 use std::f64::consts::TAU;
 
@@ -14,13 +14,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::joints::joint_motion::frame_across;
 
-/// How square an object is taken to be built.
+/// How square objects are assumed to be.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SquareConfig {
-    /// Share of the axes along or across the others; 0 leaves every axis as determined by its motion alone.
+    /// Share of the axes parallel or perpendicular to the others; 0 leaves every axis as its motion alone
+    /// gives it.
     pub share: f64,
-    /// Standard deviation of such an axis from square, degrees.
+    /// Standard deviation of the angle of such an axis from square, degrees.
     pub tolerance_deg: f64,
 }
 
@@ -30,7 +31,7 @@ impl Default for SquareConfig {
     }
 }
 
-/// A direction, or its opposite, and how well it is known.
+/// A direction without a sign, and how well it is known.
 #[derive(Clone, Copy, Debug)]
 pub struct SeenDirection {
     /// Unit direction.
@@ -39,26 +40,26 @@ pub struct SeenDirection {
     pub covariance: Matrix3<f64>,
 }
 
-/// Tilted share of the axes meant to be square: they are not drawn to square.
+/// Share of axes tilted on purpose or by error among the square ones: these are not drawn to square.
 ///
 /// tuned: random objects (artitwin synth --skew)
 const TILTED: f64 = 0.2;
-/// Standard deviation of a tilted axis from square, degrees.
+/// Standard deviation of the angle of a tilted axis from square, degrees.
 ///
 /// tuned: random objects (artitwin synth --skew)
 const TILT_DEG: f64 = 2.0;
 const ITERATIONS: usize = 20;
-/// A direction farther than this cosine from all of the frame's has nothing to do with it.
+/// A direction whose cosine to all of the frame's is below this is unrelated to it.
 ///
 /// derived: 45 degrees, half way between two directions of the frame
 const LEAST_COSINE: f64 = 0.7;
 
-/// A direction relative to the frame.
+/// A direction seen from the frame.
 struct View {
-    /// The frame's direction nearest to it, and two vectors across.
+    /// The frame's direction nearest to it, and two vectors perpendicular to that.
     along: Vector3<f64>,
     across: Matrix3x2<f64>,
-    /// Offset from there, and its slope by a left rotation of the frame, negative.
+    /// Offset from there, and its negative slope by a left rotation of the frame.
     offset: Vector2<f64>,
     slope: Matrix2x3<f64>,
     precision: Matrix2<f64>,
@@ -68,11 +69,11 @@ struct View {
 impl View {
     fn new(frame: &Matrix3<f64>, seen: &SeenDirection, config: &SquareConfig) -> Option<Self> {
         let views = (0..3).filter_map(|k| Self::relative_to(frame.column(k).into_owned(), seen, config));
-        // The likeliest, not the nearest: a direction may be known well to one side and badly to the other.
+        // The likeliest, not the nearest: a direction may be known well in one plane and badly in the other.
         views.reduce(|a, b| if b.likelihood.square > a.likelihood.square { b } else { a })
     }
 
-    /// The direction relative to one of the frame's; `None` where they are too far from each other.
+    /// The direction relative to one of the frame's; `None` where they are too far apart.
     fn relative_to(column: Vector3<f64>, seen: &SeenDirection, config: &SquareConfig) -> Option<Self> {
         // An axis has no sign.
         let along = if column.dot(&seen.direction) < 0.0 { -column } else { column };
@@ -89,22 +90,23 @@ impl View {
         Some(Self { along, across, offset, slope, precision, likelihood })
     }
 
-    /// Information and gradient on the frame's rotation.
+    /// Information and gradient for the frame's rotation.
     fn rotation_information(&self) -> (Matrix3<f64>, Vector3<f64>) {
-        // The step of expectation: how likely the direction is a square one.
+        // The expectation step: how likely the direction is a square one.
         let weight = 1.0 / (1.0 + (self.likelihood.other - self.likelihood.square).exp());
         let weighed = self.slope.transpose() * self.precision * weight;
         (weighed * self.slope, weighed * self.offset)
     }
 
-    /// The prior of this direction by the information of others; `None` where it is likelier to run anywhere.
+    /// The prior of this direction from the information of the others; `None` where it is likelier to be
+    /// arbitrary.
     fn prior_by_others(
         &self,
         others: impl Iterator<Item = (Matrix3<f64>, Vector3<f64>)>,
         seen: &SeenDirection,
         config: &SquareConfig,
     ) -> Option<SeenDirection> {
-        // By the others alone: an axis must not bear itself out.
+        // From the others alone: an axis must not confirm itself.
         let (h, g) = summed_information(others);
         let turn = h.try_inverse()?;
         let mean = self.slope * turn * g;
@@ -118,27 +120,27 @@ impl View {
     }
 }
 
-/// Logarithms of the density, a steradian, of a direction as a square one and as any other.
+/// Logarithms of the probability density, per steradian, of a direction as a square one and as any other.
 struct Likelihood {
     square: f64,
     other: f64,
 }
 
 impl Likelihood {
-    /// Of a direction off one of the frame's by `offset`, with a covariance without the tolerance.
+    /// For a direction `offset` from one of the frame's, with its covariance without the tolerance.
     fn new(offset: &Vector2<f64>, covariance: &Matrix2<f64>, config: &SquareConfig) -> Option<Self> {
         let [tilted, square] = [
             (config.share * TILTED, TILT_DEG.max(config.tolerance_deg)),
             (config.share * (1.0 - TILTED), config.tolerance_deg),
         ]
         .map(|(share, std_deg)| component_log_density(offset, covariance, share, std_deg));
-        // Tilted axes count with those in any direction: they must not be drawn to square.
+        // Tilted axes count with the arbitrary ones: they must not be drawn to square.
         Some(Self { square: square?, other: log_sum(tilted?, any_log_density(config)) })
     }
 }
 
-/// Logarithm of a component of docs/method.md (8.14) for one of the frame's three directions, each with a
-/// third of its share.
+/// Logarithm of the density of a component of docs/method.md (8.14) at one of the frame's three directions,
+/// each with a third of the component's share.
 fn component_log_density(
     offset: &Vector2<f64>,
     covariance: &Matrix2<f64>,
@@ -152,12 +154,12 @@ fn component_log_density(
     Some(density)
 }
 
-/// The variance of a standard deviation in degrees, square radians, in both directions.
+/// The isotropic 2 x 2 covariance, square radians, for a standard deviation in degrees.
 fn square_deg(std_deg: f64) -> Matrix2<f64> {
     Matrix2::identity() * std_deg.to_radians().powi(2)
 }
 
-/// Logarithm of the density of any direction, without its sign.
+/// Logarithm of the density of an arbitrary direction without a sign.
 fn any_log_density(config: &SquareConfig) -> f64 {
     (1.0 - config.share).ln() - TAU.ln()
 }
@@ -166,8 +168,8 @@ fn log_sum(a: f64, b: f64) -> f64 {
     a.max(b) + (-(a - b).abs()).exp().ln_1p()
 }
 
-/// The prior of each axis by the other axes and the faces; `None` where the axis is likelier to run anywhere,
-/// or is not known at all.
+/// The prior of each axis from the other axes and the faces; `None` where the axis is likelier to be
+/// arbitrary, or is not known at all.
 #[must_use]
 pub(crate) fn square_priors(
     axes: &[Option<SeenDirection>],
@@ -181,7 +183,7 @@ pub(crate) fn square_priors(
     let views: Vec<Option<View>> = known.iter().map(|seen| View::new(&frame, seen, config)).collect();
     let information: Vec<_> = views.iter().map(|v| v.as_ref().map(View::rotation_information)).collect();
     let mut priors = Vec::with_capacity(axes.len());
-    // Only known axes have a view; the faces' views come behind theirs.
+    // Only known axes have a view; the views of the faces follow them.
     let mut own = 0;
     for axis in axes {
         let Some(seen) = axis else {
@@ -195,8 +197,8 @@ pub(crate) fn square_priors(
     priors
 }
 
-/// Information and gradient on the frame's rotation of all directions. Without any, the rotation to the
-/// nearest of 24 square frames is known to about a radian.
+/// Information and gradient of all directions for the frame's rotation. Even without any, the rotation to the
+/// nearest of the 24 equivalent frames is known to about a radian.
 fn summed_information(
     all: impl Iterator<Item = (Matrix3<f64>, Vector3<f64>)>,
 ) -> (Matrix3<f64>, Vector3<f64>) {
@@ -205,8 +207,8 @@ fn summed_information(
 
 /// The likeliest frame; its columns are the directions.
 fn fitted_frame(known: &[SeenDirection], config: &SquareConfig) -> Option<Matrix3<f64>> {
-    // The likelihood has a peak for each way to lay the frame along the directions: every pair of them starts
-    // one fit.
+    // The likelihood has a peak for each way to align the frame with the directions: every pair of them
+    // starts one fit.
     let starts =
         known.iter().flat_map(|a| known.iter().filter_map(|b| start_frame(&a.direction, &b.direction)));
     let fits = starts.map(|start| polished_frame(start, known, config));
@@ -214,7 +216,7 @@ fn fitted_frame(known: &[SeenDirection], config: &SquareConfig) -> Option<Matrix
     valued.reduce(|a, b| if b.0 > a.0 { b } else { a }).map(|(_, frame)| frame)
 }
 
-/// Logarithm of the likelihood of a frame by all directions.
+/// Log likelihood of a frame given all directions.
 fn log_likelihood(frame: &Matrix3<f64>, known: &[SeenDirection], config: &SquareConfig) -> f64 {
     let views = known.iter().map(|seen| View::new(frame, seen, config));
     views
@@ -224,7 +226,7 @@ fn log_likelihood(frame: &Matrix3<f64>, known: &[SeenDirection], config: &Square
         .sum()
 }
 
-/// A frame along a direction and, as far as it is square to it, another (or the same).
+/// A frame along a direction and the perpendicular part of another (or the same).
 fn start_frame(first: &Unit<Vector3<f64>>, second: &Unit<Vector3<f64>>) -> Option<Matrix3<f64>> {
     let a = first.into_inner();
     let b = if first == second { frame_across(first).0 } else { second.into_inner() };
@@ -234,7 +236,7 @@ fn start_frame(first: &Unit<Vector3<f64>>, second: &Unit<Vector3<f64>>) -> Optio
 
 fn polished_frame(mut frame: Matrix3<f64>, known: &[SeenDirection], config: &SquareConfig) -> Matrix3<f64> {
     for _ in 0..ITERATIONS {
-        // Expectation, the weights by the frame so far, then one step of maximization.
+        // Expectation with the weights from the current frame, then one step of maximization.
         let all =
             known.iter().filter_map(|seen| View::new(&frame, seen, config)).map(|v| v.rotation_information());
         let (h, g) = summed_information(all);

@@ -1,5 +1,5 @@
-//! The static part's motion between two states: by itself, and by all static surroundings.
-//! See docs/method.md (5.3).
+//! The static part's motion between two states, from its own evidence and from all static surroundings. See
+//! docs/method.md (5.3).
 
 use nalgebra::Matrix6;
 
@@ -7,10 +7,10 @@ use crate::joints::free_motion::ParentMotion;
 use geometry::{Pose, shift_and_turn};
 use numeric::statistics::CHI_SQUARE_999;
 
-/// The static part's motion where states were brought into one world frame: `own` is its motion by its
-/// surfaces and matches, `still` the covariance of its rest by the surroundings (a left perturbation,
-/// translation 3 and rotation 3, square meters and radians). Where both contradict each other, its own: the
-/// object was moved against its surroundings.
+/// The static part's motion where states were brought into one world frame. `own` is its motion from its own
+/// surfaces and matches, `still` the covariance of its rest from the surroundings (a left perturbation,
+/// translation 3 and rotation 3, square meters and radians). If they contradict each other, `own` is
+/// returned: the object was moved relative to its surroundings.
 #[must_use]
 pub fn static_motion(own: &ParentMotion, still: &Matrix6<f64>) -> ParentMotion {
     // The part's own surfaces left some direction open (see `free_motion`).

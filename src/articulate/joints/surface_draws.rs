@@ -1,7 +1,6 @@
-//! Displacements of a surface by errors of poses and depth: one displacement by draw.
+//! Displacements of a surface by drawn errors of poses and depth: one displacement per random draw.
 //!
-//! A fused surface is the mean of its views and goes with their errors.
-//! See docs/method.md 8.11.
+//! A fused surface is the mean of its views and follows their errors. See docs/method.md 8.11.
 
 use nalgebra::{Matrix3x6, Matrix6, Point3, Vector3, Vector6};
 use rayon::prelude::*;
@@ -15,13 +14,13 @@ use geometry::skew_matrix;
 pub struct SurfaceDraws {
     /// Number of draws.
     count: usize,
-    /// Of sample 0 by every draw, then of sample 1, and so on.
+    /// Displacement of sample 0 in every draw, then of sample 1, and so on, meters.
     displacements_m: Vec<Vector3<f32>>,
 }
 
 impl SurfaceDraws {
-    /// Of the samples of state number `state`. Readings further from a sample than `reach_m` and their noise
-    /// are of another surface. See docs/method.md (8.17).
+    /// Draws the displacements of the samples of state number `state`. Readings farther from a sample than
+    /// `reach_m` plus their noise are of another surface. See docs/method.md (8.17).
     #[must_use]
     pub fn new(
         draws: &[ErrorDraw],
@@ -43,14 +42,14 @@ impl SurfaceDraws {
         Self { count: draws.len(), displacements_m: all.concat() }
     }
 
-    /// So many samples with the same displacements, one vector a draw, meters.
+    /// `samples` samples, all with the same displacements, one vector per draw, meters.
     #[cfg(test)]
     pub fn alike(samples: usize, displacements_m: &[Vector3<f32>]) -> Self {
         Self { count: displacements_m.len(), displacements_m: displacements_m.repeat(samples) }
     }
 
-    /// The motion of some of the samples as one body by every draw (least squares): translation, meters, and
-    /// rotation, radians, about the world's origin. None where they do not determine one.
+    /// The motion of the chosen samples as one body in every draw (least squares): translation, meters, and
+    /// rotation, radians, about the world's origin. Empty where they do not determine one.
     #[must_use]
     pub fn rigid_motions(&self, points: &[Point3<f64>], chosen: &[usize]) -> Vec<Vector6<f64>> {
         let slopes: Vec<Matrix3x6<f64>> = chosen.iter().map(|&i| displacement_slope(&points[i])).collect();
@@ -66,7 +65,7 @@ impl SurfaceDraws {
         motions
     }
 
-    /// The displacements less those by motions of all points as one body, one by draw.
+    /// The displacements less those of a motion of all points as one body, one motion per draw.
     #[must_use]
     pub fn without_motions(mut self, motions: &[Vector6<f64>], points: &[Point3<f64>]) -> Self {
         for (x, all) in points.iter().zip(self.displacements_m.chunks_mut(self.count.max(1))) {
@@ -85,13 +84,13 @@ impl SurfaceDraws {
         self.count
     }
 
-    /// Of one sample, by draw.
+    /// Displacements of one sample by draw, meters.
     #[must_use]
     pub fn displacements_of(&self, sample: usize) -> &[Vector3<f32>] {
         &self.displacements_m[sample * self.count..(sample + 1) * self.count]
     }
 
-    /// The same of some of the samples.
+    /// The displacements of the chosen samples only.
     #[must_use]
     pub fn chosen_samples(&self, samples: &[usize]) -> Self {
         let displacements_m = samples.iter().flat_map(|&i| self.displacements_of(i)).copied().collect();
@@ -106,7 +105,7 @@ fn displacement_slope(point: &Point3<f64>) -> Matrix3x6<f64> {
     slope
 }
 
-/// Displacements of one sample of a state, by draw, meters: the mean over all frames with a reading of it.
+/// Displacements of one sample of a state by draw, meters: the mean over all frames with a reading of it.
 fn displacements_m(
     draws: &[ErrorDraw],
     state: usize,

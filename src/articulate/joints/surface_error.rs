@@ -1,8 +1,8 @@
 //! Distances of fused surfaces from their readings.
 //!
 //! A thin panel fused on a coarse grid is displaced, and differently in each pose and from other views. Such
-//! errors run together over a side of a part: they move its motion and leave no residual, and are measured
-//! here.
+//! errors are correlated over a side of a part: they shift its motion without leaving a residual, so they are
+//! measured here.
 
 use rayon::prelude::*;
 
@@ -13,14 +13,14 @@ use crate::{
 use capture::{GRAZING_COSINE, NoiseConfig, RgbdFrame};
 use geometry::Pose;
 
-/// Heights of the readings over the surfaces of a part, averaged over some radius, meters; `None` where no
+/// Heights of the readings above the surfaces of a part, averaged over a radius, meters; `None` where no
 /// frame shows one.
 pub(crate) struct ReadingHeights {
     of: [Vec<Option<f64>>; 2],
 }
 
 impl ReadingHeights {
-    /// Readings further from a surface than `reach_m` and their noise are of another one.
+    /// Readings farther from a surface than `reach_m` plus their noise are of another one.
     pub(crate) fn new(
         surfaces: [&SurfaceSamples; 2],
         frames: [&[RgbdFrame]; 2],
@@ -31,9 +31,9 @@ impl ReadingHeights {
         Self { of: [0, 1].map(|s| heights_m(surfaces[s], frames[s], noise, radius_m, reach_m)) }
     }
 
-    /// For every sample of each state, the height of the readings above it less the height of the other
-    /// state's readings above its partner under a motion, found within `radius_m`: the distance from the
-    /// partner is too small by so much, meters; 0 where either is not known.
+    /// For every sample of each state: the height of the readings above it, less the height of the other
+    /// state's readings above its partner (under the motion, within `radius_m`). The distance from the
+    /// partner is too small by this much, meters; 0 where either height is unknown.
     pub(crate) fn offsets_m(
         &self,
         surfaces: [&SurfaceSamples; 2],
@@ -54,8 +54,8 @@ impl ReadingHeights {
     }
 }
 
-/// Clear offsets of a displaced surface: offsets smaller than `noise_m`, as by chance between averaged
-/// readings, shrink to nothing. See docs/method.md (8.7).
+/// Shrinks offsets towards zero; those below `noise_m`, which averaged readings show by chance, become zero.
+/// See docs/method.md (8.7).
 pub(crate) fn clear_offsets(offsets_m: Vec<f64>, noise_m: f64) -> Vec<f64> {
     offsets_m.into_iter().map(|o| o * o * o / (o * o + noise_m * noise_m)).collect()
 }
@@ -67,7 +67,7 @@ pub(crate) fn surface_error_m(offsets_m: &[f64]) -> f64 {
     (sum / count.max(1) as f64).sqrt()
 }
 
-/// Mean height of the readings over every sample and its neighbors, meters.
+/// Mean height of the readings above every sample and its neighbors, meters.
 fn heights_m(
     surface: &SurfaceSamples,
     frames: &[RgbdFrame],
@@ -82,7 +82,7 @@ fn heights_m(
     samples.into_par_iter().map(|i| mean_height(surface, i, &own, &index, radius_m, reach_m)).collect()
 }
 
-/// Mean of the heights over a sample and its neighbors on the same side; `None` without a reading.
+/// Mean of the heights above a sample and its neighbors on the same side; `None` without a reading.
 fn mean_height(
     surface: &SurfaceSamples,
     sample: usize,
@@ -106,7 +106,7 @@ fn mean_height(
     (weights > 0.0).then(|| sum / weights)
 }
 
-/// Heights of the readings over a sample by their weights, and the sum of these.
+/// Weighted sum of the heights of the readings above a sample, and the sum of the weights.
 fn weighed_height(
     surface: &SurfaceSamples,
     sample: usize,
@@ -122,7 +122,7 @@ fn weighed_height(
         let sight = (frame.world_from_camera.translation.vector - reading.coords).normalize();
         let cosine = sight.dot(&normal);
         let height_m = normal.dot(&(reading - point));
-        // Depth errs along the ray; the height has the part of it along the normal.
+        // Depth errors are along the ray; the height sees their component along the normal.
         let sigma_m = cosine * frame.sigma_m(pixel, noise);
         if cosine < GRAZING_COSINE || height_m.abs() > reach_m + 3.0 * sigma_m {
             return [sum, weights];

@@ -1,4 +1,4 @@
-//! Parts alike all round an axis: their turn about it is not observable.
+//! Detects parts that look alike all around an axis: their turn about it is not observable.
 
 use std::f64::consts::TAU;
 
@@ -14,20 +14,20 @@ use crate::{
 use geometry::{Pose, Screw};
 use numeric::statistics::median;
 
-/// Tried turns, all round; no regular prism but one of seven sides looks alike after any.
+/// Number of turns tried, all around; only a regular prism of seven sides would look alike after each.
 const TURNS: usize = 7;
-/// A turned part fits as well where this share of its agreement stays.
+/// A turned part fits as well if this share of its agreement remains.
 ///
 /// tuned: shared/bags
 const AS_WELL: f64 = 0.9;
-/// A turn counts where more than this share of the points comes to a place seen before.
+/// A turn counts only if more than this share of the points moves to a place seen before.
 ///
 /// chosen: the majority
 const SEEN: f64 = 0.5;
-/// Rounds in which the axis of a part settles.
+/// Iterations to find the axis of a part.
 const CENTERINGS: usize = 10;
 
-/// Whether a part would fit as well after any turn about a direction before its motion.
+/// Whether a part would fit as well if, before its motion, it were turned about a direction by any angle.
 pub(crate) fn looks_alike_round(
     evidence: &MotionEvidence,
     motion: &Pose,
@@ -43,16 +43,17 @@ pub(crate) fn looks_alike_round(
         (q.inliers as f64, q.tried as f64)
     });
     let Some((inliers, tried)) = agreements.next() else { return false };
-    // A turn of most of the part to unseen places shows nothing.
+    // A turn that moves most of the part to unseen places shows nothing.
     let seen: Vec<(f64, f64)> = agreements.filter(|(_, t)| *t > SEEN * tried).collect();
     seen.len() >= 2 && seen.iter().all(|(i, t)| i * tried > AS_WELL * inliers * t)
 }
 
-/// A point of the line along a direction through most normals of a surface: least squares, weighed (Geman and
-/// McClure) by how far they pass it, as marks on a round part have other normals; `None` for too few points.
+/// A point of the line along a direction that most normals of a surface meet: least squares with robust
+/// weights (Geman and McClure) by how far they miss it, as marks on a round part have other normals; `None`
+/// for too few points.
 fn axis_center(surface: &SurfaceSamples, direction: &Unit<Vector3<f64>>) -> Option<Point3<f64>> {
     let u = direction.into_inner();
-    // The normal n at x meets the axis u through c where (x - c) x n has nothing along u: linear in c.
+    // The normal n at x meets the axis u through c where (x - c) x n has no component along u: linear in c.
     let across: Vec<(Vector3<f64>, f64)> = surface
         .points
         .iter()
@@ -63,9 +64,9 @@ fn axis_center(surface: &SurfaceSamples, direction: &Unit<Vector3<f64>>) -> Opti
     for _ in 0..CENTERINGS {
         let passes =
             |(a, b): &(Vector3<f64>, f64)| center.map_or(0.0, |c: Vector3<f64>| (a.dot(&c) - b).abs());
-        // Normals along the axis, as those of a lid, meet it anywhere: they have no say in the scale.
+        // Normals along the axis, such as a lid's, always meet it: they do not count for the scale.
         let median_m = median(across.iter().filter(|(a, _)| a.norm() > 0.5).map(passes).collect())?;
-        // Along the axis any point will do; the first term holds the one at the origin's height.
+        // Any point along the axis will do; the first term picks the one at the origin's height.
         let mut matrix = u * u.transpose();
         let mut right = Vector3::zeros();
         for line in &across {

@@ -1,9 +1,9 @@
-//! Surface texture aligned between the states: dense matches where pixel features are few.
+//! Aligns surface texture between the states: dense matches where pixel features are few.
 //!
-//! Around a surface point the frames of one state are averaged on the tangent plane into a small patch.
-//! Warped by the part's motion, the same patch is looked for on the other state's surface by Lucas-Kanade
-//! with normalized brightness: shading may change. A patch holds the surface in its own plane, where distance
-//! fields hold nothing.
+//! Around a surface point, the frames of one state are averaged on the tangent plane into a small patch. The
+//! part's motion moves it onto the other state's surface, where Lucas-Kanade with normalized brightness looks
+//! for the same patch: shading may change. A patch fixes the surface within its own plane, which distance
+//! fields leave open.
 
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use rayon::prelude::*;
@@ -31,7 +31,7 @@ const SAME_WAY_COSINE: f64 = 0.7;
 pub struct TextureConfig {
     /// Surface points tried per part and state.
     pub points: usize,
-    /// Frames averaged into a patch at most.
+    /// Largest number of frames averaged into a patch.
     pub frames: usize,
     /// Distance between patch samples, in pixels of the closest camera.
     pub spacing_pixels: f64,
@@ -90,7 +90,7 @@ pub(crate) fn texture_matches(
             })
             .collect();
         for (point, other, covariance, patch_area_m2) in found.into_iter().flatten() {
-            // The covariance belongs to the far end; the near end is exact by definition.
+            // The covariance is that of the far end; the near end is exact by definition.
             let (point0, point1) = if from == 0 { (point, other) } else { (other, point) };
             let (covariance0, covariance1) =
                 if from == 0 { (Matrix3::zeros(), covariance) } else { (covariance, Matrix3::zeros()) };
@@ -100,7 +100,7 @@ pub(crate) fn texture_matches(
     share_out(all)
 }
 
-/// Overlapping patches are no independent observations: each counts as its share of the patches around it.
+/// Overlapping patches are not independent: each counts for its share of the patches around it.
 fn share_out(all: Vec<(MatchEvidence, f64)>) -> Vec<MatchEvidence> {
     let centers: Vec<Point3<f64>> = all.iter().map(|(m, _)| m.point0).collect();
     let shares: Vec<f64> = all
@@ -113,8 +113,8 @@ fn share_out(all: Vec<(MatchEvidence, f64)>) -> Vec<MatchEvidence> {
     all.into_iter().zip(shares).map(|((m, _), share)| MatchEvidence { share, ..m }).collect()
 }
 
-/// Finds one surface point on the other state's surface: both points, covariance of the other, area of the
-/// patch.
+/// Finds one surface point on the other state's surface: both points, the covariance of the other, and the
+/// area of the patch.
 fn match_point(
     point: &Point3<f64>,
     normal: &Vector3<f64>,
@@ -132,7 +132,7 @@ fn match_point(
     if gradient.dot(&other_normal) < SAME_WAY_COSINE * gradient.norm() {
         return None;
     }
-    // On the other state's surface: off it, frames from several sides would show it displaced.
+    // Onto the other state's surface: off it, frames from different sides would see it displaced.
     let center = warped - other_normal * f64::from(distance);
     let (frames, pixel_m) = from.best_frames(point, normal, config.frames);
     let (other_frames, other_pixel_m) = to.best_frames(&center, &other_normal, config.frames);
@@ -141,7 +141,7 @@ fn match_point(
     }
     let (a, b) = frame_across(&Unit::new_unchecked(*normal));
     let axes = [a, b];
-    // By the coarser camera, as a finer patch would hold texture unseen in one state.
+    // The coarser camera decides, as a finer patch would contain texture unseen in one state.
     let pixel_m = pixel_m.max(other_pixel_m);
     let spacing_m = config.spacing_pixels * pixel_m;
     let here = Tangent { center: *point, normal: *normal, axes, spacing_m };
@@ -165,7 +165,7 @@ fn match_point(
                 there.axes[i] * there.axes[j].transpose() * (covariance[(i, j)] * spacing_m * spacing_m);
         }
     }
-    // Along the normal the distance fields speak; here it is left open.
+    // Along the normal it is left open: there the distance fields decide.
     let open = (spacing_m * f64::from(RADIUS)).powi(2);
     spread += there.normal * there.normal.transpose() * open;
     let side = spacing_m * f64::from(2 * RADIUS + 1);

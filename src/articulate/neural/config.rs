@@ -9,18 +9,18 @@ const MAX_GRID_NODES: usize = 200;
 /// Most samples, points or matches of one step.
 const MAX_SAMPLES: usize = 4_000_000;
 
-/// Version of the method where the published text and the released program differ.
+/// Which version applies where the published text and the released program differ.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MethodVersion {
-    /// As published.
+    /// The published text.
     #[default]
     Paper,
-    /// As the released program does.
+    /// The released program.
     Released,
 }
 
-/// Space for the comparison of colors.
+/// In which space colors are compared.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ColorSpace {
@@ -31,15 +31,15 @@ pub enum ColorSpace {
     Logit,
 }
 
-/// How a difference of signed distances counts.
+/// How a difference of signed distances is penalised.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SdfResidual {
     /// Absolute difference (published).
     #[default]
     Absolute,
-    /// Quadratic up to this many standard deviations of the ray's depth noise, absolute beyond, no influence
-    /// beyond one truncation distance.
+    /// Quadratic up to this many standard deviations of the ray's depth noise, absolute beyond; without
+    /// influence beyond one truncation distance.
     NoiseScaled {
         /// Where the quadratic part ends, standard deviations.
         sigmas: f64,
@@ -82,8 +82,8 @@ pub struct Compatibility {
     /// Visibility: `paper` discounts points not seen in both states; `released` discounts points seen in
     /// both.
     pub visibility: MethodVersion,
-    /// Occupancy target of back-warped points: `paper` takes the state they lie in; `released` the state they
-    /// are warped into.
+    /// Occupancy target of back-warped points: `paper` takes the state they lie in; `released` takes the
+    /// state they are warped into.
     pub occupancy_target: MethodVersion,
     /// Colors before (`logit`) or after (`rgb`) the sigmoid.
     pub color_space: ColorSpace,
@@ -97,27 +97,27 @@ pub struct Compatibility {
 #[serde(default, deny_unknown_fields)]
 pub struct ArticulationConfig {
     /// Whether parts and motions found by registration are refined by consistency between the two states'
-    /// fields. Motions started from the identity always are.
+    /// fields. Motions started from the identity are always refined.
     pub refine: bool,
-    /// Optimizer steps where motions start from the identity.
+    /// Optimizer steps if motions start from the identity.
     pub identity_steps: usize,
-    /// Optimizer steps where motions start from a registration.
+    /// Optimizer steps if motions start from a registration.
     pub refine_steps: usize,
-    /// Steps of the first fit of the segmentation to given labels.
+    /// Steps of the initial fit of the segmentation to given labels.
     pub label_steps: usize,
-    /// Rays a step and state.
+    /// Rays per step and state.
     pub rays: usize,
-    /// Samples on a ray, stratified in one truncation distance around its depth.
+    /// Samples on a ray, stratified within one truncation distance of its depth.
     pub samples_per_ray: usize,
-    /// Points a step and state for occupancy and collision, drawn towards the occupied space.
+    /// Points per step and state for occupancy and collision, mostly from the occupied space.
     pub uniform_points: usize,
-    /// Matches a step and direction.
+    /// Matches per step and direction.
     pub matches: usize,
-    /// Labelled points a step and state, while labels are fitted.
+    /// Labelled points per step and state while labels are fitted.
     pub label_points: usize,
     /// Grid nodes of the segmentation field along a side.
     pub grid_nodes: usize,
-    /// First and last learning rate of the segmentation fields; falls exponentially.
+    /// First and last learning rate of the segmentation fields; it falls exponentially.
     pub field_rate: [f64; 2],
     /// First and last learning rate of motions started from the identity (radians, and half sides of the
     /// scene cube).
@@ -132,14 +132,14 @@ pub struct ArticulationConfig {
     pub occupancy_ramp_m: Option<f64>,
     /// How a difference of signed distances counts.
     pub sdf_residual: SdfResidual,
-    /// Whether rays weigh inversely to their depth noise.
+    /// Whether rays are weighted inversely to their depth noise.
     pub noise_weights: bool,
-    /// Whether visibility (it depends on the segmentation) passes gradients on. Off, no point gains by the
-    /// label of a motion with a hidden place.
+    /// Whether gradients pass through visibility, which depends on the segmentation. Without them, a point
+    /// gains nothing from joining a motion that takes it to a hidden place.
     pub visibility_gradient: bool,
     /// Weights of the loss terms.
     pub weights: LossWeights,
-    /// Published text or released program.
+    /// Choice between the published text and the released program, one by one.
     pub compatibility: Compatibility,
 }
 

@@ -22,7 +22,7 @@ pub(crate) struct Consistency<'a> {
     pub source: &'a Volume<'a>,
     pub target: &'a Volume<'a>,
     pub motions: &'a Motions,
-    /// From source to target.
+    /// The direction from source to target.
     pub way: Way,
     pub config: &'a ArticulationConfig,
 }
@@ -67,10 +67,10 @@ impl Consistency<'_> {
         (0..self.parts()).map(|i| self.motions.apply(i, self.way, point)).collect()
     }
 
-    /// `L_s = sum w v rho(sum_i P_i sdf'(y_i) - sdf(x)) / sum w`, on all samples; `probabilities` are those
+    /// `L_s = sum w v rho(sum_i P_i sdf'(y_i) - sdf(x)) / sum w` over all samples; `probabilities` are those
     /// of the samples.
     pub(crate) fn sdf_loss(&self, probabilities: &[f32]) -> LossTerm {
-        // A batch without a sample near the surface has no loss, in place of NaN.
+        // A batch without a sample near the surface has zero loss, not NaN.
         let total: f64 = self.batch.weights.iter().sum::<f64>().max(1e-12);
         let parts = self.parts();
         let chunks = probabilities.par_chunks(CHUNK * parts).enumerate().map(|(chunk, p)| {
@@ -103,9 +103,9 @@ impl Consistency<'_> {
         }
     }
 
-    /// `L_c = sum w v mean_rgb (sum_i P_i c'(y_i, R_i d) - c(x, d))^2 / sum w`, estimated by one sample a ray
-    /// with the weight of the ray. Gradients take the view direction as given. `probabilities` are those of
-    /// all samples.
+    /// `L_c = sum w v mean_rgb (sum_i P_i c'(y_i, R_i d) - c(x, d))^2 / sum w`, estimated from one sample a
+    /// ray with the weight of the ray. View directions are constant in the gradients. `probabilities` are
+    /// those of all samples.
     pub(crate) fn color_loss(&self, probabilities: &[f32]) -> LossTerm {
         let parts = self.parts();
         let samples = self.batch.samples_per_ray;
@@ -113,7 +113,7 @@ impl Consistency<'_> {
         let ray_weights: Vec<f64> =
             self.batch.weights.chunks_exact(samples).map(|w| w.iter().sum()).collect();
         let total: f64 = ray_weights.iter().sum::<f64>().max(1e-12);
-        // A color query costs far more than a distance query: rays without weight are left out.
+        // A color query costs far more than a distance query: rays without weight are skipped.
         let rays: Vec<usize> = (0..ray_weights.len()).filter(|r| ray_weights[*r] > 0.0).collect();
         let own_points: Vec<_> = rays
             .iter()
@@ -174,7 +174,7 @@ impl Consistency<'_> {
         }
     }
 
-    /// A color in the space of the comparison.
+    /// A color in the space in which colors are compared.
     fn in_space(&self, color: &ColorSample) -> ColorSample {
         match self.config.compatibility.color_space {
             ColorSpace::Rgb => *color,
@@ -199,14 +199,15 @@ fn penalty(residual: f64, sigma: f64, kind: SdfResidual) -> (f64, f64) {
     match kind {
         SdfResidual::Absolute => (size, if size > 0.0 { residual.signum() } else { 0.0 }),
         SdfResidual::NoiseScaled { sigmas } => {
-            // Below half a truncation distance there is always an absolute part between the two ends.
+            // The quadratic part ends at half a truncation distance at most, so that an absolute part always
+            // follows.
             let knee = (sigmas * sigma).clamp(1e-9, 0.5);
             if size < knee {
                 (0.5 * residual * residual / knee, residual / knee)
             } else if size < 1.0 {
                 (size - 0.5 * knee, residual.signum())
             } else {
-                // Beyond the truncation the other state knows no surface: no pull.
+                // Beyond the truncation distance the other state knows no surface, so nothing pulls.
                 (1.0 - 0.5 * knee, 0.0)
             }
         }

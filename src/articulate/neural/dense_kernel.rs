@@ -1,7 +1,7 @@
 //! Small dense layers on point-major activations: the arithmetic of the segmentation networks.
 //!
-//! Every product is built from one register tile, compiled twice: with AVX2 and FMA where the processor has
-//! them (found at run time), else for the baseline target.
+//! Every product is built from one register tile and compiled twice: with AVX2 and FMA for processors that
+//! have them (detected at run time), and for the baseline target.
 
 /// A product `C[rows][n] += A B`, `A[r][i] = a[r * row_stride + i * depth_stride]`, `B[i][j] = b[i * n + j]`;
 /// `n` is a multiple of 8.
@@ -25,14 +25,14 @@ pub(crate) fn multiply_transposed(a: &[f32], k: usize, b: &[f32], n: usize, c: &
     run(Product { a, row_stride: 1, depth_stride: k, depth: a.len() / k, b, n }, c);
 }
 
-/// Runs the build of [`all_rows`] for this processor.
+/// Runs the version of [`all_rows`] for this processor.
 fn run(product: Product<'_>, c: &mut [f32]) {
     #[cfg(target_arch = "x86_64")]
     if std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma") {
         // SAFETY: both features were found on this processor.
         return unsafe { run_avx2(product, c) };
     }
-    // Without the hardware instruction a fused product would be a call of the math library.
+    // Without the hardware instruction, a fused multiply-add would call the math library.
     all_rows::<{ cfg!(target_arch = "aarch64") }>(product, c);
 }
 

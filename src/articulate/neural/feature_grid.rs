@@ -1,6 +1,6 @@
 //! A dense node-aligned feature grid over the normalised cube `[-1, 1]^3` with trilinear interpolation.
 
-/// Features of a node of the segmentation grid (docs/method.md 12.7).
+/// Number of features at a node of the segmentation grid (docs/method.md 12.7).
 pub(crate) const FEATURES: usize = 20;
 
 /// Where a point lies in a grid of `nodes` nodes a side: x varies fastest, then y, then z.
@@ -9,12 +9,12 @@ pub(crate) struct Cell {
     base: usize,
     nodes: usize,
     fraction: [f32; 3],
-    /// Node spacings per unit; zero along an axis where the point is outside and was clamped.
+    /// Node spacings per unit; zero along an axis on which the point was outside and has been clamped.
     slope: [f32; 3],
 }
 
 impl Cell {
-    /// The cell of a normalised point; one outside the cube takes the values at the nearest border.
+    /// The cell of a normalised point; a point outside the cube gets the values at the nearest border.
     pub(crate) fn cell_of(nodes: usize, point: [f32; 3]) -> Self {
         let scale = 0.5 * (nodes - 1) as f32;
         let mut corner = [0; 3];
@@ -57,7 +57,8 @@ impl Cell {
         out[..FEATURES].copy_from_slice(&sum);
     }
 
-    /// Adds a gradient by the interpolated features to the gradient by the grid, and marks the nodes touched.
+    /// Turns a gradient by the interpolated features into one by the grid, adds it, and marks the nodes as
+    /// touched.
     pub(crate) fn scatter(&self, by_features: &[f32], by_grid: &mut [f32], touched: &mut [bool]) {
         for (node, weight) in self.corners() {
             touched[node] = true;

@@ -13,8 +13,8 @@ pub(crate) struct LabelSet {
 }
 
 impl LabelSet {
-    /// Mean cross-entropy (nats) of `count` random points, each moved by up to `reach` (normalised) along
-    /// every axis: the space around the surface takes its label too. Adds to the gradient.
+    /// Mean cross-entropy (nats) of `count` random points, and adds its gradient. Each point is moved by up
+    /// to `reach` (normalised) along every axis, so that the space around the surface takes its label too.
     pub(crate) fn loss(
         &self,
         field: &SegmentationField,

@@ -2,21 +2,21 @@
 
 use crate::neural::motion_params::MotionGradient;
 
-/// Points of a parallel work item. Fixed: sums have the same order for every number of threads.
+/// Points per parallel work item. Fixed, so that sums have the same order for every number of threads.
 pub(crate) const CHUNK: usize = 256;
 
 /// Value and gradients of a loss.
 pub(crate) struct LossTerm {
-    /// Not multiplied by the weight of the term.
+    /// Value, not multiplied by the weight of the term.
     pub value: f64,
-    /// By the part probabilities of the points of the loss, `parts` a point.
+    /// Gradient by the part probabilities of the points, `parts` values a point.
     pub by_probabilities: Vec<f32>,
-    /// By the motions.
+    /// Gradient by the motions.
     pub by_motions: MotionGradient,
 }
 
 impl LossTerm {
-    /// No loss on a number of points.
+    /// A zero loss for a number of points.
     pub(crate) fn zero(points: usize, parts: usize) -> Self {
         Self {
             value: 0.0,

@@ -12,11 +12,11 @@ use crate::{
     observations::LiftedMatch,
 };
 
-/// Least deviation of a match, truncation distances.
+/// Least standard deviation of a match, truncation distances.
 /// chosen: far below any match's; it keeps the slope finite
 const LEAST_SIGMA: f64 = 1e-6;
 
-/// Some matches, the state they end in and the motions.
+/// Some matches, the state they are moved to, and the motions.
 pub(crate) struct Matching<'a> {
     pub matches: &'a [LiftedMatch],
     /// The state the points are moved to.
@@ -31,7 +31,7 @@ impl Matching<'_> {
         if way == Way::Forward { pair.point0 } else { pair.point1 }
     }
 
-    /// The state the points are moved to.
+    /// Index of the state the points are moved to.
     fn end(&self) -> usize {
         usize::from(self.way == Way::Forward)
     }
@@ -66,7 +66,7 @@ impl Matching<'_> {
             let by_blend = (world_from_camera.rotation * by_camera) / self.target.scene.scale;
             Some(((residual[0].abs() + residual[1].abs()) / height, by_blend))
         });
-        // Known only now: matches with their image behind the camera do not count.
+        // The count is known only now: matches whose image is behind the camera do not count.
         let factor = 1.0 / valid.max(1) as f64;
         term.value *= factor;
         term.by_probabilities.iter_mut().for_each(|g| *g *= factor as f32);
@@ -94,7 +94,7 @@ impl Matching<'_> {
         })
     }
 
-    /// Sums a loss of the blended image, given with its gradient by the image.
+    /// Sums a loss of the blended image, given together with its gradient by the image.
     fn sum(
         &self,
         probabilities: &[f32],

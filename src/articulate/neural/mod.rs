@@ -1,4 +1,4 @@
-//! Stage 2 of the neural method: segmentation fields and motions, refined until the states agree.
+//! Stage 2 of the neural method: segmentation fields and motions are refined until the states agree.
 
 pub(crate) mod adam;
 pub(crate) mod collision;

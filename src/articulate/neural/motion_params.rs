@@ -13,14 +13,14 @@ use geometry::{Pose, SceneBox, exp_so3};
 /// Direction of a motion between the states.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Way {
-    /// State 0 to state 1.
+    /// From state 0 to state 1.
     Forward,
-    /// State 1 to state 0.
+    /// From state 1 to state 0.
     Backward,
 }
 
 impl Way {
-    /// The way out of a state.
+    /// The direction from a state to the other one.
     pub(crate) fn from_state(state: usize) -> Self {
         if state == 0 { Self::Forward } else { Self::Backward }
     }
@@ -39,10 +39,10 @@ pub(crate) struct Motions {
     moments: Moments<f64>,
 }
 
-/// Gradient by the motions: torque and force a part.
+/// Gradient by the motions: torque and force for each part.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct MotionGradient {
-    /// By the left rotation step and by the translation.
+    /// Gradient by the left rotation step and by the translation.
     pub parts: Vec<[Vector3<f64>; 2]>,
 }
 
@@ -50,7 +50,7 @@ impl Motions {
     /// Motions from world transforms `state1_from_state0`.
     pub(crate) fn from_world(world: &[Pose], scene: &SceneBox) -> Self {
         let mut parts: Vec<Pose> = world.iter().map(|m| scene.normalised_motion(m)).collect();
-        // Still to 1e-9 by the checks, and exactly from here on.
+        // The checks require it to 1e-9; from here on it is exact.
         parts[0] = Pose::identity();
         let moments = Moments::new(6 * parts.len());
         Self { parts, moments }
@@ -61,7 +61,7 @@ impl Motions {
         self.parts.iter().map(|m| scene.world_motion(m)).collect()
     }
 
-    /// Takes a normalised point along with a part.
+    /// Moves a normalised point with a part.
     pub(crate) fn apply(&self, part: usize, way: Way, point: &Point3<f64>) -> Point3<f64> {
         match way {
             Way::Forward => self.parts[part] * point,
@@ -69,7 +69,7 @@ impl Motions {
         }
     }
 
-    /// Turns a direction along with a part.
+    /// Rotates a direction with a part.
     pub(crate) fn turn(&self, part: usize, way: Way, direction: &Vector3<f64>) -> Vector3<f64> {
         match way {
             Way::Forward => self.parts[part].rotation * direction,
@@ -83,7 +83,7 @@ impl Motions {
             gradient.parts.iter().flat_map(|[w, t]| [w.x, w.y, w.z, t.x, t.y, t.z]).collect();
         let change = self.moments.steps(&flat, rate);
         for (part, d) in self.parts.iter_mut().zip(change.chunks_exact(6)).skip(1) {
-            // Renormalized, because thousands of products drift off the unit quaternions.
+            // Renormalized, because thousands of products drift away from unit length.
             let rotation = exp_so3(&Vector3::new(d[0], d[1], d[2])) * part.rotation;
             part.rotation = UnitQuaternion::new_normalize(rotation.into_inner());
             part.translation.vector += Vector3::new(d[3], d[4], d[5]);
@@ -92,7 +92,7 @@ impl Motions {
 }
 
 impl MotionGradient {
-    /// No gradient.
+    /// A zero gradient.
     pub(crate) fn zero(parts: usize) -> Self {
         Self { parts: vec![[Vector3::zeros(); 2]; parts] }
     }

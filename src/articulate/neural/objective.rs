@@ -20,7 +20,7 @@ use crate::{
     observations::LiftedMatch,
 };
 
-/// Loss terms of a step, each the mean over the two states and not weighted, and their weighted total.
+/// Loss terms of a step, each unweighted and the mean of the two states, and their weighted total.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ArticulationLosses {
     /// Signed distance consistency, truncation distances.
@@ -39,7 +39,7 @@ pub struct ArticulationLosses {
     pub matching_3d: f64,
     /// Cross-entropy of given labels, nats, while they are fitted.
     pub labels: f64,
-    /// The minimised weighted sum.
+    /// The weighted sum that is minimised.
     pub total: f64,
 }
 
@@ -65,11 +65,11 @@ impl ArticulationLosses {
 pub(crate) struct StateBatch<'a> {
     /// Samples of this state's rays.
     pub rays: &'a RayBatch,
-    /// Matches, moved out of this state.
+    /// Matches, moved from this state to the other.
     pub matches: &'a [LiftedMatch],
     /// Points of the other state for occupancy and collision; `None` while these losses are not active.
     pub uniform: Option<&'a UniformBatch>,
-    /// Samples of the other state's rays, for collision; as above.
+    /// Samples of the other state's rays, for collision; `None` while that loss is not active.
     pub collision: Option<&'a [Point3<f64>]>,
     /// Noise on the logits.
     pub noise: GumbelNoise,
@@ -79,13 +79,13 @@ pub(crate) struct StateBatch<'a> {
 pub(crate) struct Objective<'a> {
     pub source: &'a Volume<'a>,
     pub target: &'a Volume<'a>,
-    /// From source to target.
+    /// The direction from source to target.
     pub way: Way,
     pub motions: &'a Motions,
     pub config: &'a ArticulationConfig,
 }
 
-/// Query points of the segmentation, group after group, with the returned gradients.
+/// Query points of the segmentation, group after group, with the gradients returned for them.
 struct Queries {
     parts: usize,
     points: Vec<[f32; 3]>,
@@ -96,7 +96,7 @@ struct Queries {
 }
 
 impl Queries {
-    /// Adds a group; every point has an index for its noise.
+    /// Adds a group; the index of a point determines its noise.
     fn push(
         &mut self,
         noise: GumbelNoise,
@@ -116,7 +116,7 @@ impl Queries {
         range.start * self.parts..range.end * self.parts
     }
 
-    /// Takes in a loss on a group, and gives its value.
+    /// Adds a weighted loss on a group, and returns its value.
     fn add(&mut self, range: &std::ops::Range<usize>, weight: f64, term: LossTerm) -> f64 {
         let row = self.row(range);
         for (sum, g) in self.by_probabilities[row].iter_mut().zip(&term.by_probabilities) {
@@ -137,7 +137,7 @@ impl Objective<'_> {
         gradient: &mut SegmentationGradient,
     ) -> (ArticulationLosses, MotionGradient) {
         let parts = field.parts;
-        // Points of the other state are carried back to this one, the state of the segmentation.
+        // Points of the other state are moved back to this one, the state of the segmentation.
         let back = self.way.reverse();
         let uniform = batch
             .uniform
@@ -165,7 +165,7 @@ impl Objective<'_> {
             queries.push(batch.noise, group, candidates.map(|c| ((c.point * parts + c.part) as u64, c.image)))
         });
 
-        // All groups in one pass: a pass has a fixed cost, and every group asks the same field.
+        // All groups in one pass: a pass has a fixed cost, and all groups query the same field.
         let activations = field.forward(&queries.points, std::mem::take(&mut gradient.spare));
         let probabilities = softmax(&activations, parts, Some(&queries.noise));
         queries.by_probabilities = vec![0.0; probabilities.len()];
@@ -187,7 +187,7 @@ impl Objective<'_> {
         let by_logits =
             softmax_backward(&probabilities, &queries.by_probabilities, parts, activations.stride);
         let by_points = field.backward(&queries.points, activations, &by_logits, gradient);
-        // Motions also decide the places of the candidates.
+        // Motions also determine the places of the candidates.
         for (flow, range) in [(&uniform, filled), (&contact, touching)] {
             if let Some(flow) = flow {
                 queries.by_motions.merge(&flow.by_motions(&by_points[range]));

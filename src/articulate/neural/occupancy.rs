@@ -1,9 +1,9 @@
-//! Occupancy carried back from one state into the other (docs/method.md 12.7), and its loss against the
+//! Occupancy moved back from one state into the other (docs/method.md 12.7), and its loss against the
 //! occupancy there (docs/method.md 12.8).
 //!
-//! A point `x` of the `here` state has, in the other state, the candidates `x_i = T_i^-1 x`; the part
-//! probability of each times the occupancy there is `m_i`, and `O(x) = sum_i m_i` is the occupancy by all
-//! parts moved here.
+//! A point `x` of the `here` state has, in the other state, the candidates `x_i = T_i^-1 x`. `m_i` is the
+//! part probability of a candidate times the occupancy there, and `O(x) = sum_i m_i` is the occupancy due to
+//! all parts moved here.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -15,14 +15,14 @@ use crate::neural::{
     state_model::Volume,
 };
 
-/// A candidate with occupancy: only these depend on the segmentation.
+/// A candidate in occupied space: only these depend on the segmentation.
 #[derive(Clone, Copy)]
 pub(crate) struct Candidate {
     /// Index of the point `x`.
     pub point: usize,
-    /// Part.
+    /// Index of the part.
     pub part: usize,
-    /// `x_i`, normalised, in the other state.
+    /// `x_i` in the other state, normalised.
     pub image: Point3<f64>,
     occupancy: f64,
     by_image: Vector3<f64>,
@@ -34,9 +34,9 @@ pub(crate) struct BackwardFlow<'a> {
     /// Weight of every point; the mean over the points of `weight * f` estimates the mean of `f`.
     weights: Option<&'a [f64]>,
     motions: &'a Motions,
-    /// From here to the other state.
+    /// The direction from here to the other state.
     way: Way,
-    /// Candidates, by point and then part.
+    /// Candidates, sorted by point and then by part.
     pub candidates: Vec<Candidate>,
 }
 
@@ -91,7 +91,7 @@ impl<'a> BackwardFlow<'a> {
         sums
     }
 
-    /// Mean over the points of a loss of `O(x)`, given with its derivative.
+    /// Mean over the points of a loss of `O(x)`, given together with its derivative.
     pub(crate) fn occupancy_mean_loss(
         &self,
         probabilities: &[f32],
@@ -100,7 +100,7 @@ impl<'a> BackwardFlow<'a> {
         let parts = self.motions.parts.len();
         let share = 1.0 / self.points.len().max(1) as f64;
         let predicted = self.occupancy(probabilities);
-        // The derivative of a point is needed by several of its candidates.
+        // Computed once per point, as several of its candidates need the derivative.
         let each: Vec<(f64, f64)> = predicted.par_iter().enumerate().map(|(k, o)| loss(k, *o)).collect();
         let mut term = LossTerm::zero(self.candidates.len(), parts);
         term.value = each.iter().enumerate().map(|(k, (value, _))| share * self.weight(k) * value).sum();
@@ -124,9 +124,9 @@ impl<'a> BackwardFlow<'a> {
     }
 }
 
-/// Occupancy consistency, mean of `v (O(x) - target(x))^2`, with `v` 1 where the point was seen here and one
-/// of its candidates in the other state, else the unseen weight. The target is the occupancy of the points'
-/// own state; the released program takes the other state's at the same place.
+/// Occupancy consistency: the mean of `v (O(x) - target(x))^2`, where `v` is 1 if the point was seen here and
+/// one of its candidates in the other state, else the unseen weight. The target is the occupancy of the
+/// points' own state; the released program takes the other state's at the same place.
 pub(crate) fn occupancy_loss(
     flow: &BackwardFlow<'_>,
     probabilities: &[f32],
@@ -142,7 +142,7 @@ pub(crate) fn occupancy_loss(
         };
         // docs/method.md (12.17).
         let error = predicted - target;
-        // Most points; visibility is asked only where it counts.
+        // True for most points; visibility is queried only where it counts.
         if error == 0.0 {
             return (0.0, 0.0);
         }

@@ -56,8 +56,7 @@ pub struct ArticulationProblem<'a> {
     pub parts: usize,
 }
 
-/// The changing state of the search: a continued run gives the same result bit for bit as an uninterrupted
-/// one.
+/// The changing state of the search: a resumed run gives bit for bit the same result as an uninterrupted one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ArticulationCheckpoint {
     seed: u64,
@@ -68,8 +67,8 @@ pub struct ArticulationCheckpoint {
     moments: [FieldMoments; 2],
 }
 
-/// Optimises part segmentation and motions. One [`Self::step`] covers both states: the segmentation of a
-/// state gets its own gradients, the motions the sum of both.
+/// Optimises part segmentation and motions. One [`Self::step`] covers both states: each segmentation gets its
+/// own gradient, the motions get the sum of both.
 pub struct ArticulationTrainer<'a> {
     volumes: [Volume<'a>; 2],
     occupied: [OccupiedVoxels; 2],
@@ -104,7 +103,7 @@ impl<'a> ArticulationTrainer<'a> {
         check_motions(start.motions, parts)?;
         check_labels(start.labels, parts)?;
 
-        // A registration is near the goal: fewer and smaller steps.
+        // A registration is close to the solution: fewer and smaller steps.
         let (main_steps, motion_rate) = match start.motions {
             None => (config.identity_steps, config.identity_motion_rate),
             Some(_) => (config.refine_steps, config.refine_motion_rate),
@@ -126,7 +125,7 @@ impl<'a> ArticulationTrainer<'a> {
             })
         });
         let fields = STREAMS.map(|name| {
-            // The number of a step never taken: initial values draw from a stream of their own.
+            // The number of a step that is never taken: initial values use a random stream of their own.
             SegmentationField::random_field(parts, config.grid_nodes, &mut stage_rng(seed, name, u64::MAX))
         });
         let moments = [FieldMoments::new(&fields[0]), FieldMoments::new(&fields[1])];
@@ -153,13 +152,13 @@ impl<'a> ArticulationTrainer<'a> {
         })
     }
 
-    /// Steps in all, those of the fit of labels included.
+    /// Total number of steps, including those of the label fit.
     #[must_use]
     pub fn total_steps(&self) -> usize {
         self.state.total
     }
 
-    /// Steps taken.
+    /// Number of steps taken.
     #[must_use]
     pub fn steps(&self) -> usize {
         self.state.steps
@@ -171,7 +170,7 @@ impl<'a> ArticulationTrainer<'a> {
         self.state.steps >= self.state.total
     }
 
-    /// One optimiser step; the losses are those before it.
+    /// Takes one optimiser step; returns the losses before it.
     pub fn step(&mut self) -> ArticulationLosses {
         let losses = if self.state.steps < self.label_steps { self.label_step() } else { self.motion_step() };
         self.state.steps += 1;
@@ -184,7 +183,7 @@ impl<'a> ArticulationTrainer<'a> {
         self.state.motions.world(&self.scene)
     }
 
-    /// Part probabilities at world points of a state, `parts` a point.
+    /// Part probabilities at world points of a state, `parts` values a point.
     #[must_use]
     pub fn probabilities(&self, state: usize, points: &[Point3<f64>]) -> Vec<f32> {
         let normalised: Vec<[f32; 3]> =
@@ -192,7 +191,7 @@ impl<'a> ArticulationTrainer<'a> {
         self.state.fields[state].probabilities(&normalised)
     }
 
-    /// The most probable part at world points of a state; the first of equals.
+    /// The most probable part at world points of a state; of equals the first.
     #[must_use]
     pub fn labels(&self, state: usize, points: &[Point3<f64>]) -> Vec<u8> {
         let probabilities = self.probabilities(state, points);
@@ -235,14 +234,14 @@ impl<'a> ArticulationTrainer<'a> {
         let step = self.state.steps as u64;
         let fields = &self.state.fields;
         let count = self.config.label_points;
-        // Half a cell around the surface.
+        // Half a cell of the grid.
         let reach = 1.0 / (self.config.grid_nodes - 1) as f64;
         let [g0, g1] = &mut self.gradients;
         let (a, b) = rayon::join(
             || labels[0].loss(&fields[0], count, reach, g0, &mut stage_rng(seed, STREAMS[0], step)),
             || labels[1].loss(&fields[1], count, reach, g1, &mut stage_rng(seed, STREAMS[1], step)),
         );
-        // Labels are only a start: their rate does not fall.
+        // Labels are only a start, so their learning rate does not fall.
         self.step_fields(self.config.field_rate[0]);
         let mean = 0.5 * (a + b);
         ArticulationLosses { labels: mean, total: mean, ..ArticulationLosses::default() }
@@ -261,15 +260,15 @@ impl<'a> ArticulationTrainer<'a> {
     /// Losses and gradients of both states at fresh samples.
     fn losses_and_gradients(&mut self, volumes_active: bool) -> (ArticulationLosses, MotionGradient) {
         let Self { volumes, occupied, matches, config, state, gradients, typical_sigma_m, .. } = self;
-        // By the number of the step: a continued run has the same draws as an uninterrupted one.
+        // Seeded by the step number, so that a resumed run draws the same as an uninterrupted one.
         let mut rngs = STREAMS.map(|name| stage_rng(state.seed, name, state.steps as u64));
         let [r0, r1] = &mut rngs;
         let (a, b) = rayon::join(
             || RayBatch::draw(&volumes[0], config, typical_sigma_m[0], r0),
             || RayBatch::draw(&volumes[1], config, typical_sigma_m[1], r1),
         );
-        // Both states' rays serve both states' losses: as samples of their own, as collision points of the
-        // other.
+        // The rays of both states serve the losses of both: as a state's own samples and as collision points
+        // of the other.
         let step = StepInputs { volumes, occupied, matches, config, state, rays: [a, b], volumes_active };
         let [g0, g1] = gradients;
         let [r0, r1] = &mut rngs;
@@ -296,13 +295,13 @@ struct StepInputs<'s, 'a> {
     config: &'s ArticulationConfig,
     state: &'s ArticulationCheckpoint,
     rays: [RayBatch; 2],
-    /// Whether occupancy and collision count.
+    /// Whether the occupancy and collision losses are active.
     volumes_active: bool,
 }
 
 impl StepInputs<'_, '_> {
-    /// Losses of the segmentation of state `source` at fresh samples, and their gradient by the motions; adds
-    /// to the gradient of the field.
+    /// Losses of the segmentation of state `source` at fresh samples, and their gradient by the motions. Adds
+    /// the gradient by the field.
     fn state_losses(
         &self,
         source: usize,
@@ -336,7 +335,7 @@ impl StepInputs<'_, '_> {
     }
 }
 
-/// Up to `count` matches: all of them, or a random choice with replacement.
+/// Up to `count` matches: all of them, or as many drawn at random with replacement.
 fn choose_matches(matches: &[LiftedMatch], count: usize, rng: &mut impl Rng) -> Vec<LiftedMatch> {
     if matches.len() <= count {
         matches.to_vec()

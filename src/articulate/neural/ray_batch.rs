@@ -10,33 +10,33 @@ use crate::neural::{
 };
 use numeric::random::{index_below, unit_uniform};
 
-/// Steepness of the weight near the surface, 1 / truncation distance.
+/// Steepness of the near-surface weight, 1 / truncation distance.
 /// derived: the published one, docs/method.md (12.15)
 const STEEPNESS: f64 = 5.0;
-/// Least distance without weight in the released program, truncation distances.
+/// Signed distance from which the released program gives no weight, truncation distances.
 /// derived: docs/method.md 12.9
 const RELEASED_CUT: f64 = 0.05;
-/// Divisor of the distance in the released program.
+/// Number by which the released program divides the distance.
 /// derived: docs/method.md 12.9
 const RELEASED_SCALE: f64 = 0.03;
 
-/// Samples of some rays, ray-major.
+/// Samples on some rays; all samples of a ray are adjacent.
 pub(crate) struct RayBatch {
     /// Samples on every ray.
     pub samples_per_ray: usize,
     /// Normalised positions.
     pub points: Vec<Point3<f64>>,
-    /// The state's own signed distance at them, truncation distances.
+    /// Signed distance of the state itself at the samples, truncation distances.
     pub sdf: Vec<f64>,
-    /// Their near-surface weight, docs/method.md (12.15), times the weight of the ray.
+    /// Near-surface weight of each sample, docs/method.md (12.15), times the weight of its ray.
     pub weights: Vec<f64>,
-    /// Whether the state saw them.
+    /// Whether the state saw each sample.
     pub visible: Vec<bool>,
     /// Expected standard deviation of every ray's depth, truncation distances.
     pub sigma: Vec<f64>,
     /// Unit world direction of every ray.
     pub directions: Vec<Vector3<f64>>,
-    /// One sample of every ray, drawn by weight: where colors are compared.
+    /// Index of one sample of every ray, drawn by weight: colors are compared there.
     pub colored: Vec<usize>,
 }
 
@@ -51,7 +51,7 @@ impl RayBatch {
     ) -> Self {
         let rays = volume.model.rays;
         let samples = config.samples_per_ray;
-        // Random numbers are drawn one after the other; only the computation of the samples runs in parallel.
+        // Random numbers are drawn sequentially; only the samples are computed in parallel.
         let chosen: Vec<SurfaceRay> = (0..config.rays).map(|_| rays[index_below(rng, rays.len())]).collect();
         let jitter: Vec<f64> = (0..config.rays * samples).map(|_| unit_uniform(rng)).collect();
         let picks: Vec<f64> = (0..config.rays).map(|_| unit_uniform(rng)).collect();
@@ -87,8 +87,8 @@ struct RaySample {
     visible: bool,
 }
 
-/// The sample of a ray at a `share`, in `[0, 1)`, of the range of one truncation distance around its depth;
-/// `trust` is the weight of the ray.
+/// The sample of a ray at a `share`, in `[0, 1)`, of the interval of one truncation distance either side of
+/// its depth; `trust` is the weight of the ray.
 fn ray_sample(
     ray: &SurfaceRay,
     share: f64,
@@ -105,7 +105,7 @@ fn ray_sample(
     RaySample { point, sdf, weight, visible: volume.is_visible(&point) }
 }
 
-/// Index drawn in proportion to the weights by a uniform number in `[0, 1)`.
+/// Selects an index in proportion to the weights with a uniform number in `[0, 1)`.
 fn draw_by_weight(weights: &[f64], pick: f64) -> usize {
     let mut left = pick * weights.iter().sum::<f64>();
     for (i, w) in weights.iter().enumerate() {
@@ -114,12 +114,12 @@ fn draw_by_weight(weights: &[f64], pick: f64) -> usize {
             return i;
         }
     }
-    // Rounding may leave a rest, and weights may all be 0.
+    // Rounding may leave a remainder, and all weights may be 0.
     weights.len() - 1
 }
 
-/// Weight of a sample by its signed distance in truncation distances (docs/method.md 12.8;
-/// docs/method.md 12.9 for the released one).
+/// Weight of a sample from its signed distance in truncation distances (docs/method.md 12.8; docs/method.md
+/// 12.9 for the released one).
 fn near_surface_weight(sdf: f64, version: MethodVersion) -> f64 {
     let q = match version {
         MethodVersion::Paper if sdf.abs() < 1.0 => sdf,

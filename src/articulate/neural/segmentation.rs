@@ -1,6 +1,6 @@
-//! The soft part segmentation field of one state (docs/method.md 12.7): a dense feature grid beside the
-//! position, then `23 -> 64 -> 64 -> parts` with ReLU, softmax outside. Hand-written forward and backward
-//! passes.
+//! The soft part segmentation field of one state (docs/method.md 12.7): the features of a dense grid and the
+//! position go through layers `23 -> 64 -> 64 -> parts` with ReLU; softmax is applied outside. Forward and
+//! backward passes are written by hand.
 
 use rand_core::Rng;
 use rayon::prelude::*;
@@ -12,11 +12,11 @@ use crate::neural::{
 };
 use numeric::random::{STREAM_STEP, split_mix};
 
-/// Width of the network's input: grid features, x, y, z, and one zero that fills a vector register.
+/// Width of the network's input: grid features, x, y, z, and one zero to fill a vector register.
 const INPUTS: usize = 24;
 /// Width of both hidden layers.
 const HIDDEN: usize = 64;
-/// Points of a work item. Fixed: sums have the same order for every number of threads.
+/// Points per work item. Fixed, so that sums have the same order for every number of threads.
 const CHUNK: usize = 256;
 
 /// A dense layer, weights input-major: `y[o] = biases[o] + sum_i x[i] weights[i * outputs + o]`. The output
@@ -34,8 +34,8 @@ pub(crate) struct Dense {
 }
 
 impl Dense {
-    /// Weights and biases uniform in `+-1/sqrt(fan_in)`; rows of unused inputs and columns of unused outputs
-    /// are zero.
+    /// A layer with weights and biases uniform in `+-1/sqrt(fan_in)`; rows of unused inputs and columns of
+    /// unused outputs are zero.
     fn random_layer(
         inputs: usize,
         outputs: usize,
@@ -44,7 +44,7 @@ impl Dense {
         rng: &mut impl Rng,
     ) -> Self {
         let bound = 1.0 / (used_inputs as f32).sqrt();
-        // Drawn for used values alone: the padding does not shift the initial values.
+        // Drawn for used values only, so that padding does not change the initial values.
         let mut draw = || ((rng.next_u32() >> 8) as f32 / (1u32 << 23) as f32 - 1.0) * bound;
         let mut layer = Self::zeros(inputs, outputs);
         for i in 0..used_inputs {
@@ -63,7 +63,7 @@ impl Dense {
     }
 
     fn forward(&self, x: &[f32], y: &mut [f32], relu: bool) {
-        // The product is added to the present values: the biases go first.
+        // The product is added to existing values, so the biases are written first.
         for row in y.chunks_exact_mut(self.outputs) {
             row.copy_from_slice(&self.biases);
         }
@@ -73,7 +73,7 @@ impl Dense {
         }
     }
 
-    /// Adds the gradients of a chunk by weights and biases.
+    /// Adds the gradients of a chunk by the weights and biases.
     fn add_gradient(&mut self, x: &[f32], by_y: &[f32]) {
         multiply_transposed(x, self.inputs, by_y, self.outputs, &mut self.weights);
         for row in by_y.chunks_exact(self.outputs) {
@@ -105,7 +105,7 @@ pub(crate) struct SegmentationField {
     pub layers: [Dense; 3],
 }
 
-/// Values of a forward pass for the backward pass.
+/// Values of a forward pass that the backward pass needs.
 #[derive(Default)]
 pub(crate) struct Activations {
     inputs: Vec<f32>,
@@ -116,23 +116,23 @@ pub(crate) struct Activations {
     pub stride: usize,
 }
 
-/// Gradients by the parameters of one field. The grid's part is accumulated; see
+/// Gradients by the parameters of one field. The grid's gradient accumulates; see
 /// [`SegmentationField::backward`].
 pub(crate) struct SegmentationGradient {
-    /// By the grid features.
+    /// Gradient by the grid features.
     pub grid: Vec<f32>,
-    /// Nodes with a gradient at any time.
+    /// Nodes that have had a gradient at any time.
     pub touched: Vec<bool>,
-    /// By the layers.
+    /// Gradient by the layers.
     pub layers: [Dense; 3],
-    /// Memory of an earlier forward pass, to be used again.
+    /// Buffers of an earlier forward pass, for reuse.
     pub spare: Activations,
 }
 
 impl SegmentationField {
-    /// A fresh field: grid features zero, layers uniform in `+-1/sqrt(inputs)`.
+    /// A new field: grid features zero, layers uniform in `+-1/sqrt(inputs)`.
     pub(crate) fn random_field(parts: usize, nodes: usize, rng: &mut impl Rng) -> Self {
-        // Whole vector registers: the unused outputs stay zero.
+        // Rounded up to whole vector registers; the unused outputs stay zero.
         let outputs = parts.next_multiple_of(8);
         let layers = [
             Dense::random_layer(INPUTS, HIDDEN, INPUTS - 1, HIDDEN, rng),
@@ -163,7 +163,7 @@ impl SegmentationField {
         std::array::from_fn(|k| Dense::zeros(self.layers[k].inputs, self.layers[k].outputs))
     }
 
-    /// Logits at normalised points, with all values for the backward pass; `spare` lends its memory.
+    /// Logits at normalised points, with all values for the backward pass; the buffers of `spare` are reused.
     pub(crate) fn forward(&self, points: &[[f32; 3]], spare: Activations) -> Activations {
         let n = points.len();
         let stride = self.layers[2].outputs;
@@ -189,7 +189,7 @@ impl SegmentationField {
                 for (p, row) in points.iter().zip(x.chunks_exact_mut(INPUTS)) {
                     Cell::cell_of(self.nodes, *p).gather(&self.grid, row);
                     row[FEATURES..FEATURES + 3].copy_from_slice(p);
-                    // The memory may hold values of an earlier pass.
+                    // The buffer may hold values of an earlier pass.
                     row[FEATURES + 3..].fill(0.0);
                 }
                 self.layers[0].forward(x, h1, true);
@@ -200,7 +200,7 @@ impl SegmentationField {
     }
 
     /// Back-propagates `by_logits` (row width `activations.stride`, zero beyond the parts): adds to
-    /// `gradient` and returns the gradient by every normalised point. Uses the activations up.
+    /// `gradient` and returns the gradient by every normalised point. Consumes the activations.
     pub(crate) fn backward(
         &self,
         points: &[[f32; 3]],
@@ -231,7 +231,7 @@ impl SegmentationField {
                     layers[1].add_gradient(h1, &by_h2);
                     let by_h1 = through_relu(&by_h2, HIDDEN, &back[1], h1);
                     layers[0].add_gradient(x, &by_h1);
-                    // From here on, the gradient by the inputs takes their place.
+                    // From here on, `x` holds the gradient by the inputs.
                     x.fill(0.0);
                     multiply(&by_h1, HIDDEN, &back[0], INPUTS, x);
                     for ((p, g), row) in points.iter().zip(by_points).zip(x.chunks_exact(INPUTS)) {
@@ -241,14 +241,14 @@ impl SegmentationField {
                     layers
                 })
                 .collect();
-        // Summed in the order of the chunks: the number of threads does not matter.
+        // Summed in the order of the chunks, independent of the number of threads.
         for layers in &sums {
             for (total, part) in gradient.layers.iter_mut().zip(layers) {
                 total.weights.iter_mut().zip(&part.weights).for_each(|(t, p)| *t += p);
                 total.biases.iter_mut().zip(&part.biases).for_each(|(t, p)| *t += p);
             }
         }
-        // Several points may share a node: scattered on one thread.
+        // Several points may share a node, so this runs on one thread.
         for (p, row) in points.iter().zip(both.chunks_exact(INPUTS)) {
             Cell::cell_of(self.nodes, *p).scatter(
                 &row[..FEATURES],
@@ -260,7 +260,7 @@ impl SegmentationField {
         by_points
     }
 
-    /// Noiseless part probabilities at normalised points, `parts` a point.
+    /// Part probabilities without noise at normalised points, `parts` values a point.
     pub(crate) fn probabilities(&self, points: &[[f32; 3]]) -> Vec<f32> {
         let mut all = Vec::with_capacity(points.len() * self.parts);
         // Blocks keep the activations of a large query small.
@@ -281,7 +281,8 @@ fn through_relu(by_y: &[f32], outputs: usize, transposed: &[f32], x: &[f32]) -> 
     by_x
 }
 
-/// Softmax of the logits, plus noise (`parts` a point) if given; `parts` probabilities a point.
+/// Softmax of the logits, plus noise (`parts` values a point) if given; returns `parts` probabilities a
+/// point.
 pub(crate) fn softmax(activations: &Activations, parts: usize, noise: Option<&[f32]>) -> Vec<f32> {
     let mut p = Vec::with_capacity(activations.logits.len() / activations.stride * parts);
     for (i, row) in activations.logits.chunks_exact(activations.stride).enumerate() {
@@ -291,7 +292,7 @@ pub(crate) fn softmax(activations: &Activations, parts: usize, noise: Option<&[f
         if let Some(noise) = noise {
             row.iter_mut().zip(&noise[i * parts..]).for_each(|(v, g)| *v += g);
         }
-        // Without the largest logit, no exponential overflows.
+        // With the largest logit subtracted, no exponential overflows.
         let top = row.iter().fold(f32::NEG_INFINITY, |a, b| a.max(*b));
         row.iter_mut().for_each(|v| *v = (*v - top).exp());
         let sum: f32 = row.iter().sum();
@@ -300,8 +301,8 @@ pub(crate) fn softmax(activations: &Activations, parts: usize, noise: Option<&[f
     p
 }
 
-/// Turns a gradient by probabilities (`parts` a point) into one by logits (`stride` a point, zero beyond the
-/// parts).
+/// Turns a gradient by probabilities (`parts` values a point) into one by logits (`stride` values a point,
+/// zero beyond the parts).
 pub(crate) fn softmax_backward(
     probabilities: &[f32],
     by_probabilities: &[f32],
@@ -319,20 +320,20 @@ pub(crate) fn softmax_backward(
     by_logits
 }
 
-/// Gumbel(0, 1) noise as a function of its logit: it does not depend on other queries.
+/// Gumbel(0, 1) noise that depends only on the index of its logit, not on other queries.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct GumbelNoise {
-    /// Changes all of it; `None` is no noise.
+    /// Key of the noise; `None` means no noise.
     pub key: Option<u64>,
 }
 
 impl GumbelNoise {
-    /// Noise of a logit, named by a group of points and an index in it.
+    /// Noise of a logit, identified by a group of points and an index in it.
     pub(crate) fn noise_at(self, group: u64, index: u64) -> f32 {
         let Some(key) = self.key else { return 0.0 };
         // SplitMix64 at position `index` of the stream of the group.
         let x = split_mix(key.wrapping_add((group << 48 | index).wrapping_mul(STREAM_STEP)));
-        // 23 bits: the half is exact and the result is never 0 or 1.
+        // 23 bits: adding one half is exact, and the result is never 0 or 1.
         let uniform = ((x >> 41) as f32 + 0.5) / (1u32 << 23) as f32;
         // docs/method.md (12.11).
         -(-uniform.ln()).ln()

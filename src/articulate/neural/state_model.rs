@@ -1,4 +1,4 @@
-//! The frozen reconstruction of one state for the search for parts and motions.
+//! The frozen reconstruction of one state, as input of the search for parts and motions.
 
 use nalgebra::{Point3, Vector3};
 
@@ -11,7 +11,7 @@ use surface::ColorField;
 pub struct SurfaceRay {
     /// Camera center, meters.
     pub origin: Point3<f64>,
-    /// Direction with unit z in the camera: `origin + direction * depth_m` is the point at a z-depth.
+    /// Direction with unit z in the camera, so that `origin + direction * depth_m` is the point at a z-depth.
     pub direction: Vector3<f64>,
     /// Measured z-depth, meters.
     pub depth_m: f64,
@@ -23,14 +23,14 @@ pub struct SurfaceRay {
     pub rgb: [f32; 3],
 }
 
-/// The data of one state. Nothing of it changes in the search for parts and motions.
+/// The data of one state. The search for parts and motions does not change it.
 #[derive(Clone, Copy)]
 pub struct StateModel<'a> {
     /// Signed distance in meters (negative inside), not truncated, node-aligned in the world frame.
     pub sdf: &'a Grid3<f32>,
-    /// Whether some view saw up to a node or beyond it (docs/method.md 3.5); the nearest node counts.
+    /// Whether some view saw as far as a node or beyond (docs/method.md 3.5); the nearest node counts.
     pub visible: &'a Grid3<bool>,
-    /// Colors.
+    /// Color field.
     pub color: &'a dyn ColorField,
     /// Rays to the object.
     pub rays: &'a [SurfaceRay],
@@ -44,7 +44,7 @@ pub(crate) struct Volume<'a> {
     pub model: StateModel<'a>,
     pub scene: SceneBox,
     pub truncation_m: f64,
-    /// Width over which occupancy falls, meters.
+    /// Width over which occupancy falls from 1 to 0, meters.
     pub ramp_m: f64,
     pub alignment: MethodVersion,
 }
@@ -81,13 +81,13 @@ impl Volume<'_> {
 
     fn sdf_m(&self, point: &Point3<f64>) -> (f64, Vector3<f64>) {
         let grid = self.model.sdf;
-        // The released program takes the grid for one of N cells a side, though it has N nodes.
+        // The released program treats the grid as one of N cells a side, though it has N nodes.
         let stretch = match self.alignment {
             MethodVersion::Paper => 1.0,
             MethodVersion::Released => grid.dims[0] as f64 / (grid.dims[0] - 1) as f64,
         };
         let (d, g) = grid.sample_with_gradient(&self.scene.to_world(&(point * stretch)));
-        // The gradient from meters to normalized units.
+        // Converts the gradient from meters to normalized units.
         (f64::from(d), g.cast::<f64>() * (stretch / self.scene.scale))
     }
 }

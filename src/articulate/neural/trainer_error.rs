@@ -1,4 +1,4 @@
-//! Refusals of the articulation trainer.
+//! Errors of the articulation trainer.
 
 /// Fewest parts: a static and a moving one.
 pub(crate) const MIN_PARTS: usize = 2;
@@ -7,61 +7,61 @@ pub(crate) const MAX_PARTS: usize = 64;
 /// An unusable input of the articulation trainer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TrainerError {
-    /// Number of parts out of range.
+    /// The number of parts is out of range.
     #[error(
         "{parts} parts were asked for; between 2 (a static and a moving one) and {MAX_PARTS} can be separated"
     )]
     Parts {
-        /// The wanted number.
+        /// The number asked for.
         parts: usize,
     },
-    /// A setting out of range.
+    /// A setting is out of range.
     #[error("articulation.{name} = {value} is out of range; {remedy}")]
     Setting {
         /// Its name.
         name: &'static str,
         /// Its value.
         value: String,
-        /// Accepted values.
+        /// What to set instead.
         remedy: &'static str,
     },
-    /// A state without rays.
+    /// A state has no rays.
     #[error(
         "state {state} has no surface ray; its frames hold no usable object depth: check masks, depth and \
          workspace"
     )]
     NoRays {
-        /// Number of the state.
+        /// Index of the state.
         state: usize,
     },
-    /// An input in conflict with the others.
+    /// An input contradicts the others.
     #[error("{what} of state {state}: {problem}")]
     Mismatch {
         /// Name of the input.
         what: &'static str,
-        /// Number of the state.
+        /// Index of the state.
         state: usize,
-        /// The fault and its remedy.
+        /// What is wrong, and what to do.
         problem: String,
     },
-    /// Initial motions not of the number of parts.
+    /// The number of initial motions is not the number of parts, or one of them is unusable.
     #[error("{got} initial motions for {parts} parts; give one finite motion a part, the first the identity")]
     InitialMotions {
-        /// Motions given.
+        /// Number of motions given.
         got: usize,
-        /// Parts asked for.
+        /// Number of parts asked for.
         parts: usize,
     },
-    /// A checkpoint of another problem.
+    /// The checkpoint belongs to another problem.
     #[error("the checkpoint belongs to another run ({what} differs); start again without --resume")]
     Checkpoint {
-        /// The difference.
+        /// What differs.
         what: &'static str,
     },
 }
 
 impl TrainerError {
-    /// Refuses a setting unless it is in range.
+    /// Returns an error for a setting unless it is in range.
     pub fn unless(
         in_range: bool,
         name: &'static str,

@@ -1,4 +1,4 @@
-//! Checks of the inputs of the articulation trainer.
+//! Checks the inputs of the articulation trainer.
 
 use nalgebra::Point3;
 
@@ -11,7 +11,7 @@ use crate::{
 };
 use geometry::Pose;
 
-/// Labelled surface points of a state: world points in meters, one part index each.
+/// Labelled surface points of a state: world points in meters, and a part index for each.
 pub(crate) type LabelledPoints = (Vec<Point3<f64>>, Vec<u8>);
 
 /// Refuses an unusable number of parts or scale.
@@ -27,7 +27,7 @@ pub(crate) fn check_scale(parts: usize, truncation_m: f64) -> Result<(), Trainer
     )
 }
 
-/// Whether all values of a ray are finite, with a direction, a depth and its noise.
+/// Whether all values of a ray are finite, and it has a direction, a depth and depth noise.
 fn is_valid(r: &SurfaceRay) -> bool {
     r.origin.coords.iter().chain(r.direction.iter()).all(|v| v.is_finite())
         && r.direction.norm() > 0.0
@@ -37,7 +37,7 @@ fn is_valid(r: &SurfaceRay) -> bool {
         && r.sigma_m > 0.0
 }
 
-/// Refuses a state unfit for sampling.
+/// Refuses a state that cannot be sampled.
 pub(crate) fn check_state(state: usize, model: &StateModel<'_>) -> Result<(), TrainerError> {
     let mismatch = |what, problem: String| Err(TrainerError::Mismatch { what, state, problem });
     if model.rays.is_empty() {
@@ -55,7 +55,7 @@ pub(crate) fn check_state(state: usize, model: &StateModel<'_>) -> Result<(), Tr
         ("distance grid", model.sdf.dims, model.sdf.values.len()),
         ("visibility grid", model.visible.dims, model.visible.values.len()),
     ] {
-        // Interpolation needs two nodes a side, and voxels are numbered by 32 bits.
+        // Interpolation needs two nodes a side, and voxel indices have 32 bits.
         if dims.iter().any(|d| *d < 2)
             || dims.iter().product::<usize>() != values
             || values > u32::MAX as usize
@@ -75,7 +75,7 @@ pub(crate) fn check_state(state: usize, model: &StateModel<'_>) -> Result<(), Tr
     Ok(())
 }
 
-/// Refuses matches of missing frames, or with values not finite.
+/// Refuses matches that refer to missing frames or have values that are not finite.
 pub(crate) fn check_matches(
     states: &[StateModel<'_>; 2],
     matches: &[LiftedMatch],
@@ -98,11 +98,11 @@ pub(crate) fn check_matches(
     Ok(())
 }
 
-/// Refuses initial motions not of the number of parts.
+/// Refuses initial motions unless there is one for each part and all are finite.
 pub(crate) fn check_motions(init: Option<&[Pose]>, parts: usize) -> Result<(), TrainerError> {
     let Some(init) = init else { return Ok(()) };
     let is_finite = init.iter().all(|m| m.to_homogeneous().iter().all(|v| v.is_finite()));
-    // All motions are against part 0: it cannot have one.
+    // All motions are relative to part 0, so it must not move.
     let is_static =
         init.first().is_some_and(|m| m.translation.vector.norm() < 1e-9 && m.rotation.angle() < 1e-9);
     if init.len() == parts && is_finite && is_static {
@@ -112,7 +112,7 @@ pub(crate) fn check_motions(init: Option<&[Pose]>, parts: usize) -> Result<(), T
     }
 }
 
-/// Refuses labels not of the points and parts.
+/// Refuses labels that do not fit the points and parts.
 pub(crate) fn check_labels(labels: Option<[&LabelledPoints; 2]>, parts: usize) -> Result<(), TrainerError> {
     for (state, (points, labels)) in labels.into_iter().flatten().enumerate() {
         let fits = points.len() == labels.len()

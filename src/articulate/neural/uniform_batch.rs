@@ -1,5 +1,5 @@
-//! Points for the occupancy and collision losses: uniform over the scene cube in expectation, drawn mostly
-//! where one of the states is occupied.
+//! Points for the occupancy and collision losses: with their weights they are uniform over the scene cube,
+//! but most are drawn where one of the states is occupied.
 
 use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
@@ -14,23 +14,23 @@ use numeric::random::{index_below, unit_uniform};
 /// Share of points drawn from the whole cube.
 /// derived: the published one; it keeps every weight at 4 or less
 const CUBE_SHARE: f64 = 0.25;
-/// Share of points from the occupied voxels of each state.
+/// Share of points drawn from the occupied voxels of each state.
 /// derived: half of the rest beside the cube
 const STATE_SHARE: f64 = 0.375;
 
-/// The voxels (cubes around grid nodes) of a state with occupancy somewhere in them.
+/// The voxels (cubes around grid nodes) of a state that contain occupied space.
 pub(crate) struct OccupiedVoxels {
     member: Vec<bool>,
     indices: Vec<u32>,
-    /// Share of the scene cube.
+    /// Share of the scene cube that they fill.
     share: f64,
 }
 
 impl OccupiedVoxels {
-    /// Finds the voxels; a signed distance changes by at most the distance to the node.
+    /// Finds the voxels: the signed distance differs from a node's by at most the distance to the node.
     pub(crate) fn of(volume: &Volume<'_>) -> Self {
         let grid = volume.model.sdf;
-        // Half the ramp, and half the diagonal of a voxel.
+        // Half the ramp plus half the diagonal of a voxel.
         let reach = 0.5 * volume.ramp_m + 0.5 * 3.0f64.sqrt() * grid.spacing_m;
         let member: Vec<bool> = grid.values.iter().map(|d| f64::from(*d) < reach).collect();
         let indices: Vec<u32> = (0..member.len()).filter(|i| member[*i]).map(|i| i as u32).collect();
@@ -60,14 +60,14 @@ impl OccupiedState<'_> {
         self.volume.scene.normalise(&(node + offset))
     }
 
-    /// Share of the points drawn from the voxels; none without voxels.
+    /// Share of the points drawn from the voxels; 0 without voxels.
     fn drawn_share(&self) -> f64 {
         if self.voxels.indices.is_empty() { 0.0 } else { STATE_SHARE }
     }
 }
 
-/// Points of the scene cube with weights: the mean of a function over the cube is the mean of `weight *
-/// f(point)`.
+/// Points of the scene cube with weights: the mean of `weight * f(point)` over them estimates the mean of `f`
+/// over the cube.
 pub(crate) struct UniformBatch {
     /// Normalised positions, in the state the points are warped *out of*.
     pub points: Vec<Point3<f64>>,
@@ -76,9 +76,9 @@ pub(crate) struct UniformBatch {
 }
 
 impl UniformBatch {
-    /// Draws `count` points of the `here` state: a quarter uniform, the rest from its occupied voxels and
-    /// from those of the `other` state moved here by a random part (`way` leads from `here` to `other`).
-    /// Weights are those of the whole mixture.
+    /// Draws `count` points of the `here` state: a quarter uniformly, the rest from its occupied voxels and
+    /// from those of the `other` state moved here by a random part (`way` leads from `here` to `other`). The
+    /// weights are with respect to the whole mixture.
     pub(crate) fn draw(
         count: usize,
         here: OccupiedState<'_>,
@@ -94,7 +94,7 @@ impl UniformBatch {
     }
 }
 
-/// The distribution of the points: see [`UniformBatch::draw`].
+/// The distribution from which points are drawn: see [`UniformBatch::draw`].
 struct Mixture<'a> {
     here: OccupiedState<'a>,
     other: OccupiedState<'a>,
@@ -103,14 +103,15 @@ struct Mixture<'a> {
 }
 
 impl Mixture<'_> {
-    /// Shares of the cube, of the voxels here and of those of the other state: most of the cube is empty.
+    /// Shares of points from the cube, the voxels here and those of the other state: most of the cube is
+    /// empty.
     fn proposal_shares(&self) -> [f64; 3] {
         [CUBE_SHARE, self.here.drawn_share(), self.other.drawn_share()]
     }
 
     fn random_point(&self, rng: &mut impl Rng) -> Point3<f64> {
         let [cube, own, other] = self.proposal_shares();
-        // Without voxels of a state, its share goes to the others.
+        // If a state has no voxels, its share goes to the others.
         let pick = unit_uniform(rng) * [cube, own, other].iter().sum::<f64>();
         if pick < cube {
             Point3::from(Vector3::from_fn(|_, _| 2.0 * unit_uniform(rng) - 1.0))
@@ -124,7 +125,7 @@ impl Mixture<'_> {
 
     /// Ratio of uniform to proposal density at a point.
     fn importance_weight(&self, x: &Point3<f64>) -> f64 {
-        // A part took it out of the cube, where the uniform density is 0.
+        // A part moved it out of the cube, where the uniform density is 0.
         if x.coords.amax() > 1.0 {
             return 0.0;
         }
@@ -133,7 +134,7 @@ impl Mixture<'_> {
         if self.here.contains(x) {
             density += own / self.here.voxels.share;
         }
-        // A point may have come from any part in an occupied voxel.
+        // Any part in an occupied voxel may have produced a point.
         let parts = self.motions.parts.len();
         let sources =
             (0..parts).filter(|i| self.other.contains(&self.motions.apply(*i, self.way, x))).count();

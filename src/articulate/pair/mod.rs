@@ -1,4 +1,5 @@
-//! Two surfaces and a motion between them: where samples reproject, at what cost, and the motion refined.
+//! Two surfaces and a motion between them: where samples are moved to, at what cost, and how the motion is
+//! refined.
 
 pub(crate) mod point_to_plane;
 pub(crate) mod recent;

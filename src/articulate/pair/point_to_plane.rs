@@ -1,5 +1,5 @@
-//! Motions refined by the surfaces of both states and the lifted matches: robust point-to-plane Gauss-Newton.
-//! See docs/method.md (6.9).
+//! Refines motions with the surfaces of both states and the lifted matches: robust point-to-plane
+//! Gauss-Newton. See docs/method.md (6.9).
 
 use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 use rayon::prelude::*;
@@ -10,24 +10,24 @@ use geometry::{Pose, exp_so3};
 /// Surface residuals beyond this many standard deviations lose their weight (Geman-McClure).
 /// derived: nine tenths of the efficiency of least squares where errors are normal
 const SURFACE_SIGMAS: f64 = 2.9;
-/// Match residuals beyond this many standard deviations lose their weight (Geman-McClure): more of them are
-/// wrong.
+/// Match residuals beyond this many standard deviations lose their weight (Geman-McClure); the limit is lower
+/// because more of them are wrong.
 /// tuned: shared/bags
 const MATCH_SIGMAS: f64 = 2.0;
-/// Samples of a smooth surface repeat each other's errors: this many count as one.
+/// Number of samples that count as one: on a smooth surface their errors are correlated.
 /// tuned: shared/bags
 pub(crate) const SAMPLES_PER_READING: f64 = 12.0;
-/// Gauss-Newton steps against one set of correspondences.
+/// Number of Gauss-Newton steps for one set of correspondences.
 const STEPS: usize = 3;
-/// Damping relative to the mean diagonal: holds unobserved directions.
+/// Damping relative to the mean diagonal: it holds unobserved directions.
 /// chosen: too small to move an observed direction
 const DAMPING: f64 = 1e-5;
 
 /// A residual `normal . (point - T source)` in the frame of state 1, or its three components for a match.
 pub(crate) struct Correspondence {
-    /// Point of state 0, moved by the motion.
+    /// Point of state 0, to be moved.
     pub source: Point3<f64>,
-    /// Where it should be, state 1.
+    /// The point in state 1 to which it should move.
     pub target: Point3<f64>,
     /// Surface normal, in the frame of state 1 or, where `normal_moves`, of state 0.
     pub normal: Vector3<f64>,
@@ -51,7 +51,7 @@ impl Correspondence {
     }
 }
 
-/// Correspondences of the samples with a motion's label, from both states.
+/// Correspondences of the samples with the label of a motion, from both states.
 pub(crate) fn correspondences(
     pair: &SurfacePair<'_>,
     labels: [&[u8]; 2],
@@ -69,7 +69,7 @@ pub(crate) fn correspondences(
             .filter_map(|i| {
                 let point = these.points[i];
                 let j = pair.moved_and_nearest(state, i, &other_from_this).1?;
-                // A partner of another part is none.
+                // A sample of another part is not a partner.
                 if labels[1 - state][j] != label {
                     return None;
                 }
@@ -95,7 +95,7 @@ pub(crate) fn correspondences(
     all
 }
 
-/// Normal equations about a center.
+/// Normal equations of a small motion about a center.
 struct System {
     center: Point3<f64>,
     matrix: Matrix6<f64>,
@@ -127,14 +127,14 @@ impl System {
     }
 }
 
-/// The small motion by a rotation vector about a center and a shift.
+/// The small motion that turns by a rotation vector about a center and then shifts.
 pub(crate) fn small_motion(center: &Point3<f64>, turn: &Vector3<f64>, shift_m: &Vector3<f64>) -> Pose {
     let rotation = exp_so3(turn);
     Pose::from_parts((center.coords - rotation * center.coords + shift_m).into(), rotation)
 }
 
-/// Refines one motion. `pair` gives the deviations of the residuals, `matches` are those of the motion. The
-/// motion is returned unchanged where too little supports it.
+/// Refines one motion. `pair` gives the standard deviations of the residuals, `matches` are those of the
+/// motion. Returns the motion unchanged if too little supports it.
 pub(crate) fn refined_motion(
     pair: &SurfacePair<'_>,
     labels: [&[u8]; 2],
@@ -143,13 +143,13 @@ pub(crate) fn refined_motion(
     label: u8,
 ) -> Pose {
     let planes = correspondences(pair, labels, motion, label);
-    // Six unknowns, and each of these gives one equation at least.
+    // There are six unknowns, and each of these gives at least one equation.
     if planes.len() + matches.len() < 6 {
         return *motion;
     }
     let mut motion = *motion;
     for _ in 0..STEPS {
-        // About the middle a turn and a shift hardly depend on each other: the damping is fair to both.
+        // About the middle, turn and shift are nearly independent, so that damping affects both alike.
         let sum: Vector3<f64> =
             planes.iter().map(|p| p.target.coords).chain(matches.iter().map(|m| m.point1.coords)).sum();
         let center = Point3::from(sum / (planes.len() + matches.len()) as f64);
@@ -158,9 +158,9 @@ pub(crate) fn refined_motion(
         for p in &planes {
             let MovedCorrespondence { point, normal, residual_m } = p.under(&motion);
             let z = residual_m / (SURFACE_SIGMAS * sigma);
-            // The weight of docs/method.md (1.5), by the number of samples with one error in common.
+            // The weight of docs/method.md (1.5), divided by the number of samples with correlated errors.
             let weight = (sigma * (1.0 + z * z)).powi(-2) / SAMPLES_PER_READING;
-            // Where the normal moves along, `R n . (T p - q)` turns with the target point.
+            // Where the normal moves with the source, `R n . (T p - q)` turns with the target point.
             system.add(if p.normal_moves { &p.target } else { &point }, &normal, residual_m, weight);
         }
         for m in matches {

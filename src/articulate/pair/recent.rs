@@ -1,28 +1,28 @@
-//! The last few results of a function, by its arguments.
+//! A cache for the last few results of a function.
 
 use std::{
     collections::VecDeque,
     sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
-/// The results of the last `most` keys.
+/// The results for the last `most` keys.
 pub(crate) struct Recent<K, V> {
     most: usize,
     all: Mutex<VecDeque<(K, Arc<V>)>>,
 }
 
 impl<K: PartialEq, V> Recent<K, V> {
-    /// Keeps so many results.
+    /// A cache of `most` results.
     pub(crate) fn keeping(most: usize) -> Self {
         Self { most, all: Mutex::default() }
     }
 
-    /// The result of a key, made now unless it is kept.
+    /// The result for a key, computed now unless it is kept.
     pub(crate) fn get(&self, key: K, make: impl FnOnce() -> V) -> Arc<V> {
         if let Some((_, found)) = self.lock().iter().find(|(k, _)| *k == key) {
             return Arc::clone(found);
         }
-        // The lock is free while the result is made: other threads ask for others.
+        // The lock is released while the result is computed: other threads need other results.
         let made = Arc::new(make());
         let mut all = self.lock();
         // Another thread may have been faster.
@@ -33,7 +33,7 @@ impl<K: PartialEq, V> Recent<K, V> {
         made
     }
 
-    /// Gives up all of them.
+    /// Drops all results.
     pub(crate) fn clear(&self) {
         self.lock().clear();
     }

@@ -1,4 +1,4 @@
-//! Both states' surface samples, prepared for search: where each goes under a motion, and its label.
+//! The surface samples of both states, prepared for search: where each goes under a motion, and its label.
 
 use std::sync::Arc;
 
@@ -20,34 +20,33 @@ use crate::{
 use geometry::{Pose, all_about};
 use numeric::statistics::median;
 
-/// Standard deviations of a normal distribution in its median absolute deviation.
+/// Ratio of the standard deviation of a normal distribution to its median absolute deviation.
 /// derived: `numeric::statistics::SIGMAS_PER_MAD`, to two places
 const SIGMAS_PER_MEDIAN: f64 = 1.48;
-/// Least and largest deviation of a surface from its partner, as shares of the reach.
+/// Least and largest standard deviation of a surface from its partner, as shares of the reach.
 /// chosen: a surface that coincides exactly is not known so well; a reach holds five of the largest
 const PLANE: [f64; 2] = [0.02, 0.2];
-/// Least and largest deviation of a color.
+/// Least and largest standard deviation of a color.
 /// chosen: a few levels of noise; beyond the largest, colors say nothing
 const COLOR: [f64; 2] = [0.03, 0.15];
 
 /// Whether a world point was seen to be empty in a state.
 pub type FreeSpace<'a> = &'a (dyn Fn(&Point3<f64>) -> bool + Sync);
 
-/// Standard deviation of the change of light on a surface, as a share of it, by the length of its normal's
-/// change.
+/// Standard deviation of the relative change of light on a surface, per length of the change of its normal.
 /// tuned: shared/bags
 const SHADING: f64 = 0.5;
-/// Errors of depth take a sample by less than this many deviations of a plane.
+/// Largest displacement of a sample by errors of depth, in standard deviations of a plane.
 /// chosen: 99 of 100 normal errors
 const DEPTH_ERROR: f64 = 2.5;
-/// Errors of a motion, with those of depth, take a sample by less than this share of the reach.
+/// Largest displacement of a sample by errors of a motion and of depth, as a share of the reach.
 /// derived: 2.5 deviations of a plane, which are a fifth of the reach at most
 const ERROR: f64 = 0.5;
-/// Samples beyond an edge by more than this many times their mean distance have no partner.
+/// Samples farther beyond an edge than this many times their mean distance have no partner.
 /// derived: the diagonal of a square of samples
 pub(crate) const EDGE: f64 = std::f64::consts::SQRT_2;
 
-/// Deviations of corresponding samples of a static surface.
+/// Standard deviations between corresponding samples of a static surface.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scales {
     /// Distance to the other state's tangent plane, meters.
@@ -56,27 +55,27 @@ pub(crate) struct Scales {
     pub color: f64,
 }
 
-/// Number of motions with kept reprojections.
+/// Number of motions whose reprojections are kept.
 const KEPT: usize = 48;
-/// Number of sets of motions with kept labels: repeated sets were among the last ten.
+/// Number of sets of motions whose labels are kept: repeated sets were among the last ten.
 ///
 /// measured: on laptop, fridge and calvin_table of shared/bags
 const LABELINGS: usize = 12;
 
-/// Labels of every sample of each state, and its costs, sample-major.
+/// Label of every sample of each state, and its costs, sample-major.
 pub(crate) type Labeling = ([Vec<u8>; 2], [Vec<f32>; 2]);
 
-/// Both states' samples, prepared for search.
+/// The surface samples of both states, prepared for search.
 pub(crate) struct SurfacePair<'a> {
     /// Samples of each state.
     pub samples: [&'a SurfaceSamples; 2],
-    /// Search in each state's samples.
+    /// Search index of each state's samples.
     pub indices: [SampleIndex<'a>; 2],
-    /// Empty space of each state.
+    /// Space seen empty in each state.
     pub free: [Option<FreeSpace<'a>>; 2],
-    /// Neighborhood of each state's samples along the surface.
+    /// Neighbors along the surface in each state.
     graphs: [SurfaceGraph; 2],
-    /// Expected deviations.
+    /// Expected standard deviations.
     pub scales: Scales,
     /// Longest distance of a correspondence, meters.
     pub reach_m: f64,
@@ -89,7 +88,7 @@ pub(crate) struct SurfacePair<'a> {
 }
 
 impl<'a> SurfacePair<'a> {
-    /// Prepares the search; deviations are measured on the samples that coincide in both states.
+    /// Prepares the search; standard deviations are measured on samples that coincide in both states.
     pub(crate) fn new(
         samples: [&'a SurfaceSamples; 2],
         free: [Option<FreeSpace<'a>>; 2],
@@ -101,7 +100,7 @@ impl<'a> SurfacePair<'a> {
             || SurfaceGraph::new(samples[1], &indices[1], reach_m),
         )
         .into();
-        // The widest scales, until the pair itself is there to measure its own.
+        // The widest scales, until the pair can measure its own.
         let scales = Scales { plane_m: PLANE[1] * reach_m, color: COLOR[1] };
         let spacing_m = samples.map(|s| spacing_m(&s.points, reach_m));
         let mut pair = Self {
@@ -115,7 +114,7 @@ impl<'a> SurfacePair<'a> {
             reprojections: Recent::keeping(KEPT),
             labelings: Recent::keeping(LABELINGS),
         };
-        // Static surface shows the errors of depth and color without those of a motion.
+        // Static surface shows errors of depth and color without those of a motion.
         pair.scales = pair.static_scales();
         pair
     }
@@ -126,17 +125,17 @@ impl<'a> SurfacePair<'a> {
         self.labelings.clear();
     }
 
-    /// Number of the smooth sheet of a sample.
+    /// Index of the smooth sheet of a sample.
     pub(crate) fn sheet_of(&self, state: usize, sample: usize) -> u32 {
         self.graphs[state].sheet_of(sample)
     }
 
-    /// Samples beside a sample on its surface.
+    /// Neighbors of a sample on its surface.
     pub(crate) fn neighbors_on_surface(&self, state: usize, sample: usize) -> impl Iterator<Item = usize> {
         self.graphs[state].neighbors_on_surface(sample)
     }
 
-    /// Median deviations of the samples with a close partner at the same place, as standard deviations.
+    /// Standard deviations, from the medians over samples with a close partner at the same place.
     fn static_scales(&self) -> Scales {
         let [a, b] = self.samples;
         let pairs: Vec<[f64; 2]> = (0..a.points.len())
@@ -149,7 +148,7 @@ impl<'a> SurfacePair<'a> {
                 ])
             })
             .collect();
-        // Where nothing stands still the upper bounds hold, as if the scales were not measured.
+        // Where nothing stands still, the upper bounds apply.
         let [plane_m, color] = [0, 1].map(|k| {
             let typical = median(pairs.iter().map(|p| p[k]).collect());
             SIGMAS_PER_MEDIAN * typical.unwrap_or(f64::INFINITY)
@@ -160,7 +159,7 @@ impl<'a> SurfacePair<'a> {
         }
     }
 
-    /// Where a motion takes a sample in the other state, meters, and the nearest sample there.
+    /// The place in the other state to which a motion takes a sample, meters, and the nearest sample there.
     pub(crate) fn moved_and_nearest(
         &self,
         state: usize,
@@ -182,7 +181,7 @@ impl<'a> SurfacePair<'a> {
         let free = self.free[1 - state].map(|is_free| is_free(&point));
         let partner = self.indices[1 - state].nearest_sample(&point, &normal).and_then(|j| {
             let (off_m, aside) = self.offset_from_plane(1 - state, j, &point);
-            // Space seen empty beside a surface is beyond its edge.
+            // Space seen empty beside a surface is past its edge.
             if free == Some(true) && aside > EDGE {
                 return None;
             }
@@ -193,15 +192,15 @@ impl<'a> SurfacePair<'a> {
                 others.colors[j],
                 (normal - these.normals[sample]).norm(),
             );
-            // A shift along the plane costs a little by its length. The sum is docs/method.md (6.4).
+            // A shift along the plane also costs a little. The sum is docs/method.md (6.4).
             let side = (point - others.points[j]).norm() / self.reach_m;
             Some((j as u32, plane * plane + bend * bend + side * side, color))
         });
         Reprojection { partner, free }
     }
 
-    /// Height of a point above a sample's plane, meters, and its distance along the plane in mean distances
-    /// of samples.
+    /// Height of a point above a sample's plane, meters, and its distance along the plane, in mean sample
+    /// distances.
     pub(crate) fn offset_from_plane(&self, state: usize, sample: usize, point: &Point3<f64>) -> (f64, f64) {
         let offset = point - self.samples[state].points[sample];
         let normal = self.samples[state].normals[sample];
@@ -209,11 +208,12 @@ impl<'a> SurfacePair<'a> {
         (off_m, (offset - normal * off_m).norm() / self.spacing_m[state])
     }
 
-    /// Squared deviation of two colors of one surface. `turned` is the length of the change of its normal in
-    /// the world: the light on it scales all channels alike and may have changed by as much.
+    /// Squared deviation between two colors of one surface. `turned` is the length of the change of its
+    /// normal in the world: light scales all channels alike, and may have changed in proportion.
     fn color_deviation(&self, a: [f32; 3], b: [f32; 3], turned: f64) -> f64 {
         let [a, b] = [a, b].map(|c| Vector3::from(c).cast::<f64>());
-        // Light scales a color along itself: its change lies along the sum, a change of hue across it.
+        // Light scales a color: its change is along the sum of both colors, a change of hue is perpendicular
+        // to it.
         let difference = a - b;
         let sum = a + b;
         let along = sum.try_normalize(1e-9).map_or(0.0, |direction| direction.dot(&difference).powi(2));
@@ -222,7 +222,7 @@ impl<'a> SurfacePair<'a> {
         (difference.norm_squared() - along).max(0.0) / own + along / (own + light)
     }
 
-    /// Reprojections of every sample of a state; those of the last few motions are kept.
+    /// Reprojections of all samples of a state; those of the last few motions are kept.
     fn reprojections(&self, state: usize, motion: &Pose) -> Arc<Vec<Reprojection>> {
         self.reprojections.get((state, *motion), || {
             let other_from_this = if state == 0 { *motion } else { motion.inverse() };
@@ -255,15 +255,15 @@ impl<'a> SurfacePair<'a> {
             .collect()
     }
 
-    /// Costs of every sample of a state under every motion, sample-major. `other_labels` are the labels of
-    /// the other state's samples, where known.
+    /// Costs of all samples of a state under all motions, sample-major. `other_labels` are the labels of the
+    /// other state's samples, where known.
     pub(crate) fn costs(&self, state: usize, motions: &[Pose], other_labels: Option<&[u8]>) -> Vec<f32> {
         self.costs_of(state, motions, other_labels.map(|l| (l, TAKEN)), true)
     }
 
-    /// The same for labels. With all parts known, a motion of a sample to a place seen empty all around is
-    /// ruled out: it costs [`ALL_FREE`]. While parts are missing, such surface would go to any other motion
-    /// with a hidden place there.
+    /// The costs used for labels. Once all parts are known, a motion that takes a sample to a place seen
+    /// empty all around is ruled out: it costs [`ALL_FREE`]. While parts are missing, such surface would go
+    /// to any other motion that hides it.
     pub(crate) fn label_costs(
         &self,
         state: usize,
@@ -273,7 +273,7 @@ impl<'a> SurfacePair<'a> {
     ) -> Vec<f32> {
         let taken = match of {
             Of::SomeParts => TAKEN,
-            // A surface is of one part only: another part's surface hides the sample at best.
+            // A surface belongs to one part only: a surface of another part at best hides the sample.
             Of::AllParts => HIDDEN,
         };
         let mut costs = self.costs_of(state, motions, other_labels.map(|l| (l, taken)), true);
@@ -291,15 +291,15 @@ impl<'a> SurfacePair<'a> {
         costs
     }
 
-    /// Where a motion from state 0 to state 1 takes the samples of a state, and by how much errors may take
-    /// them aside, meters: a static part has only errors of depth.
+    /// The motion of the samples of a state to the other one, given the motion from state 0 to state 1, and
+    /// how far errors may displace them, meters: a static part has only errors of depth.
     fn way_and_error(&self, state: usize, motion: &Pose) -> (Pose, f64) {
         let stands = *motion == Pose::identity();
         let error_m = if stands { DEPTH_ERROR * self.scales.plane_m } else { ERROR * self.reach_m };
         (if state == 0 { *motion } else { motion.inverse() }, error_m)
     }
 
-    /// The same by shape alone: light stands still where a part turns, and colors err together over a
+    /// The costs by shape alone: light does not turn with a part, and color errors are correlated over a
     /// surface.
     pub(crate) fn shape_costs(
         &self,
@@ -328,11 +328,11 @@ impl<'a> SurfacePair<'a> {
             .collect()
     }
 
-    /// Label of every sample of a state: mean-field smoothing of the costs, then labels handed along the
-    /// surface to samples without evidence, then islands without evidence joined to the labels around them.
-    /// Samples out of reach of any evidence are static (label 0).
+    /// Label of every sample of a state. Mean-field smoothing of the costs comes first; labels then spread
+    /// along the surface to samples without evidence, and islands without evidence take the label around
+    /// them. Samples out of reach of any evidence are static (label 0).
     pub(crate) fn smoothed_labels(&self, state: usize, costs: &[f32], motions: usize, of: Of) -> Vec<u8> {
-        // Without other motions all of the surface is static.
+        // With no other motion, all of the surface is static.
         if motions == 1 {
             return vec![0; costs.len()];
         }

@@ -1,4 +1,4 @@
-//! Surface without a motion to explain it.
+//! Surface that no motion explains.
 
 use crate::pair::{
     reprojection::{EXPLAINED, FREE},
@@ -6,27 +6,28 @@ use crate::pair::{
 };
 use geometry::Pose;
 
-/// Least share of all samples for a motion to explain: less could not outweigh the cost of a part.
+/// Least share of all samples that a motion must explain: less could not outweigh the cost of a part.
 /// tuned: shared/bags
 pub(crate) const LEAST_SHARE: f64 = 0.004;
 
-/// Unexplained samples of each state, and the moved ones among them (the first motion is the static part's).
+/// The unexplained samples of each state, and those among them that moved (the first motion is the static
+/// part's).
 pub(crate) struct Unexplained {
-    /// Samples taken onto a surface by no motion.
+    /// Samples that no motion takes onto a surface.
     pub open: [Vec<bool>; 2],
     /// Those of them whose place was seen empty in the other state.
     pub moved: [Vec<bool>; 2],
 }
 
 impl Unexplained {
-    /// The samples left by `motions`.
+    /// The samples that `motions` leave unexplained.
     pub(crate) fn left_by_motions(pair: &SurfacePair<'_>, motions: &[Pose]) -> Self {
         let both = [0, 1].map(|s| {
             let costs = pair.shape_costs(s, motions, None);
             let free = pair.free[1 - s].is_some();
             let rows = costs.chunks_exact(motions.len());
             let open: Vec<bool> = rows.clone().map(|row| row.iter().all(|c| *c >= EXPLAINED)).collect();
-            // By the static part's motion, the first: its place in the other state was seen empty, so it
+            // Under the first motion, the static part's, its place in the other state was seen empty: it
             // moved and was not merely hidden.
             let moved = rows.zip(&open).map(|(row, open)| *open && (!free || row[0] >= FREE)).collect();
             (open, moved)
@@ -35,9 +36,9 @@ impl Unexplained {
         Self { open: [open0, open1], moved: [moved0, moved1] }
     }
 
-    /// Whether a correspondence of a sample with one of the other state calls for a motion: both are open,
-    /// and one of the two is where the other state saw nothing. Surface that doors hid in turn may look alike
-    /// by chance.
+    /// Whether a correspondence between a sample and one of the other state calls for a motion: both are
+    /// open, and one of them is where the other state saw empty space. Surfaces hidden in turn, as by doors,
+    /// may look alike by chance.
     pub(crate) fn calls_for(&self, state: usize, sample: usize, partner: usize) -> bool {
         self.open[1 - state][partner] && (self.moved[state][sample] || self.moved[1 - state][partner])
     }

@@ -1,7 +1,7 @@
-//! One surface per part from all states: each state's field, carried through the part's motion.
+//! One surface per part from all states: each state's field is moved by the part's motion.
 //!
-//! The published method cuts a part from one state's TSDF by setting it to `+1` where another part has the
-//! label. Here the states vote together: a drawer gets its inside from the open state.
+//! The published method cuts a part out of one state's TSDF by setting it to `+1` where the label is another
+//! part's. Here the states vote together: a drawer gets its inside from the open state.
 
 use std::ops::{Range, RangeInclusive};
 
@@ -10,14 +10,14 @@ use rayon::prelude::*;
 
 use geometry::{Grid3, Pose};
 
-/// Places outside a grid up to here count as its border's, spacings.
+/// Places outside a grid by up to this, in spacings, count as on its border.
 /// derived: half a spacing; the rest is rounding
 const OUTSIDE: f64 = 0.51;
 /// Least weight of a vote.
 /// chosen: nothing against an observation; the mean stays finite
 const LEAST_WEIGHT: f32 = 1e-3;
 
-/// The surface of one state with a part for every place near it.
+/// The surface of one state, with a part label for every place near it.
 pub struct LabelledState {
     /// Truncated signed distance, meters; NaN where nothing was observed.
     pub tsdf: Grid3<f32>,
@@ -27,7 +27,7 @@ pub struct LabelledState {
     pub labels: Grid3<u8>,
     /// Truncation distance, meters.
     pub truncation_m: f64,
-    /// Its knowledge of blocks of cells, x fastest.
+    /// What is known in each block of cells, x fastest.
     blocks: Grid3<Known>,
 }
 
@@ -37,18 +37,18 @@ pub const NO_LABEL: u8 = u8::MAX;
 /// Cells along a side of a block.
 const BLOCK: usize = 4;
 
-/// A state's knowledge of a piece of space.
+/// What a state knows about a piece of space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Known {
-    /// Whether something was observed in it, and whether everywhere.
+    /// Whether something was observed in it, and (`all`) whether all of it was.
     some: bool,
     all: bool,
-    /// Parts of the nodes in it, as bits: see [`bit`].
+    /// Parts of the nodes in it, as a bit set: see [`label_bit`].
     labels: u64,
 }
 
 impl Known {
-    /// Of no place.
+    /// For an empty set of places.
     const NO_PLACE: Self = Self { some: false, all: true, labels: 0 };
 
     fn and(self, other: Self) -> Self {
@@ -63,7 +63,7 @@ fn label_bit(part: u8) -> u64 {
 }
 
 impl LabelledState {
-    /// A state's distances, weights and labels, all at the same nodes.
+    /// Builds a state from distances, weights and labels, all at the same nodes.
     #[must_use]
     pub fn new(tsdf: Grid3<f32>, weight: Grid3<f32>, labels: Grid3<u8>, truncation_m: f64) -> Self {
         let dims = tsdf.dims.map(|n| n.saturating_sub(1).div_ceil(BLOCK).max(1));
@@ -78,7 +78,7 @@ impl LabelledState {
         Self { tsdf, weight, labels, truncation_m, blocks }
     }
 
-    /// Its knowledge of all places within `radius_m` of one.
+    /// What is known of all places within `radius_m` of one.
     fn known_about(&self, place: &Point3<f64>, radius_m: f64) -> Known {
         let at = (place - self.tsdf.origin) / self.tsdf.spacing_m;
         let reach = radius_m / self.tsdf.spacing_m + OUTSIDE;
@@ -103,9 +103,9 @@ impl LabelledState {
     }
 }
 
-/// The knowledge of one block of cells, by its coordinates.
+/// What is known of one block of cells, by its coordinates.
 fn known_of_block(tsdf: &Grid3<f32>, labels: &Grid3<u8>, block: [usize; 3]) -> Known {
-    // A cell's last nodes are the first of the next one.
+    // The last nodes of a cell are the first of the next one.
     let [xs, ys, zs] = [0, 1, 2].map(|k| BLOCK * block[k]..(BLOCK * (block[k] + 1) + 1).min(tsdf.dims[k]));
     let mut known = Known::NO_PLACE;
     for (y, z) in zs.flat_map(|z| ys.clone().map(move |y| (y, z))) {
@@ -124,8 +124,8 @@ fn block_ranges(n: usize) -> impl Iterator<Item = Range<usize>> {
     (0..n).step_by(BLOCK).map(move |start| start..(start + BLOCK).min(n))
 }
 
-/// Truncated signed distance of a part in the world as it stands in state 0, meters; NaN where no state has a
-/// vote. `motions` take the part from state 0 to each of the `states`; the first is the identity.
+/// Truncated signed distance of a part in the world, as it is in state 0, meters; NaN where no state votes.
+/// `motions` take the part from state 0 to each of the `states`; the first is the identity.
 #[must_use]
 pub fn part_tsdf(part: u8, motions: &[Pose], states: &[LabelledState]) -> Grid3<f32> {
     let Grid3 { origin, spacing_m, dims, .. } = states[0].tsdf;
@@ -153,7 +153,7 @@ pub fn part_tsdf(part: u8, motions: &[Pose], states: &[LabelledState]) -> Grid3<
             if !some {
                 continue;
             }
-            // Where all is known and no state has its label, the part is not there.
+            // Where everything is known and no state has its label, the part is elsewhere.
             let is_elsewhere = all && labels & label_bit(part) == 0;
             for (z, y) in layers.clone().flat_map(|z| lines.clone().map(move |y| (z, y))) {
                 for x in columns.clone() {
@@ -170,17 +170,17 @@ pub fn part_tsdf(part: u8, motions: &[Pose], states: &[LabelledState]) -> Grid3<
     out
 }
 
-/// Weighted mean of the votes of all states on one place. See docs/method.md (9.1).
+/// Weighted mean of the votes of all states for one place. See docs/method.md (9.1).
 fn vote_of_states(part: u8, place: &Point3<f64>, motions: &[Pose], states: &[LabelledState]) -> f32 {
     let mut sum = 0.0;
     let mut weight = 0.0;
     let mut elsewhere = None::<f32>;
     for (k, (motion, state)) in motions.iter().zip(states).enumerate() {
-        // State 0 stays where it is: even the identity would round.
+        // State 0 is not moved: even the identity would round.
         let place = if k == 0 { *place } else { motion * place };
         let Some(node) = state.tsdf.nearest_node(&place) else { continue };
         let distance = state.tsdf.value_at(&place);
-        // No vote where nothing was observed: no surface is invented.
+        // No vote where nothing was observed, so that no surface is invented.
         if !distance.is_finite() {
             continue;
         }
@@ -190,12 +190,12 @@ fn vote_of_states(part: u8, place: &Point3<f64>, motions: &[Pose], states: &[Lab
         if label == part {
             sum += w * distance;
             weight += w;
-        // Seen empty in this state: the part is not here.
+        // This state saw it empty: the part is not here.
         } else if label == NO_LABEL || distance > 0.5 * free {
             sum += w * free;
             weight += w;
         } else {
-            // Another part stands here and may hide this one: a vote only where no state has a better one.
+            // Another part is here and may hide this one: it votes only if no state has a better vote.
             elsewhere = Some(free);
         }
     }

@@ -1,30 +1,29 @@
-//! Surface of no part: another state saw nothing at the place of its part.
+//! Finds surface that belongs to no part: another state saw empty space where its part would be.
 
 use nalgebra::Point3;
 use rayon::prelude::*;
 
 use geometry::{Grid3, NearestPoints, Pose, all_about};
 
-/// Another state in the search for a surface.
+/// Another state, as evidence against a surface.
 pub struct OtherState<'a> {
     /// Where it is certainly empty.
     pub free: &'a Grid3<bool>,
-    /// Motion of every part to it from the state of the surface.
+    /// Motion of every part from the state of the surface to this state.
     pub from_this: Vec<Pose>,
 }
 
-/// Number of samples in the decision on one, it among them.
+/// Number of neighboring samples that decide about one, itself included.
 const TOGETHER: usize = 9;
 /// Least number of these at empty places.
 ///
-/// derived: one in fifty true samples is there by errors (docs/method.md 7.2), and nine in ten of others; of
-/// a hundred samples one is of no part: 5 ln(0.9 / 0.02) + 4 ln(0.1 / 0.98) is more than ln 100, for 4 of 9
-/// it is not
+/// derived: errors move one in fifty true samples there, and nine in ten others are there; one of a hundred
+/// samples is of no part: 5 ln(0.9 / 0.02) + 4 ln(0.1 / 0.98) is more than ln 100, for 4 of 9 it is not
 const EMPTY: usize = 5;
 
-/// Whether each of a state's surface points is at a place of its part seen empty all around in another state,
-/// as far as errors of `error_m` meters take it. A surface seen in one state alone is explained if it was
-/// hidden in the others; no motion explains a contradicted one.
+/// Whether another state contradicts each of a state's surface points: it saw the place to which the point's
+/// part would take it empty, and everything around within errors of `error_m`, meters. A surface seen in only
+/// one state is explained if it was hidden in the others; no motion explains a contradicted one.
 #[must_use]
 pub fn contradicted_points(
     points: &[Point3<f64>],

@@ -1,4 +1,4 @@
-//! Part labels carried from surface points to the nodes of a grid.
+//! Transfers part labels from surface points to the nodes of a grid.
 
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -21,7 +21,7 @@ pub fn label_grid(tsdf: &Grid3<f32>, points: &[Point3<f64>], labels: &[u8], reac
     out.values.par_chunks_mut(layer).enumerate().for_each(|(z, values)| {
         for (i, value) in values.iter_mut().enumerate() {
             let node = z * layer + i;
-            // NaN, where nothing was observed, is not near either.
+            // NaN (nothing was observed) is not near either.
             if f64::from(tsdf.values[node].abs()) < reach_m {
                 *value =
                     nearest.nearest_one(&tsdf.position_of_index(node)).map_or(NO_LABEL, |(i, _)| labels[i]);

@@ -10,19 +10,19 @@ use crate::propose::ransac::RansacConfig;
 pub struct RegisterConfig {
     /// Method of the search.
     pub method: RegisterMethod,
-    /// Motions from matches.
+    /// Settings for motions proposed by matches.
     pub ransac: RansacConfig,
-    /// Longest distance between a moved surface point and its partner in the first rounds.
+    /// Largest distance between a moved surface point and its partner in the first rounds.
     pub first_reach: f64,
-    /// The same in the last rounds.
+    /// The same distance in the last rounds.
     pub last_reach: f64,
-    /// Rounds of labels and motions in turn.
+    /// Number of rounds of alternating labels and motions.
     pub rounds: usize,
-    /// Least evidence for a motion and no other, in cells (of side `ransac.cell`): the cells of its matches
-    /// beyond chance, and a sixth of the cells of surface in contradiction to the other motions. Two to three
-    /// times the evidence of wrong motions between like parts of one object.
+    /// Least evidence that only a motion itself explains, in cells (of side `ransac.cell`): the cells of its
+    /// matches beyond chance, and a sixth of the cells of surface that contradict the other motions. It is
+    /// two to three times the evidence of wrong motions between similar parts of one object.
     pub least_score: f64,
-    /// The static part must explain this share of the surface.
+    /// Least share of the surface that the static part must explain.
     pub least_static_share: f64,
 }
 
@@ -44,9 +44,9 @@ impl Default for RegisterConfig {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RegisterMethod {
-    /// The surface of both states explained by a motion and no other.
+    /// Each motion must explain surface of both states that no other motion explains.
     #[default]
     Evidence,
-    /// The difference of the surfaces and the iterated closest point, for a given number of parts.
+    /// The difference of the surfaces, and the iterated closest point, for a given number of parts.
     Difference,
 }

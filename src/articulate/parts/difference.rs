@@ -1,6 +1,6 @@
-//! Parts and motions the cheap classical way: the surface of one state only is cut into as many clusters as
-//! parts move, and each is carried to the other state's by the iterated closest point. Nothing is weighed,
-//! and only inputs without an answer are refused; a baseline for the tables of trials.
+//! Finds parts and motions in the cheap classical way: the surface found in only one state is cut into as
+//! many clusters as parts move, and the iterated closest point moves each to the other state's. Evidence is
+//! not weighed, and only inputs without an answer are refused; a baseline for comparisons.
 
 use nalgebra::{Point3, Vector3};
 
@@ -14,16 +14,15 @@ use crate::{
 };
 use geometry::{NearestPoints, Pose, rigid_fit};
 
-/// Most rounds of closest points, and of clusters.
+/// Largest number of iterations, for closest points and for clusters.
 const ROUNDS: usize = 100;
-/// The search ends with a round of a motion by less than this share of the part's size.
+/// The search ends when an iteration moves the part by less than this share of its size.
 /// chosen: far below the accuracy of surfaces
 const STILL: f64 = 1e-6;
 
 /// Finds the motions of `parts` parts, the static one included, and the part of every surface sample.
 ///
-/// # Errors
-/// [`RegisterError`]: a surface without points, or no moved part.
+/// [`RegisterError`] if a surface has no points or no part moved.
 pub fn register_by_difference(
     surfaces: [&SurfaceSamples; 2],
     parts: usize,
@@ -49,7 +48,7 @@ pub fn register_by_difference(
     for (&i, &c) in moved[0].iter().zip(&cluster) {
         labels[0][i] = c as u8 + 1;
     }
-    // A moved sample of state 1 belongs to the motion of a sample of state 0 nearest to it.
+    // A moved sample of state 1 gets the motion of the nearest sample of state 0.
     let source = NearestPoints::new(&from);
     for &i in &moved[1] {
         let p = &surfaces[1].points[i];
@@ -76,14 +75,14 @@ pub fn register_by_difference(
     })
 }
 
-/// The points farther than `reach_m` from all of the other state's.
+/// Indices of the points farther than `reach_m` from all points of the other state.
 fn in_one_state(points: &[Point3<f64>], others: &[Point3<f64>], reach_m: f64) -> Vec<usize> {
     let others = NearestPoints::new(others);
     (0..points.len()).filter(|&i| others.nearest_one(&points[i]).is_none_or(|(_, d)| d > reach_m)).collect()
 }
 
-/// The cluster of every point: means of `count` clusters (Lloyd 1982), each started from the point farthest
-/// from the means before it.
+/// The cluster of every point, by `count` means (Lloyd 1982); each starts at the point farthest from the
+/// means before it.
 fn clusters_of_points(points: &[Point3<f64>], count: usize) -> Vec<usize> {
     let mut means: Vec<Point3<f64>> = mean_point(points.iter()).into_iter().collect();
     while means.len() < count {
@@ -112,13 +111,13 @@ fn mean_point<'a>(points: impl Iterator<Item = &'a Point3<f64>>) -> Option<Point
     (n > 0.0).then(|| Point3::from(sum / n))
 }
 
-/// Number of the mean nearest to a point, and their squared distance.
+/// Index of the mean nearest to a point, and their squared distance.
 fn nearest_mean(means: &[Point3<f64>], p: &Point3<f64>) -> (usize, f64) {
     let distances = means.iter().map(|m| (p - m).norm_squared()).enumerate();
     distances.fold((0, f64::INFINITY), |best, next| if next.1 < best.1 { next } else { best })
 }
 
-/// The motion of points by the iterated closest point (Besl and McKay 1992), from the identity.
+/// The motion of points found by the iterated closest point (Besl and McKay 1992), from the identity.
 fn closest_points(points: &[Point3<f64>], targets: &[Point3<f64>], nearest: &NearestPoints) -> Pose {
     let size_m = points.iter().fold(0.0, |size, p| f64::max(size, (p - points[0]).norm()));
     let mut motion = Pose::identity();

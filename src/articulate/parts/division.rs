@@ -1,7 +1,6 @@
-//! Division of a motion shared by two parts: parts with nearly the same motion, such as two drawers pulled
-//! equally far, lie within reach of one motion between theirs. Where along the surface the motion changes, it
-//! is divided.
-//! See docs/method.md 6.6.
+//! Divides a motion shared by two parts. Parts with nearly the same motion, such as two drawers pulled
+//! equally far, lie within reach of one motion between theirs. The surface is divided where the motion
+//! changes. See docs/method.md 6.6.
 
 use std::collections::BTreeMap;
 
@@ -31,19 +30,19 @@ const WIDE: f64 = 0.2;
 const LEAST_SIDE: usize = 60;
 /// Cuts along each principal axis.
 const CUTS: usize = 15;
-/// Rounds in which the motions of both sides settle, first by themselves.
+/// Rounds in which the motions of both sides settle, at first without other parts.
 const ROUNDS: usize = 3;
-/// Least score of each half, as a share of the score of the one motion: errors grow with the surface.
+/// Least score of each half, as a share of the score of the single motion: errors grow with the surface.
 /// tuned: shared/bags
 const LEAST_ALONE: f64 = 0.025;
 /// Standard deviation of a side's step from the shared motion, as a share of the reach.
 /// chosen: two of them are the reach, and both motions lie within it
 const STEP: f64 = 0.5;
-/// Side of the blocks of surface with errors in common, in radii.
+/// Side of the surface blocks within which errors are correlated, in radii.
 /// derived: a sixth of the side of a square plate of radius `side / sqrt 6`; see docs/method.md (8.10)
 const BLOCK_RADII: f64 = 0.408;
 
-/// Least squares of a small motion.
+/// Least-squares sums for a small motion.
 #[derive(Clone, Copy)]
 struct Sums {
     matrix: Matrix6<f64>,
@@ -58,7 +57,7 @@ impl Sums {
 
     fn with_reading(mut self, r: &Reading) -> Self {
         self.matrix += r.row * r.row.transpose() * r.weight;
-        // Minus: the solution is the step against the residuals.
+        // Negative: the step cancels the residuals.
         self.right -= r.row * (r.residual_m * r.weight);
         self.squares += r.residual_m * r.residual_m * r.weight;
         self
@@ -72,33 +71,34 @@ impl Sums {
         }
     }
 
-    /// Sum of squares after the best step, and the step.
+    /// Sum of squares after the best step, and that step.
     fn best_step(&self, prior: f64) -> Option<(f64, Vector6<f64>)> {
         let step = (self.matrix + Matrix6::identity() * prior).cholesky()?.solve(&self.right);
         Some((self.squares - self.right.dot(&step), step))
     }
 }
 
-/// The correspondences of a motion, linear in a small change of it.
+/// The correspondences of a motion, linearized for a small change of it.
 struct Follower {
     readings: Vec<Reading>,
-    /// Middle after the motion, and its distance from the surface, root mean square.
+    /// Center after the motion; `radius_m` is the root mean square distance of the surface from it.
     center: Point3<f64>,
     radius_m: f64,
-    /// Directions of cuts, unit, in state 0: principal axes of the points and of the normals.
+    /// Directions of cuts, unit vectors in state 0: principal axes of the points and of the normals.
     axes: Vec<Vector3<f64>>,
-    /// Information of either side's step.
+    /// Prior information on the step of either side.
     prior: f64,
 }
 
 impl Follower {
-    /// The cut with the lowest sum of squares, if the fall is more than errors along the surface could feign.
+    /// The cut with the lowest sum of squares, if it lowers the sum by more than errors along the surface
+    /// could.
     fn best_cut(mut self, motion: &Pose) -> Option<Cut> {
         let mut best: Option<(f64, Cut)> = None;
         for axis in &self.axes {
             let along = |r: &Reading| axis.dot(&r.place.coords);
             self.readings.sort_by(|a, b| along(a).total_cmp(&along(b)));
-            // Running sums give both sides of every cut: a cut costs two small systems and no pass.
+            // Running sums give both sides of every cut: a cut costs two small systems, not a pass.
             let mut whole = Sums::zero();
             let mut sums = Vec::with_capacity(self.readings.len());
             for r in &self.readings {
@@ -110,7 +110,7 @@ impl Follower {
             for first in firsts.filter(|f| (*f).min(sums.len() - f) >= LEAST_SIDE) {
                 let sides = [sums[first - 1], whole.less(&sums[first - 1])].map(|s| s.best_step(self.prior));
                 let [Some(a), Some(b)] = sides else { continue };
-                // The fall of docs/method.md (6.11).
+                // The decrease of docs/method.md (6.11).
                 let fall = one - a.0 - b.0;
                 if fall > best.as_ref().map_or(0.0, |b| b.0) {
                     let steps = [a.1, b.1];
@@ -127,7 +127,7 @@ impl Follower {
         let field =
             StepField { readings: &self.readings, prior: self.prior, dispersion: self.dispersion(&cut) };
         let second = |r: &Reading| f64::from(u8::from(cut.axis.dot(&r.place.coords) > cut.at_m));
-        // One of so many cuts, as likely as another.
+        // Penalty for choosing among this many equally likely cuts.
         let cuts = (CUTS * self.axes.len()) as f64;
         let divided =
             field.log_evidence(&|r| step_derivatives(r, &[1.0 - second(r), second(r)]))? - cuts.ln();
@@ -137,9 +137,9 @@ impl Follower {
         (divided > by_sensor).then_some(cut)
     }
 
-    /// Designs of the errors of a depth sensor on one part: it bends the surface (its step changes evenly
-    /// along one direction or all), and displaces it along its normals, evenly or by place and by facing. See
-    /// docs/method.md 6.6.
+    /// Design matrices of the errors a depth sensor may make on one part: it bends the surface (its step
+    /// changes linearly along one direction or all), and displaces it along its normals, uniformly or
+    /// depending on place and facing. See docs/method.md 6.6.
     fn sensor_errors(&self, motion: &Pose) -> Vec<Box<Design<'_>>> {
         let n = self.readings.len() as f64;
         let middle = self.readings.iter().map(|r| r.place.coords).sum::<Vector3<f64>>() / n;
@@ -160,8 +160,8 @@ impl Follower {
         bends.chain(further).collect()
     }
 
-    /// By how much the residuals after a cut err together: the mean square of the weighted sums of blocks of
-    /// the surface against that of independent readings, at least 1. See docs/method.md 6.6.
+    /// How strongly the residuals after a cut are correlated: the mean square of the weighted block sums over
+    /// that of independent readings, at least 1. See docs/method.md 6.6.
     fn dispersion(&self, cut: &Cut) -> f64 {
         let block_m = BLOCK_RADII * self.radius_m;
         let mut blocks: BTreeMap<(bool, [i64; 3]), (f64, f64)> = BTreeMap::new();
@@ -177,24 +177,24 @@ impl Follower {
     }
 }
 
-/// Where a motion changes: a plane across the surface of state 0 and the motion on either side.
+/// Where a motion changes: a plane through the surface of state 0, and the motion on either side.
 struct Cut {
     axis: Vector3<f64>,
     at_m: f64,
-    /// Of the motion on either side: rotation vector in radii, shift.
+    /// Step of the motion on either side: rotation vector in radii, shift.
     steps: [Vector6<f64>; 2],
     motions: [Pose; 2],
 }
 
-/// Adds sets with divided motions, as far as two motions explain clearly more than one. They begin with the
-/// best set, and take the place of others of as many motions with more unexplained surface.
+/// Adds sets with divided motions as long as two motions explain clearly more than one. They start from the
+/// best set, and replace sets of as many motions that leave more surface unexplained.
 pub(crate) fn add_divided_sets(pair: &MatchedPair<'_>, steps: &mut Vec<Step>) {
     let mut motions = best_motions(pair, steps);
     while let Some(divided) = divided_motions(pair, &motions) {
         let (scores, shares) = scores_and_shares(pair, &divided);
         let point =
             EvidencePoint { unexplained: unexplained_evidence(pair, &divided), ..evidence_point(&scores) };
-        // Where a set of as many motions leaves less unexplained, division adds nothing.
+        // If another set of as many motions leaves less unexplained, division adds nothing.
         if steps.iter().any(|s| s.point.parts == point.parts && s.point.unexplained < point.unexplained) {
             break;
         }
@@ -205,17 +205,18 @@ pub(crate) fn add_divided_sets(pair: &MatchedPair<'_>, steps: &mut Vec<Step>) {
     steps.sort_by_key(|s| std::cmp::Reverse(s.point.parts));
 }
 
-/// The motions with the best one to divide replaced by two; `None` where no two explain clearly more than
-/// one, and each something alone.
+/// The motions, with the one that is best divided replaced by two; `None` if no two explain clearly more than
+/// one with each explaining something alone.
 fn divided_motions(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
     let least = pair.config.least_score;
     let found = labels_and_costs(&pair.surfaces, motions);
     let (labels, _) = &*found;
     let (scores, _) = weighed_as(pair, motions, labels);
-    // Errors of depth along a surface give nearly as much to two motions, but not to either alone.
+    // Depth errors along a surface give two motions nearly as much evidence together, but not to either
+    // alone.
     let slight = SLIGHT * least;
     let mut best = (slight, None);
-    // Each half must stand by itself later: less than twice the least evidence is not worth a cut.
+    // Each half must later stand by itself: with less than twice the least evidence, a cut is not worth it.
     for (k, motion) in motions.iter().enumerate().skip(1).filter(|(k, _)| scores[*k] >= 2.0 * least) {
         let Some(cut) = follower_of(pair, labels, motion, k as u8).and_then(|f| f.best_cut(motion)) else {
             continue;
@@ -224,7 +225,7 @@ fn divided_motions(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>
         let [first, second] = settled_sides(pair, labels, k as u8, motion, cut);
         set[k] = first;
         set.insert(k + 1, second);
-        // A cut is a plane; the parts' border need not be one: labels and motions settle freely.
+        // A cut is a plane; the border of the parts need not be: labels and motions then settle freely.
         (0..ROUNDS).for_each(|_| settle_once(pair, &mut set));
         let found = labels_and_costs(&pair.surfaces, &set);
         let (after, _) = &*found;
@@ -237,8 +238,8 @@ fn divided_motions(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>
     best.1
 }
 
-/// Evidence gained by two motions, `k` and `k + 1` of the second set, in place of one, `k` of the first: a
-/// sixth of the cells of its surface, each by the fall of its cost. Both sets with their labels.
+/// Evidence gained by two motions (`k` and `k + 1` of the second set) over one (`k` of the first): a sixth of
+/// the cells of its surface, each weighted by the decrease of its cost. Both sets come with their labels.
 fn evidence_gain(
     pair: &MatchedPair<'_>,
     k: usize,
@@ -262,7 +263,7 @@ fn evidence_gain(
     surface_evidence(pair, sum / count.max(1) as f64)
 }
 
-/// The correspondences of a motion; `None` where there are too few to cut.
+/// The correspondences of a motion; `None` if there are too few to cut.
 fn follower_of(pair: &MatchedPair<'_>, labels: &[Vec<u8>; 2], motion: &Pose, label: u8) -> Option<Follower> {
     let planes = correspondences(&pair.surfaces, [&labels[0], &labels[1]], motion, label);
     if planes.len() < 2 * LEAST_SIDE {
@@ -272,7 +273,7 @@ fn follower_of(pair: &MatchedPair<'_>, labels: &[Vec<u8>; 2], motion: &Pose, lab
     let middle = Point3::from(planes.iter().map(|p| p.source.coords).sum::<Vector3<f64>>() / n);
     let spread: Matrix3<f64> =
         planes.iter().map(|p| p.source - middle).map(|v| v * v.transpose()).sum::<Matrix3<f64>>() / n;
-    // In radii a turn and a shift move the surface alike, and one prior serves both.
+    // In radii, a turn and a shift move the surface alike, so one prior serves both.
     let radius_m = spread.trace().sqrt().max(1e-9);
     let center = motion * middle;
     let sigma_m = pair.surfaces.scales.plane_m;
@@ -293,15 +294,15 @@ fn follower_of(pair: &MatchedPair<'_>, labels: &[Vec<u8>; 2], motion: &Pose, lab
             weight,
         });
     }
-    // Parts lie beside each other along the surface's own directions or along the directions of its faces;
-    // these differ where it is as broad as long.
+    // Parts lie beside each other along the principal directions of the surface or of its face normals; these
+    // differ where the surface is as broad as long.
     let eigen = [spread, faces].map(SymmetricEigen::new);
     let columns = eigen.iter().flat_map(|e| e.eigenvectors.column_iter());
     let axes: Vec<Vector3<f64>> = columns.map(|c| c.into_owned()).collect();
     Some(Follower { readings, center, radius_m, axes, prior: (STEP * pair.surfaces.reach_m).powi(-2) })
 }
 
-/// The motions on both sides of a cut, settled.
+/// The motions on both sides of a cut after settling.
 fn settled_sides(
     pair: &MatchedPair<'_>,
     labels: &[Vec<u8>; 2],
@@ -313,7 +314,7 @@ fn settled_sides(
     let sides = [0, 1].map(|s| {
         let mut sides = Vec::with_capacity(labels[s].len());
         for (p, l) in pair.surfaces.samples[s].points.iter().zip(&labels[s]) {
-            // The cut is known in state 0.
+            // The cut is given in state 0.
             let first = if s == 0 { *p } else { back * p };
             let side = 1 + u8::from(cut.axis.dot(&first.coords) > cut.at_m);
             sides.push(if *l == label { side } else { 0 });

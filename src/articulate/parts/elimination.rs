@@ -1,6 +1,6 @@
-//! From many motions to none: the one with the least evidence of its own is dropped, and the others take over
-//! its surface as far as they can. Two motions of one part share their evidence: one of them goes first.
-//! See docs/method.md 7.2.
+//! Reduces many motions to none: the one with the least evidence of its own is dropped, and the others take
+//! over its surface as far as they can. Two motions of one part share their evidence, so one of them goes
+//! first. See docs/method.md 7.2.
 
 use serde::{Deserialize, Serialize};
 
@@ -20,34 +20,34 @@ use geometry::Pose;
 /// A motion with less than this share of the least evidence explains next to nothing.
 /// tuned: shared/bags
 pub(crate) const SLIGHT: f64 = 0.5;
-/// Number of the largest sets of possible parts to settle.
+/// Number of sets of possible parts, the largest ones, that are settled.
 const COMPARED: usize = 2;
 /// Number of the weakest motions compared before one is dropped.
 const RIVALS: usize = 3;
-/// Two sets of motions explain alike from this share of the better one's evidence on.
+/// A set of motions explains as well as a better one from this share of its evidence on.
 /// tuned: shared/bags
 const ALIKE: f64 = 0.9;
 
-/// Motions on the way from many to none.
+/// A set of motions on the way from many to none.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Step {
     pub motions: Vec<Pose>,
     pub point: EvidencePoint,
-    /// Share of the surface explained by each motion and no other.
+    /// Share of the surface that each motion alone explains.
     pub shares: Vec<f64>,
-    /// Whether it is a smaller set with a divided motion.
+    /// Whether it is a smaller set in which a motion was divided.
     pub divided: bool,
 }
 
-/// The largest set of motions with enough evidence for a part each.
+/// The largest set of motions in which each has enough evidence for a part.
 pub(crate) fn best_motions(pair: &MatchedPair<'_>, steps: &[Step]) -> Vec<Pose> {
-    // Whether a set stands depends on the smaller ones: all are there before one is judged.
+    // Whether a set stands depends on the smaller ones, so all are computed before one is judged.
     let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
     let most = standing_sets(pair, steps, &curve).into_iter().max_by_key(|s| s.motions.len());
     most.map_or_else(|| vec![Pose::identity()], |s| s.motions.clone())
 }
 
-/// The standing sets by a curve of evidence; divided ones were judged as they were made.
+/// The sets that stand on a curve of evidence; divided ones were judged when they were made.
 pub(crate) fn standing_sets<'s>(
     pair: &MatchedPair<'_>,
     steps: &'s [Step],
@@ -61,18 +61,18 @@ pub(crate) fn standing_sets<'s>(
         .collect()
 }
 
-/// Sets of motions, each without the weakest of the one before and refitted, down to the static part alone.
+/// Sets of motions, each the refitted one before without its weakest motion, down to the static part alone.
 pub(crate) fn elimination_steps(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Step> {
     let mut steps = Vec::new();
     let mut settled = 0;
     loop {
-        // Hopeless motions go at once: without them the rest need not be settled so often.
+        // Hopeless motions go first: without them the rest needs fewer rounds.
         while drop_hopeless(pair, &mut motions) {
             settle_once(pair, &mut motions);
         }
         let (mut scores, mut shares) = scores_and_shares(pair, &motions);
-        // Surface must have gone over to its motion before large sets are compared; rounds are slow, and
-        // smaller sets go without.
+        // Surface must be with its motion before large sets are compared; as rounds are slow, smaller sets do
+        // without.
         if settled < COMPARED && scores[1..].iter().all(|s| *s >= SLIGHT * pair.config.least_score) {
             settled += 1;
             settle_fully(pair, &mut motions);
@@ -88,9 +88,9 @@ pub(crate) fn elimination_steps(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) 
     }
 }
 
-/// All motions but one of the weakest, refitted: without it the others explain most. Where sets hardly
-/// differ, the refitted set with the most standing motions is preferred. Matches to a wrong place do not come
-/// in numbers: motions with the least evidence in matches alone go last.
+/// Drops one of the weakest motions, the one without which the others explain most, and refits them. Where
+/// sets hardly differ, the refitted set with the most standing motions is preferred. As wrong matches seldom
+/// agree, motions with evidence in matches go last.
 fn without_least(pair: &MatchedPair<'_>, motions: &[Pose], scores: &[f64]) -> Vec<Pose> {
     let least = pair.config.least_score;
     let matched = pair.match_cells(motions);
@@ -101,11 +101,11 @@ fn without_least(pair: &MatchedPair<'_>, motions: &[Pose], scores: &[f64]) -> Ve
     // A motion with next to no evidence needs no comparison, unless another explains the same.
     let slight = SLIGHT * least;
     let clear = scores[weakest[0]] < slight && weakest.get(1).is_none_or(|k| scores[*k] >= slight);
-    // Motions borne out by matches are not weighed against others.
+    // Motions that matches support do not compete while others are left.
     let rivals = if unmatched > 0 { unmatched.min(RIVALS) } else { RIVALS };
     weakest.truncate(if clear { 1 } else { rivals });
     let mut rest: Vec<(f64, Vec<Pose>)> = weakest.into_iter().map(|k| (0.0, without(motions, k))).collect();
-    // First without refitting (it is slow): only sets of like evidence are refitted to decide.
+    // Refitting is slow: only sets with similar evidence are refitted to decide.
     if rest.len() > 1 {
         rest.iter_mut().for_each(|(evidence, others)| {
             *evidence = evidence_point(&scores_and_shares(pair, others).0).evidence
@@ -128,14 +128,14 @@ fn refitted_motions(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Pose>
     motions
 }
 
-/// A set of motions beside others of as many.
+/// A set of motions, for comparison with others of equal size.
 struct JudgedSet {
     motions: Vec<Pose>,
     /// Number of motions with enough evidence for a part.
     standing: usize,
-    /// Cells of matches beyond chance.
+    /// Number of cells of matches beyond chance.
     matched: f64,
-    /// Sum of the evidence for each motion alone.
+    /// Sum of the evidence that each motion alone explains.
     evidence: f64,
 }
 
@@ -151,8 +151,8 @@ impl JudgedSet {
     }
 }
 
-/// The set with the most evidence, among the sets with the most standing motions and the support of matches
-/// of the best up to chance. Each condition compares with the best of all: the order of the sets does not
+/// The set with the most evidence, among those with the most standing motions and as much support by matches
+/// as the best, up to chance. Each condition compares with the best of all, so the order of the sets does not
 /// matter.
 fn preferred_set(mut judged: Vec<JudgedSet>) -> Vec<Pose> {
     let standing = judged.iter().map(|j| j.standing).max();
@@ -163,16 +163,16 @@ fn preferred_set(mut judged: Vec<JudgedSet>) -> Vec<Pose> {
     best.map_or_else(Vec::new, |j| j.motions)
 }
 
-/// Drops motions with less than the least evidence even where a hidden surface of the other state counts as a
-/// missing one, the weakest first; false where there are none.
+/// Drops motions, the weakest first, whose evidence is too small even if a hidden surface of the other state
+/// counts as a missing one; false if there are none.
 fn drop_hopeless(pair: &MatchedPair<'_>, motions: &mut Vec<Pose>) -> bool {
     let before = motions.len();
     let mut costs = [0, 1].map(|s| pair.surfaces.shape_costs(s, motions, None));
     while motions.len() > 1 {
         let scores = scores_of_motions(pair, motions, &explained_shares(&costs, motions.len()));
         let weakest = (1..motions.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]));
-        // A share counts a sample as 1 at most, a preference as `MISSED`: a motion dropped here could not
-        // stand by preferences.
+        // In a share a sample counts at most 1, in a preference at most `MISSED`: a motion dropped here could
+        // not stand by preferences either.
         let Some(k) = weakest.filter(|&k| MISSED * scores[k] < pair.config.least_score) else { break };
         let count = motions.len();
         motions.remove(k);

@@ -1,5 +1,5 @@
-//! Motions of a part allowed by its shape beside its own: a bar or a panel may as well have been turned end
-//! for end. Its hinge distinguishes them. (The spin of caps: `round_parts.rs`.) See docs/method.md 6.9.
+//! Other motions that the shape of a part allows: a bar or a panel may as well have been turned end for end.
+//! Its hinge tells them apart. (The spin of caps: `round_parts.rs`.) See docs/method.md 6.9.
 
 use std::f64::consts::PI;
 
@@ -26,12 +26,12 @@ use geometry::{Pose, Screw};
 /// Rounds in which a turned motion settles.
 const ROUNDS: usize = 3;
 /// Turn at which the score of a hinge is halved, radians: few joints turn farther, and a part turned end for
-/// end turns by as much as half a turn exceeds its own.
+/// end turns by half a turn less its own.
 /// tuned: shared/bags
 const FAR_TURN: f64 = 2.1;
 
-/// The motions, each part's turned end for end where the turned one explains more, weighed by the score of
-/// its hinge. Parts fixed by matches stay as they are.
+/// The motions, with each part turned end for end if that explains more, weighted by the score of its hinge.
+/// Parts that matches fix stay as they are.
 pub(crate) fn turned_by_hinge(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Pose> {
     for k in 1..motions.len() {
         if is_matched(pair, &motions, k) {
@@ -43,7 +43,8 @@ pub(crate) fn turned_by_hinge(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) ->
         for turned in turned_motions(pair, &motions, labels, k) {
             let mut others = motions.clone();
             others[k] = turned;
-            // Both explain about the same surface: without a better hinge the turn is not worth the rounds.
+            // Both explain about the same surface: unless its hinge is better, the turn is not worth the
+            // rounds.
             if best_hinge_score(pair, &others, &labels[0], k)
                 <= best_hinge_score(pair, &motions, &labels[0], k)
             {
@@ -70,9 +71,9 @@ fn hinged_evidence(pair: &MatchedPair<'_>, motions: &[Pose], k: usize) -> f64 {
         * scores_and_shares(pair, motions).0[k]
 }
 
-/// How well the motion of part `k` could be that of a hinge on another part, from 0 to 1: its axis runs
-/// by the surfaces of both, and it does not turn too far. A slide along another part has no axis; both
-/// touch. See docs/method.md (6.13).
+/// How well the motion of part `k` could be that of a hinge on another part, from 0 to 1: its axis is close
+/// to the surfaces of both, and it does not turn too far. A slide relative to another part has no axis; both
+/// must touch. See docs/method.md (6.13).
 fn best_hinge_score(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[u8], k: usize) -> f64 {
     let mut surfaces: Vec<Vec<Point3<f64>>> = vec![Vec::new(); motions.len()];
     for (p, l) in pair.surfaces.samples[0].points.iter().zip(labels) {
@@ -92,8 +93,8 @@ fn best_hinge_score(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[u8], k: 
     best
 }
 
-/// Other possible motions of part `k`, each where it explains most: half a turn about its middle and the
-/// direction of its axis before its own; for a round bar its [`swings`]. None for a slide.
+/// Other possible motions of part `k`, each where it explains most: its own after half a turn about its
+/// middle and the direction of its axis; for a round bar its [`swings`]. Empty for a slide.
 fn turned_motions(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2], k: usize) -> Vec<Pose> {
     let Some(axis) = axis_of_turn(&motions[k]) else { return Vec::new() };
     let costs = pair.surfaces.shape_costs(0, motions, Some(&labels[1]));
@@ -109,15 +110,15 @@ fn turned_motions(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2
             vec![motions[k] * half.to_motion()]
         }
     };
-    // A panel seen from one side has its middle on the side, and the turn leaves it beside itself by its
-    // thickness, at most the reach.
+    // The center of a panel seen from one side is on that side, so the turn misplaces it by its thickness, at
+    // most the reach.
     let search = Search::new(&pair.surfaces, &without(motions, k), pair.extent_m);
     let total = |motion: &Pose| search.sharp_total(motion).0;
     let step_m = pair.surfaces.scales.plane_m;
     let steps = (pair.surfaces.reach_m / step_m).ceil() as i64;
     let mut placed = Vec::with_capacity(starts.len());
     for start in starts {
-        // In the order of the steps: equal ones do not depend on threads.
+        // In the order of the steps, so that the choice among equal ones does not depend on threads.
         let beside: Vec<(f64, Pose)> = (-steps..=steps)
             .into_par_iter()
             .map(|s| start * Slip::along_direction(thin).motion_by(s as f64 * step_m))
@@ -132,9 +133,9 @@ fn turned_motions(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2
     placed
 }
 
-/// Motions of part `k`, a bar round about a line through `center`, to the place given by its motion, either
-/// end first, without a spin about the line against some other part: the spin of a bar is not seen. None for
-/// a cap: its line stays as it is.
+/// Motions of part `k`, a bar round about a line through `center`, that take it to the place of its own
+/// motion with either end first, and do not spin it about the line relative to some other part: the spin of a
+/// bar is not seen. Empty for a cap, whose line stays in place.
 fn swings(motions: &[Pose], k: usize, center: &Point3<f64>, line: &Unit<Vector3<f64>>) -> Vec<Pose> {
     let mut swings = Vec::new();
     for parent in (0..motions.len()).filter(|p| *p != k) {
@@ -152,7 +153,7 @@ fn swings(motions: &[Pose], k: usize, center: &Point3<f64>, line: &Unit<Vector3<
     swings
 }
 
-/// The middle of points and the direction of their least extent.
+/// The center of points and the direction of their least extent.
 struct Middle {
     center: Point3<f64>,
     /// Unit direction.
@@ -160,7 +161,7 @@ struct Middle {
 }
 
 impl Middle {
-    /// Of the box around points along their principal directions; `None` for too few.
+    /// Of the box around points along their principal directions; `None` if there are too few.
     fn of(points: &[Point3<f64>]) -> Option<Self> {
         const LEAST: usize = 12;
         if points.len() < LEAST {
@@ -173,8 +174,8 @@ impl Middle {
         let center = eigenvectors.column_iter().map(|axis| {
             let mut along: Vec<f64> = points.iter().map(|p| axis.dot(&p.coords)).collect();
             along.sort_by(f64::total_cmp);
-            // A few wrong samples beyond the ends would shift the middle, and the turned motion by twice as
-            // much.
+            // A few wrong samples beyond the ends would shift the center, and the turned motion by twice
+            // that.
             let cut = along.len() / 50;
             axis * (0.5 * (along[cut] + along[along.len() - 1 - cut]))
         });

@@ -1,4 +1,4 @@
-//! Why no parts and motions were found.
+//! Why the registration found no parts and motions.
 
 /// Why there is no registration.
 #[derive(Debug, PartialEq, thiserror::Error)]

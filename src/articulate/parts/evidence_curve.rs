@@ -1,41 +1,41 @@
-//! Sets of fewer and fewer motions, and the standing ones among them. See docs/method.md 7.3.
+//! Sets of fewer and fewer motions, and which of them stand. See docs/method.md 7.3.
 
 use serde::{Deserialize, Serialize};
 
-/// A set of motions with less than this share of a smaller set's evidence splits one of its parts: a further
-/// part adds to the sum, a second motion of one part takes away most of that part's.
+/// A set of motions with less than this share of a smaller set's evidence splits one of its parts: another
+/// part would add to the sum, while a second motion of one part takes away most of that part's evidence.
 /// tuned: shared/bags
 const SPLIT: f64 = 0.8;
-/// A motion needs this share of the least evidence where it takes nothing from the others.
+/// Share of the least evidence that a motion needs if it takes nothing from the others.
 /// tuned: shared/bags
 const ADDING: f64 = 0.6;
-/// A part with this many times the least evidence is one even where the sum falls a little.
+/// A part with this many times the least evidence is accepted even if the sum falls a little.
 /// chosen: enough for two parts
 const FIRM: f64 = 2.0;
 
-/// Evidence for a number of parts.
+/// The evidence for a number of parts.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct EvidencePoint {
     /// Number of parts, the static one included.
     pub parts: usize,
-    /// Evidence explained by one motion alone, over all motions: cells of matches, and a sixth of the cells
-    /// of surface.
+    /// Sum over all motions of the evidence that only one motion explains: cells of matches, and a sixth of
+    /// the cells of surface.
     pub evidence: f64,
-    /// Evidence of the weakest motion and no other; none where nothing moves.
+    /// Evidence that only the weakest motion explains; none where nothing moves.
     pub weakest: Option<f64>,
-    /// Surface left for other motions: a sixth of its cells, each by the cost of its best motion.
+    /// Unexplained surface: a sixth of its cells, each weighted by the cost of its best motion.
     pub unexplained: f64,
 }
 
-/// Whether each of a set of motions has enough evidence for a part and none splits a part.
+/// Whether a set of motions stands: each has enough evidence for a part, and none splits a part.
 pub(crate) fn is_standing(point: &EvidencePoint, curve: &[EvidencePoint], least: f64) -> bool {
     point.weakest.is_none_or(|w| w >= least || (w >= ADDING * least && adds_evidence(point, curve)))
         && !splits_a_part(point, curve, FIRM * least)
 }
 
-/// Whether a set of motions splits a part of a smaller set: two motions of one part explain the same, and the
-/// evidence of each alone falls with the sum. A motion of its own adds to the sum, or has `firm` evidence by
-/// itself.
+/// Whether a set of motions splits a part of a smaller set: two motions of one part explain the same, and
+/// what each alone explains falls, as does the sum. A motion of another part adds to the sum, or has `firm`
+/// evidence by itself.
 fn splits_a_part(point: &EvidencePoint, curve: &[EvidencePoint], firm: f64) -> bool {
     let weakest = point.weakest.unwrap_or(f64::INFINITY);
     next_smaller(point, curve).is_some_and(|p| weakest < firm && point.evidence < p.evidence)
@@ -57,14 +57,14 @@ fn next_smaller<'a>(point: &EvidencePoint, curve: &'a [EvidencePoint]) -> Option
 }
 
 /// Whether the weakest motion of a set takes next to nothing from the others (there are some): the next
-/// smaller set explains less than this one by half its evidence at least. Wrong motions take their evidence
+/// smaller set explains less than this one by at least half its evidence. Wrong motions take their evidence
 /// from the right ones.
 fn adds_evidence(point: &EvidencePoint, curve: &[EvidencePoint]) -> bool {
     next_smaller(point, curve)
         .is_some_and(|p| p.parts > 1 && p.evidence + 0.5 * point.weakest.unwrap_or(0.0) <= point.evidence)
 }
 
-/// The evidence of motions; the first is the static part's.
+/// The evidence of a set from its motions' scores; the first is the static part's.
 pub(crate) fn evidence_point(scores: &[f64]) -> EvidencePoint {
     let moving = &scores[1..];
     let weakest = moving.iter().copied().reduce(f64::min);

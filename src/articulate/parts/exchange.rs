@@ -1,5 +1,5 @@
-//! One motion in the place of several: motions of segments of a part may have driven out the motion of all of
-//! it, as it explained little alone beside them. See docs/method.md 6.7.
+//! Replaces several motions by one: motions of pieces of a part may have driven out the motion of the whole
+//! part, which explained little alone beside them. See docs/method.md 6.7.
 
 use crate::{
     pair::reprojection::{EXPLAINED, FREE},
@@ -13,12 +13,12 @@ use crate::{
 };
 use geometry::Pose;
 
-/// A motion can take the place of another if it explains this share of the other's surface.
+/// Share of another motion's surface that a motion must explain to replace it.
 /// tuned: shared/bags
 const REPLACED: f64 = 0.25;
 
-/// The set after the exchange of two or more motions for one of the `proposed` ones, repeated as long as the
-/// sum of the evidence rises.
+/// The set after exchanging two or more motions for one of the `proposed` ones, repeated while the sum of the
+/// evidence rises.
 pub(crate) fn exchanged_set(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed: &[Pose]) -> Vec<Pose> {
     let mut left = proposed.to_vec();
     loop {
@@ -28,7 +28,7 @@ pub(crate) fn exchanged_set(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed
         let mut best: Option<(f64, usize, Vec<Pose>)> = None;
         for (i, motion) in left.iter().enumerate() {
             let replaced = replaced_parts(pair, &set, labels, costs, motion);
-            // One for one was decided before, as motions were chosen.
+            // One for one was decided before, when motions were chosen.
             if replaced.len() < 2 {
                 continue;
             }
@@ -37,7 +37,7 @@ pub(crate) fn exchanged_set(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed
             others.push(*motion);
             settle_fully(pair, &mut others);
             let after = evidence_point(&scores_and_shares(pair, &others).0).evidence;
-            // The last of equal ones.
+            // Of equal ones the last.
             if after > evidence && best.as_ref().is_none_or(|b| after >= b.0) {
                 best = Some((after, i, others));
             }
@@ -48,7 +48,7 @@ pub(crate) fn exchanged_set(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed
     }
 }
 
-/// The moving parts of a set replaceable by a motion: it explains a share of [`REPLACED`] of their moved
+/// The moving parts of a set that a motion can replace: it explains a share of [`REPLACED`] of their moved
 /// surface.
 fn replaced_parts(
     pair: &MatchedPair<'_>,
@@ -62,7 +62,7 @@ fn replaced_parts(
         let other = pair.surfaces.shape_costs(state, &[*motion], None);
         for ((row, label), cost) in costs[state].chunks_exact(set.len()).zip(&labels[state]).zip(other) {
             let label = usize::from(*label);
-            // Only moved surface counts: the static part's motion takes it into space seen empty.
+            // Only surface that moved counts: the static part's motion takes it into space seen empty.
             if row[label] < EXPLAINED && row[0] >= FREE {
                 counts[label][0] += 1;
                 counts[label][1] += usize::from(cost < EXPLAINED);

@@ -13,10 +13,10 @@ use crate::{
 };
 use geometry::Pose;
 
-/// The observations for the judgment of sets of motions.
+/// The observations from which sets of motions are judged.
 pub(crate) struct MatchedPair<'a> {
     pub matches: &'a [LiftedMatch],
-    /// The matches of use as evidence for a motion.
+    /// The matches that can be evidence for a motion.
     pub informative: Vec<LiftedMatch>,
     /// Longest side of the object, meters.
     pub extent_m: f64,
@@ -26,7 +26,7 @@ pub(crate) struct MatchedPair<'a> {
 }
 
 impl<'a> MatchedPair<'a> {
-    /// For an object with a longest side of `extent_m`.
+    /// The pair for an object with a longest side of `extent_m`.
     pub(crate) fn new(
         matches: &'a [LiftedMatch],
         extent_m: f64,
@@ -44,37 +44,37 @@ impl<'a> MatchedPair<'a> {
         }
     }
 
-    /// The motion of every match; `None` for a match without one.
+    /// The motion that every match supports; `None` where it supports none.
     pub(crate) fn match_labels(&self, motions: &[Pose]) -> Vec<Option<u8>> {
         self.matches.iter().map(|m| self.match_label(m, motions)).collect()
     }
 
-    /// The motion with the most support of a match, the first of equal ones; `None` where it supports none.
+    /// The motion that a match supports most, the first of equal ones; `None` where it supports none.
     fn match_label(&self, m: &LiftedMatch, motions: &[Pose]) -> Option<u8> {
         let supports = motions.iter().enumerate().map(|(k, t)| (self.gate.support(m, t), k));
         let (support, k) = supports.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))?;
         (support > 0.0).then_some(k as u8)
     }
 
-    /// The moved matches of a motion.
+    /// The matches that follow a motion and have moved.
     pub(crate) fn followers_of(&self, match_labels: &[Option<u8>], label: u8) -> Vec<LiftedMatch> {
         let labelled = self.matches.iter().zip(match_labels).filter(|(_, l)| **l == Some(label));
         labelled.map(|(m, _)| *m).filter(|m| self.gate.has_moved(m)).collect()
     }
 
-    /// Side of the cells of support, meters.
+    /// Side of the cells in which support is counted, meters.
     pub(crate) fn cell_m(&self) -> f64 {
         self.config.ransac.cell * self.extent_m
     }
 
-    /// Cells of the matches of each motion, every cell by the match with the largest preference for it over
-    /// all other motions; the state with fewer decides.
+    /// Cells of the matches of each motion. A cell counts by the match that most prefers the motion over all
+    /// others; the state with the smaller sum decides.
     pub(crate) fn match_cells(&self, motions: &[Pose]) -> Vec<f64> {
         let cell_m = self.cell_m();
         let mut best: Vec<[BTreeMap<[i64; 3], f64>; 2]> =
             motions.iter().map(|_| Default::default()).collect();
         for m in self.informative.iter().filter(|m| self.gate.has_moved(m)) {
-            // A match is evidence for its motion by its support beyond that for any other motion.
+            // The evidence of a match for its motion is its support beyond that for any other motion.
             let mut first = 0.0;
             let mut second = 0.0;
             let mut follows = 0;
@@ -91,23 +91,23 @@ impl<'a> MatchedPair<'a> {
                 *value = value.max(first - second);
             }
         }
-        // Many spots of one state with matches to a single one of the other are one spot.
+        // If many spots of one state match a single one of the other, they count as one.
         best.iter().map(|[a, b]| a.values().sum::<f64>().min(b.values().sum::<f64>())).collect()
     }
 
-    /// Cells of the surface of both states.
+    /// Number of cells of the surface of both states.
     pub(crate) fn surface_cells(&self) -> usize {
         self.surfaces.samples.iter().map(|s| occupied_cells(&s.points, self.cell_m())).sum()
     }
 }
 
-/// The matches of use as evidence for a motion: without matches between two unchanged places. Equal things in
-/// a row, such as keys, match each other where none has moved.
+/// The matches that can be evidence for a motion: not those between two unchanged places. Equal things in a
+/// row, such as keys, match each other though none has moved.
 fn informative_matches(matches: &[LiftedMatch], surfaces: &SurfacePair<'_>) -> Vec<LiftedMatch> {
     let costs = [0, 1].map(|s| surfaces.costs(s, &[Pose::identity()], None));
     let mut informative = matches.to_vec();
     informative.retain(|m| {
-        // A match has no normal: a zero one is as far from all.
+        // A match has no normal: the zero vector is equally far from all.
         let are_static = [(0, m.point0), (1, m.point1)].into_iter().all(|(s, p)| {
             surfaces.indices[s].nearest_sample(&p, &Vector3::zeros()).is_some_and(|i| costs[s][i] < EXPLAINED)
         });

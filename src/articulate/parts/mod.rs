@@ -1,4 +1,4 @@
-//! Parts among the proposed motions, and their surface.
+//! Selects the parts among the proposed motions, and their surface.
 
 pub(crate) mod config;
 pub(crate) mod difference;

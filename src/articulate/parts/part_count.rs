@@ -1,5 +1,5 @@
-//! Parts among the proposed motions: each must explain surface beyond all others, measured on samples outside
-//! its fit.
+//! Selects the parts among the proposed motions: each must explain surface that no other explains, measured
+//! on samples not used for its fit.
 
 use serde::{Deserialize, Serialize};
 
@@ -15,10 +15,10 @@ use crate::{
 use common::note::{Note, NoteCode};
 use geometry::Pose;
 
-/// Motions with less evidence than this many times the least are said to rest on little of it.
+/// Motions with less than this many times the least evidence are reported as resting on little evidence.
 /// tuned: shared/bags
 pub(crate) const LITTLE: f64 = 1.5;
-/// Least static share of the surface for the note of an object without moved parts.
+/// Least static share of the surface for reporting an object without moved parts.
 /// chosen: the majority
 const MAJORITY: f64 = 0.5;
 
@@ -31,8 +31,8 @@ pub(crate) struct PartCount {
     pub warnings: Vec<Note>,
 }
 
-/// The largest set of motions with enough evidence each and without split parts; of at most `parts` parts,
-/// where given.
+/// The largest set of motions that each have enough evidence and split no part; it has at most `parts` parts,
+/// if given.
 pub(crate) fn chosen_parts(
     pair: &MatchedPair<'_>,
     steps: &[Step],
@@ -74,7 +74,7 @@ pub(crate) fn chosen_parts(
     Ok(PartCount { motions: chosen.motions.clone(), curve, notes, warnings })
 }
 
-/// Refuses sets of motions with too much unexplained surface.
+/// Refuses sets of motions that leave too much surface unexplained.
 fn check(
     pair: &MatchedPair<'_>,
     motions: &[Pose],
@@ -82,7 +82,8 @@ fn check(
     shares: &[f64],
     notes: &mut Vec<Note>,
 ) -> Result<(), RegisterError> {
-    // Parts move against something at rest; where next to nothing is, the world frames are likely two.
+    // Parts move relative to something at rest; if next to nothing is, the states likely have two world
+    // frames.
     let static_percent = 100.0 * shares[0];
     let one = motions.len() == 1;
     if shares[0] < pair.config.least_static_share {
@@ -102,11 +103,11 @@ fn check(
             let [share0, share1] =
                 moved.map(|m| m.iter().filter(|m| **m).count() as f64 / m.len().max(1) as f64);
             let moved_percent = 100.0 * share0.max(share1);
-            // In both states: surface missing in one only was hidden, or never seen.
+            // Required in both states: surface missing in one only was hidden, or never seen.
             if one && share0.min(share1) > ASTRAY {
                 return Err(RegisterError::Unexplained { moved_percent });
             }
-            // Whether something moved is known of surface seen in both states: most of it must be known.
+            // Only surface seen in both states shows whether something moved: most of it must be known.
             if one && shares[0] < MAJORITY {
                 return Err(RegisterError::LittleShared { static_percent, moved_percent });
             }
@@ -124,13 +125,13 @@ fn check(
     }
 }
 
-/// The note of fewer wanted parts than the evidence is for.
+/// The note that the evidence is for more parts than asked for.
 pub(crate) fn more_than_asked(evident: usize, asked: usize) -> Note {
     let text = format!("the evidence is for {evident} parts, {asked} were asked for");
     Note::new(NoteCode::MorePartsEvident, text)
 }
 
-/// The note of little evidence for the weakest of some parts.
+/// The note that the weakest part rests on little evidence.
 pub(crate) fn little_evidence(parts: usize, weakest: f64, least: f64) -> Note {
     let text = format!(
         "one of the {parts} parts rests on little evidence: {weakest:.0} cells, where {:.0} leave no doubt",

@@ -14,13 +14,13 @@ use geometry::Pose;
 /// Support of a motion.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MotionSupport {
-    /// Number of its surface samples of state 0 and of state 1.
+    /// Number of surface samples that follow it in state 0 and in state 1.
     pub samples: [usize; 2],
-    /// Number of its lifted matches.
+    /// Number of lifted matches that follow it.
     pub matches: usize,
     /// Root mean square distance of these matches after the motion, meters; 0 without matches.
     pub match_rms_m: f64,
-    /// Share of all samples explained by this motion only.
+    /// Share of all samples that only this motion explains.
     pub share: f64,
 }
 
@@ -37,7 +37,7 @@ pub struct Registration {
     pub support: Vec<MotionSupport>,
     /// Motions proposed by the matches, strongest first.
     pub proposals: Vec<Proposal>,
-    /// Scores by number of parts, most parts first.
+    /// Evidence by number of parts, most parts first.
     pub curve: Vec<EvidencePoint>,
     /// Sentences about the choice.
     pub notes: Vec<Note>,
@@ -45,7 +45,7 @@ pub struct Registration {
     pub warnings: Vec<Note>,
 }
 
-/// Longest side of the box around all surfaces.
+/// Longest side of the box around all surfaces, meters, once the inputs are checked.
 pub(crate) fn checked_extent_m(
     surfaces: &[&SurfaceSamples],
     parts: Option<usize>,

@@ -1,6 +1,6 @@
-//! The search for the parts and motions of an object in two states: proposals from lifted matches, a choice
-//! among them by their evidence on the surfaces, then labels and motions in turn (docs/method.md 6.10). Step
-//! by step: the caller can stop between two steps and go on later.
+//! Searches for the parts and motions of an object in two states: proposals from lifted matches, a choice
+//! among them by their evidence on the surfaces, then labels and motions in turn (docs/method.md 6.10). It
+//! runs step by step: the caller can stop between two steps and resume later.
 
 use rand_core::Rng;
 use serde::{Deserialize, Serialize};
@@ -31,29 +31,29 @@ use crate::{
 };
 use geometry::Pose;
 
-/// Motions proposed by matches where the number of parts is to be found, beside the spare ones.
+/// Number of motions proposed by matches if the number of parts is not given, in addition to the spare ones.
 const PROPOSED: usize = 8;
-/// Rounds of motions proposed by unexplained surface.
+/// Rounds in which unexplained surface proposes motions.
 const RESIDUAL_ROUNDS: usize = 2;
-/// Steps before the last rounds: proposals, residual rounds, the number of parts, hinges.
+/// Number of steps before the last rounds: proposals, residual rounds, the number of parts, hinges.
 const SEARCH_STEPS: usize = 1 + RESIDUAL_ROUNDS + 2;
 
-/// The changing state of the search: a continued search gives the same result bit for bit as an uninterrupted
+/// The changing state of the search: a resumed search gives bit for bit the same result as an uninterrupted
 /// one.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct RegistrarCheckpoint {
     done: usize,
     proposals: Vec<Proposal>,
     motions: Vec<Pose>,
-    /// Possible parts; unexplained surface proposes more motions on them.
+    /// Motions of possible parts; unexplained surface proposes more motions on them.
     likely: Vec<Pose>,
-    /// Sets of motions from many to none.
+    /// Sets of motions, from many to none.
     tried: Option<Vec<Step>>,
     count: Option<PartCount>,
 }
 
-/// Finds the rigid motions of all parts and the part of every surface sample: of a given number of parts, the
-/// static one included, or of as many as the evidence supports.
+/// Finds the rigid motions of all parts and the part of every surface sample, for a given number of parts
+/// (the static one included) or for as many as the evidence supports.
 pub struct Registrar<'a> {
     pair: MatchedPair<'a>,
     parts: Option<usize>,
@@ -65,8 +65,7 @@ impl<'a> Registrar<'a> {
     /// point was seen empty, where known. The result depends on the order of the inputs and on the random
     /// numbers only; swapping the states inverts the motions up to noise.
     ///
-    /// # Errors
-    /// [`RegisterError::Input`].
+    /// [`RegisterError::Input`] if the arguments make no sense.
     pub fn new(
         matches: &'a [LiftedMatch],
         samples: [&'a SurfaceSamples; 2],
@@ -77,7 +76,7 @@ impl<'a> Registrar<'a> {
     ) -> Result<Self, RegisterError> {
         let extent_m = checked_extent_m(&samples, parts)?;
         let wanted = parts.map_or(PROPOSED, |p| p - 1);
-        // Motions by matches, on a reach wide enough for rough ones (docs/method.md 6.10).
+        // Motions proposed by matches need a reach wide enough for rough ones (docs/method.md 6.10).
         let coarse = SurfacePair::new(samples, free, reach_m(samples, config.first_reach * extent_m));
         let pair = MatchedPair::new(matches, extent_m, config, coarse);
         let proposals = proposed_motions(&pair.informative, wanted, extent_m, &config.ransac, rng);
@@ -87,13 +86,13 @@ impl<'a> Registrar<'a> {
         Ok(Self { pair, parts, state })
     }
 
-    /// Steps in all.
+    /// Total number of steps.
     #[must_use]
     pub fn total_steps(&self) -> usize {
         SEARCH_STEPS + self.pair.config.rounds
     }
 
-    /// Steps done.
+    /// Number of steps done.
     #[must_use]
     pub fn done_steps(&self) -> usize {
         self.state.done
@@ -113,10 +112,9 @@ impl<'a> Registrar<'a> {
         }
     }
 
-    /// The next step of the search.
+    /// Takes the next step of the search.
     ///
-    /// # Errors
-    /// [`RegisterError`]: no motion, no overlap, fewer motions than asked for, or unexplained movement.
+    /// [`RegisterError`] for no motion, no overlap, fewer motions than asked for, or unexplained movement.
     pub fn step(&mut self) -> Result<(), RegisterError> {
         let mut next = self.state.done + 1;
         match self.state.done {
@@ -128,7 +126,7 @@ impl<'a> Registrar<'a> {
             }
             n if n == RESIDUAL_ROUNDS + 1 => self.count_parts()?,
             n if n == RESIDUAL_ROUNDS + 2 => {
-                // Parts turned end for end: a hinge decides where their surface does not.
+                // Parts turned end for end: the hinge decides, as their surface cannot.
                 self.state.motions = turned_by_hinge(&self.pair, std::mem::take(&mut self.state.motions));
                 self.shorten_reach();
             }
@@ -153,7 +151,7 @@ impl<'a> Registrar<'a> {
         Registration { motions, labels, match_labels, support, proposals, curve, notes, warnings }
     }
 
-    /// Motions of matches come first: surface explained by them proposes nothing.
+    /// Motions from matches come first: surface that they explain proposes nothing.
     fn settle_proposals(&mut self) {
         let mut motions = std::mem::take(&mut self.state.motions);
         for _ in 0..2 {
@@ -163,10 +161,10 @@ impl<'a> Registrar<'a> {
         self.state.likely.clone_from(&self.state.motions);
     }
 
-    /// Motions by geometry, of the unexplained surface; whether there were any.
+    /// Adds motions proposed by the unexplained surface; returns whether there were any.
     fn propose_more(&mut self) -> bool {
         let Self { pair, state, .. } = self;
-        // Surface of an unlikely motion may propose another.
+        // Surface of an unlikely motion may propose another one.
         let more = propose_from_residual(&pair.surfaces, &state.likely, pair.extent_m);
         if more.is_empty() {
             return false;
@@ -181,8 +179,8 @@ impl<'a> Registrar<'a> {
         true
     }
 
-    /// Turns of round parts (the rounds before could not find them); division, once every possible motion is
-    /// there; the number of parts.
+    /// Turns round parts (earlier rounds could not find their turn), divides motions once all possible ones
+    /// are known, and chooses the number of parts.
     fn count_parts(&mut self) -> Result<(), RegisterError> {
         let Self { pair, state, parts, .. } = self;
         if let Some(turned) = turned_round(pair, &state.likely) {
@@ -196,7 +194,7 @@ impl<'a> Registrar<'a> {
         Ok(())
     }
 
-    /// The last rounds are at a short reach, without partners of a merely apparent fit.
+    /// Shortens the reach for the last rounds, so that partners that only seem to fit are dropped.
     fn shorten_reach(&mut self) {
         let SurfacePair { samples, free, .. } = self.pair.surfaces;
         let last_m = self.pair.config.last_reach * self.pair.extent_m;

@@ -1,4 +1,4 @@
-//! Parts whose spin about their middle is unobservable by shape, but for marks on them.
+//! Parts whose shape does not show their spin about an axis; only marks on them do.
 
 use crate::{
     parts::matched_pair::MatchedPair,
@@ -7,7 +7,7 @@ use crate::{
 };
 use geometry::Pose;
 
-/// The motions, with the best turn of each round part not fixed by matches; `None` where no motion changes.
+/// The motions, with the best turn of each round part that matches do not fix; `None` if no motion changes.
 pub(crate) fn turned_round(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
     let mut all = motions.to_vec();
     let mut changed = false;
@@ -15,7 +15,7 @@ pub(crate) fn turned_round(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<V
         if is_matched(pair, &all, k) {
             continue;
         }
-        // The others stay as they are: only unexplained surface turns the part.
+        // The other motions stay: only surface they do not explain decides the turn.
         let others = without(&all, k);
         if let Some(turned) = round_turn(&Search::new(&pair.surfaces, &others, pair.extent_m), &all[k]) {
             (all[k], changed) = (turned, true);

@@ -1,4 +1,4 @@
-//! Evidence for each of a set of motions and no other.
+//! The evidence that each of a set of motions, and no other, explains.
 
 use std::collections::BTreeSet;
 
@@ -13,18 +13,18 @@ use crate::{
 };
 use geometry::Pose;
 
-/// Weight of a cell of explained surface against one with a match: a match to a wrong place is caught by its
-/// distance in three dimensions and its look, a wrong surface by its distance in one.
+/// Weight of a cell of explained surface relative to a cell with a match: a wrong match shows in its distance
+/// in three dimensions and its look, a wrong surface only in its distance in one.
 /// tuned: shared/bags
 pub(crate) const SURFACE_WEIGHT: f64 = 0.16;
 
-/// Evidence of each motion, and the share of the surface explained by it and no other, each surface belonging
-/// to one part.
+/// Evidence of each motion, and the share of the surface that it alone explains; each surface belongs to one
+/// part.
 pub(crate) fn scores_and_shares(pair: &MatchedPair<'_>, motions: &[Pose]) -> (Vec<f64>, Vec<f64>) {
     weighed_as(pair, motions, &labels_and_costs(&pair.surfaces, motions).0)
 }
 
-/// The same where the labels are known.
+/// The same with given labels.
 pub(crate) fn weighed_as(
     pair: &MatchedPair<'_>,
     motions: &[Pose],
@@ -35,8 +35,8 @@ pub(crate) fn weighed_as(
     (scores, explained_shares(&costs, motions.len()))
 }
 
-/// Share of the surface in favor of each motion: segment by segment, the evidence for it over the static part
-/// and each motion beside it, less the samples taken into space seen empty. A segment hidden in the other
+/// Share of the surface in favor of each motion: segment by segment, its evidence over the static part and
+/// over each adjacent motion, less the samples moved into space seen empty. A segment hidden in the other
 /// state is no evidence for or against a motion. See docs/method.md (7.3).
 fn preferred_shares(
     pair: &MatchedPair<'_>,
@@ -49,7 +49,7 @@ fn preferred_shares(
         let ratios = [0, 1].map(|s| {
             log_ratios(pair, s, &segment.samples[s], segment.label, &[&costs[s]], &labels[s], motions.len())
         });
-        // A rival for each state, as one surface may have come from behind one part and gone behind another:
+        // One rival for each state, as a surface may come from behind one part and go behind another:
         // docs/method.md (7.3).
         let pairs = ratios[0].iter().flat_map(|first| ratios[1].iter().map(move |second| (first, second)));
         let possible = pairs
@@ -60,8 +60,8 @@ fn preferred_shares(
     gains.into_iter().map(|g| g / count.max(1) as f64).collect()
 }
 
-/// Adds the evidence of the samples of one state for each motion, patch by patch. They have `costs` for every
-/// state of their reprojections.
+/// Adds the evidence of the samples of one state for each motion, patch by patch. `costs` are those of their
+/// reprojections into every other state.
 pub(crate) fn add_preferences(
     pair: &MatchedPair<'_>,
     state: usize,
@@ -75,8 +75,8 @@ pub(crate) fn add_preferences(
     }
 }
 
-/// Evidence of samples of one state for their own motion over the static part and each motion beside them, by
-/// the number of the rival.
+/// Evidence of samples of one state for their own motion over the static part and over each adjacent motion,
+/// by the index of the rival.
 fn log_ratios(
     pair: &MatchedPair<'_>,
     state: usize,
@@ -96,7 +96,8 @@ fn log_ratios(
     let rows = samples.iter().flat_map(|&i| costs.iter().map(move |c| &c[i * motions..(i + 1) * motions]));
     let free = rows.clone().filter(|c| c[own] >= FREE).count() as f64;
     let reached = rows.clone().filter(|c| c[own] < HIDDEN).count() as f64;
-    // Errors take some true samples into free space; only the excess over their share counts against.
+    // Errors move some true samples into free space; only the excess over their share counts against the
+    // motion.
     let lost = CONTRADICTED * (free - ASTRAY * reached).max(0.0);
     let mut ratios = Vec::with_capacity(others.len());
     for k in others {
@@ -117,21 +118,21 @@ pub(crate) fn unexplained_evidence(pair: &MatchedPair<'_>, motions: &[Pose]) -> 
     surface_evidence(pair, sum / count.max(1) as f64)
 }
 
-/// A share of the surface as evidence, in cells.
+/// Converts a share of the surface to evidence, in cells.
 pub(crate) fn surface_evidence(pair: &MatchedPair<'_>, share: f64) -> f64 {
     SURFACE_WEIGHT * share * pair.surface_cells() as f64
 }
 
-/// Evidence for each motion and no other, in cells: the cells of its matches beyond chance, and the cells of
-/// its surface, with less weight because a plane explains any other. See docs/method.md (7.1).
+/// Evidence that each motion alone explains, in cells: the cells of its matches beyond chance, and the cells
+/// of its surface, with less weight because any plane fits any other. See docs/method.md (7.1).
 pub(crate) fn scores_of_motions(pair: &MatchedPair<'_>, motions: &[Pose], shares: &[f64]) -> Vec<f64> {
     let surface = pair.surface_cells();
     let matched = pair.match_cells(motions).into_iter().map(|cells| f64::max(cells - CHANCE, 0.0));
     matched.zip(shares).map(|(cells, share)| cells + SURFACE_WEIGHT * share * surface as f64).collect()
 }
 
-/// Share of all samples explained by each motion and no other: the mean rise of the least cost without it.
-/// Only a reached surface counts as an explanation.
+/// Share of all samples that each motion alone explains: the mean increase of the least cost without it. Only
+/// a surface that is reached counts as an explanation.
 pub(crate) fn explained_shares(costs: &[Vec<f32>; 2], motions: usize) -> Vec<f64> {
     let mut gains = vec![0.0; motions];
     for sample in costs.iter().flat_map(|c| c.chunks_exact(motions)) {
@@ -139,7 +140,7 @@ pub(crate) fn explained_shares(costs: &[Vec<f32>; 2], motions: usize) -> Vec<f64
         let mut second = 1.0f32;
         let mut winner = 0;
         for (k, &c) in sample.iter().enumerate() {
-            // Hidden and free places are no explanation, and one must not win by being hidden.
+            // Hidden and free places explain nothing, and a motion must not win by hiding samples.
             let c = if c >= HIDDEN { 1.0 } else { c };
             if c < best {
                 (second, best, winner) = (best, c, k);
@@ -153,7 +154,7 @@ pub(crate) fn explained_shares(costs: &[Vec<f32>; 2], motions: usize) -> Vec<f64
     gains.into_iter().map(|g| g / count.max(1) as f64).collect()
 }
 
-/// Whether matches fix the motion of part `k` among others allowed by its shape.
+/// Whether matches decide the motion of part `k` among those its shape allows.
 pub(crate) fn is_matched(pair: &MatchedPair<'_>, motions: &[Pose], k: usize) -> bool {
     pair.match_cells(motions)[k] - CHANCE >= pair.config.least_score
 }

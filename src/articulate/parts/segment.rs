@@ -1,8 +1,8 @@
-//! Segments of surface: the flat patches of each part, those of one state joined with their correspondences
-//! in the other.
+//! Segments of surface: the flat patches of each part; those of one state are joined with their
+//! correspondences in the other.
 //!
-//! A segment may be two surfaces at one place under its motion, each with another motion and hidden in one
-//! state, unless they would have had to pass through each other.
+//! Under the motion of a segment, the surfaces of the two states may coincide though each has another motion
+//! and is hidden in one state, unless they would have had to pass through each other.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ use geometry::Pose;
 /// The samples of one label on one flat patch in each state; one state may have none.
 pub(crate) struct Segment {
     pub label: usize,
-    /// Numbers of the samples of each state.
+    /// Indices of the samples of each state.
     pub samples: [Vec<usize>; 2],
 }
 
@@ -25,7 +25,7 @@ impl Segment {
         let [Some(start), Some(end)] = [0, 1].map(|s| Facet::of(pair.samples[s], &self.samples[s])) else {
             return false;
         };
-        // Two sheets cross where one is before the other in state 0 and behind it in state 1.
+        // Two sheets cross if one is in front of the other in state 0 and behind it in state 1.
         let before = end.moved(&second.inverse()).height_m(&start.center);
         let after = end.height_m(&(first * start.center));
         let clear_m = CLEAR * pair.scales.plane_m;
@@ -34,11 +34,11 @@ impl Segment {
     }
 }
 
-/// Surfaces this many standard deviations from a plane are on one side of it.
+/// Surface at least this many standard deviations from a plane is on one side of it.
 /// chosen: beyond three lie 0.3 % of the samples of the plane
 const CLEAR: f64 = 3.0;
 
-/// Where a segment is in one state.
+/// Position and size of a segment in one state.
 struct Facet {
     center: Point3<f64>,
     normal: Vector3<f64>,
@@ -60,7 +60,7 @@ impl Facet {
         Self { center: motion * self.center, normal: motion * self.normal, radius_m: self.radius_m }
     }
 
-    /// Height of a point above it, meters, and its distance from the middle in radii.
+    /// Height of a point above it, meters, and the point's distance from its center, in radii.
     fn height_m(&self, point: &Point3<f64>) -> (f64, f64) {
         let offset = point - self.center;
         let height = self.normal.dot(&offset);
@@ -68,7 +68,8 @@ impl Facet {
     }
 }
 
-/// All samples by segment. Patches with the most correspondences are joined, each with one.
+/// All samples by segment. Each patch is joined with one of the other state, pairs with the most
+/// correspondences first.
 pub(crate) fn segments_of(pair: &SurfacePair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2]) -> Vec<Segment> {
     let groups = [0, 1].map(|s| samples_by_sheet(pair, s, &labels[s]));
     let of = [0, 1].map(|s| {
@@ -88,7 +89,7 @@ pub(crate) fn segments_of(pair: &SurfacePair<'_>, motions: &[Pose], labels: &[Ve
         }
     }
     let mut pairs: Vec<([usize; 2], usize)> = shared.into_iter().collect();
-    // Most first, and equal ones by number: the joining depends on nothing else.
+    // Most first, and equal ones by index, so that the result depends on nothing else.
     pairs.sort_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(&b.0)));
     let mut partner = [0, 1].map(|s| vec![None; groups[s].len()]);
     for ([a, b], _) in pairs {
@@ -107,7 +108,7 @@ pub(crate) fn segments_of(pair: &SurfacePair<'_>, motions: &[Pose], labels: &[Ve
     all
 }
 
-/// The samples of a state by label and smooth sheet, with the label.
+/// The samples of a state, grouped by label and smooth sheet, each group with its label.
 pub(crate) fn samples_by_sheet(
     pair: &SurfacePair<'_>,
     state: usize,

@@ -1,4 +1,4 @@
-//! Labels and motions in turn.
+//! Alternates labels and motions.
 
 use crate::{
     pair::point_to_plane::refined_motion,
@@ -7,14 +7,15 @@ use crate::{
 };
 use geometry::Pose;
 
-/// Rounds, at most, before possible parts are judged: surface has then gone over to its motion.
+/// Largest number of rounds before possible parts are judged: surface has then moved to the label of its
+/// motion.
 const ROUNDS: usize = 8;
-/// Samples in the measure of a motion's change.
+/// Number of samples from which a motion's change is measured.
 const SAMPLES: usize = 200;
 
 /// One round: labels, then every moving part's motion.
 pub(crate) fn settle_once(pair: &MatchedPair<'_>, motions: &mut [Pose]) {
-    // Labels of the old motions hold for the whole round: the order of the parts does not matter.
+    // Labels of the old motions hold for the whole round, so that the order of the parts does not matter.
     let found = labels_and_costs(&pair.surfaces, motions);
     let (labels, _) = &*found;
     let match_labels = pair.match_labels(motions);
@@ -24,7 +25,7 @@ pub(crate) fn settle_once(pair: &MatchedPair<'_>, motions: &mut [Pose]) {
     }
 }
 
-/// Rounds until no motion changes.
+/// Repeats rounds until no motion changes.
 pub(crate) fn settle_fully(pair: &MatchedPair<'_>, motions: &mut [Pose]) {
     let points = &pair.surfaces.samples[0].points;
     let every = points.len().div_ceil(SAMPLES);

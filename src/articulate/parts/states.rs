@@ -1,9 +1,9 @@
-//! Parts of an object in several states: the common refinement of the labels of state 0's surface by all
+//! Parts of an object in several states: the common refinement of the labels of state 0's surface over all
 //! pairs of states. See docs/method.md 7.4.
 //!
-//! State 0 is registered with every other state. Two points of its surface are of one part if they are in
-//! every pair: a part at rest in a pair is there one with its parent. Each of the common parts must explain
-//! surface beyond all others, by the rule for the parts of one pair; the rest goes to the best other part.
+//! State 0 is registered with every other state. Two points of its surface are of one part if they are so in
+//! every pair: a part at rest in a pair is one with its parent there. Each of the common parts must explain
+//! surface that no other explains, by the same rule as for one pair; the rest goes to the best other part.
 
 use std::collections::BTreeMap;
 
@@ -35,17 +35,16 @@ use crate::{
 use common::note::{Note, NoteCode};
 use geometry::{Pose, Screw};
 
-/// Most parts.
+/// Largest number of parts.
 const MOST: usize = 32;
-/// Rounds of labels and motions in turn once the parts are known.
+/// Rounds of alternating labels and motions once the parts are known.
 const ROUNDS: usize = 2;
-/// Range of the search for a missed motion along the line of the part's largest one, in amounts of the
-/// largest, either way.
-/// tuned: shared/bags
+/// Range, in each direction, of the search for a missed motion along the line of the part's largest one, in
+/// amounts of the largest. tuned: shared/bags
 const BEYOND: f64 = 1.5;
-/// Steps of the search either way.
+/// Steps of the search in each direction.
 const STEPS: i32 = 30;
-/// Samples in every step.
+/// Number of samples tried in every step.
 const TRIED: usize = 800;
 
 /// State 0 and another one.
@@ -54,16 +53,16 @@ pub struct StatePair<'a> {
     pub matches: &'a [LiftedMatch],
     /// Surface of the other state.
     pub surface: &'a SurfaceSamples,
-    /// Empty space of the other state.
+    /// Space seen empty in the other state.
     pub free: Option<FreeSpace<'a>>,
-    /// Parts and motions of the two states by themselves.
+    /// Parts and motions found from these two states alone.
     pub found: &'a Registration,
 }
 
 /// Parts of all states.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct United {
-    /// Motion of every part to each state behind state 0, by state; the first part is the static one.
+    /// Motion of every part from state 0 to each other state, by state; the first part is the static one.
     pub motions: Vec<Vec<Pose>>,
     /// Part of every surface sample of each state.
     pub labels: Vec<Vec<u8>>,
@@ -75,20 +74,20 @@ pub struct United {
     pub warnings: Vec<Note>,
 }
 
-/// A part in all pairs.
+/// A part over all pairs.
 #[derive(Clone, Debug)]
 struct Class {
-    /// Its label in each pair; [`FOUND`] where its motion was found later.
+    /// Its label in each pair; [`FOUND`] where its motion was found afterwards.
     labels: Vec<u8>,
     /// Its motion in each pair.
     motions: Vec<Pose>,
 }
 
-/// Marks a motion found by no pair alone.
+/// Marks a motion that the pair alone did not show.
 const FOUND: u8 = u8::MAX;
 
-/// The combinations of labels of points in all labelings, with the number of points: all zero first, then by
-/// number.
+/// All combinations of labels that points have in the given labelings, each with its number of points: the
+/// all-zero combination first, then the most frequent first.
 #[must_use]
 pub(crate) fn common_refinement(labelings: &[&[u8]]) -> Vec<(Vec<u8>, usize)> {
     let points = labelings.iter().map(|l| l.len()).min().unwrap_or(0);
@@ -97,16 +96,15 @@ pub(crate) fn common_refinement(labelings: &[&[u8]]) -> Vec<(Vec<u8>, usize)> {
         *counts.entry(labelings.iter().map(|l| l[i]).collect()).or_default() += 1;
     }
     let mut classes: Vec<(Vec<u8>, usize)> = counts.into_iter().collect();
-    // Stable: classes of one size stay in the order of their labels.
+    // A stable sort: classes of equal size stay in the order of their labels.
     classes.sort_by_key(|(labels, count)| (labels.iter().any(|l| *l != 0), usize::MAX - count));
     classes
 }
 
-/// Parts and motions of all states from those of the pairs. `surface` and `free` are the samples and the
-/// empty space of state 0, `parts` is the number of parts, where given.
+/// Combines the parts and motions of the pairs into those of all states. `surface` and `free` are the samples
+/// and the empty space of state 0; `parts` is the number of parts, if given.
 ///
-/// # Errors
-/// Fewer parts than asked for.
+/// # Errors If there are fewer parts than asked for.
 pub fn unite<'a>(
     surface: &'a SurfaceSamples,
     free: Option<FreeSpace<'a>>,
@@ -119,14 +117,14 @@ pub fn unite<'a>(
     let mut runs = Vec::with_capacity(pairs.len());
     for pair in pairs {
         let both = [surface, pair.surface];
-        // The pairs' motions are refined already: the last reach.
+        // The pairs' motions are refined already, so the last reach applies.
         let reach_m = reach_m(both, config.last_reach * extent_m);
         let surfaces = SurfacePair::new(both, [free, pair.free], reach_m);
         runs.push(MatchedPair::new(pair.matches, extent_m, config, surfaces));
     }
     let states = States { runs };
     let sets = states.thinned_sets(common_parts(pairs, surface.points.len()));
-    // Sets of parts stand by the rule of a pair.
+    // Sets of parts stand by the same rule as for a pair.
     let curve: Vec<EvidencePoint> = sets.iter().map(|s| evidence_point(&s.scores)).collect();
     let standing = sets.iter().zip(&curve).filter(|(_, p)| is_standing(p, &curve, config.least_score));
     let evident = standing.clone().map(|(s, _)| s.classes.len()).max();
@@ -153,7 +151,7 @@ pub fn unite<'a>(
     if let Some(score) = weakest.filter(|s| parts.is_none() && *s < LITTLE * config.least_score) {
         warnings.push(little_evidence(classes.len(), score, config.least_score));
     }
-    // Missed motions are looked for where a part seems at rest.
+    // A missed motion is looked for where a part seems at rest.
     states.seek_missed(&mut classes, &mut notes);
     for _ in 0..ROUNDS {
         states.settle_once(&mut classes);
@@ -177,7 +175,7 @@ fn common_parts(pairs: &[StatePair], samples: usize) -> Vec<Class> {
     classes
 }
 
-/// Motions of all parts in a pair.
+/// Motions of all parts in a pair, from state 0.
 fn motions_in_pair(classes: &[Class], pair: usize) -> Vec<Pose> {
     classes.iter().map(|c| c.motions[pair]).collect()
 }
@@ -195,11 +193,11 @@ struct States<'a> {
 }
 
 impl States<'_> {
-    /// Part of every surface sample of each state; of state 0, by the evidence of all pairs together.
+    /// Part of every surface sample of each state; in state 0 the evidence of all pairs together decides.
     fn labels_of_states(&self, classes: &[Class], of: Of) -> Vec<Vec<u8>> {
         let first = self.labels_0(classes, None, of);
         let mut others = self.other_labels(classes, &first, of);
-        // Once more with the other states' labels known to state 0: a surface belongs to one part only.
+        // Repeated with the other states' labels known to state 0: a surface belongs to one part only.
         let zero = self.labels_0(classes, Some(&others), of);
         others = self.other_labels(classes, &zero, of);
         std::iter::once(zero).chain(others).collect()
@@ -208,7 +206,8 @@ impl States<'_> {
     fn labels_0(&self, classes: &[Class], others: Option<&[Vec<u8>]>, of: Of) -> Vec<u8> {
         let mut sum: Vec<f32> = Vec::new();
         for (k, run) in self.runs.iter().enumerate() {
-            // Costs of ruled out labels are of one pair: they do not add up.
+            // The costs that rule a label out hold for one pair only and do not add up, so they are not used
+            // here.
             let costs = run.surfaces.costs(0, &motions_in_pair(classes, k), others.map(|o| o[k].as_slice()));
             // Pairs are independent observations of the sample: their log likelihoods add up.
             if sum.is_empty() { sum = costs } else { sum.iter_mut().zip(costs).for_each(|(s, c)| *s += c) }
@@ -218,7 +217,7 @@ impl States<'_> {
             .map_or_else(Vec::new, |run| run.surfaces.smoothed_labels(0, &sum, classes.len(), of))
     }
 
-    /// Labels of the other states. Parts of one motion in a pair are distinguished by their place in state 0.
+    /// Labels of the other states. Parts with one motion in a pair are told apart by their place in state 0.
     fn other_labels(&self, classes: &[Class], zero: &[u8], of: Of) -> Vec<Vec<u8>> {
         let mut labels = Vec::with_capacity(self.runs.len());
         for (k, run) in self.runs.iter().enumerate() {
@@ -228,12 +227,12 @@ impl States<'_> {
         labels
     }
 
-    /// Sets of parts, each without the part of the least evidence in the one before, down to the static part.
+    /// Sets of parts, each the one before without the part of least evidence, down to the static part.
     fn thinned_sets(&self, mut classes: Vec<Class>) -> Vec<ClassSet> {
         let mut sets = Vec::new();
         loop {
             let scores = self.evidence_of_parts(&classes);
-            // Of equal ones the later goes: it has fewer samples.
+            // Of equal ones the later is dropped: it has fewer samples.
             let weakest = (1..scores.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]).then(b.cmp(&a)));
             sets.push(ClassSet { classes: classes.clone(), scores });
             let Some(k) = weakest else { return sets };
@@ -241,7 +240,7 @@ impl States<'_> {
         }
     }
 
-    /// Evidence for each part and no other, in cells: its matches beyond chance and its surface, over all
+    /// Evidence that each part alone explains, in cells: its matches beyond chance and its surface, over all
     /// pairs.
     fn evidence_of_parts(&self, classes: &[Class]) -> Vec<f64> {
         let labels = self.labels_of_states(classes, Of::SomeParts);
@@ -253,7 +252,7 @@ impl States<'_> {
                 let others = if s == 0 { &labels[k + 1] } else { &labels[0] };
                 run.surfaces.shape_costs(s, &motions, Some(others))
             });
-            // Otherwise a pair with a common motion of two parts would be evidence against both.
+            // Otherwise a pair in which two parts share a motion would be evidence against both.
             costs.iter_mut().for_each(|c| share_alike(c, &motions));
             let [first, second] = costs;
             zero.push(first);
@@ -266,21 +265,21 @@ impl States<'_> {
         for (k, run) in self.runs.iter().enumerate() {
             let cells = run.match_cells(&motions_in_pair(classes, k));
             scores.iter_mut().zip(cells).for_each(|(s, c)| *s += (c - CHANCE).max(0.0));
-            // Reprojections of all pairs together would take too much memory.
+            // Keeping the reprojections of all pairs would take too much memory.
             run.surfaces.forget_results();
         }
         scores
     }
 
-    /// One round: labels, then every part's own motion.
+    /// One round: labels, then each part's own motion.
     fn settle_once(&self, classes: &mut [Class]) {
         let labels = self.labels_of_states(classes, Of::SomeParts);
         for (k, run) in self.runs.iter().enumerate() {
             let all = motions_in_pair(classes, k);
             let followed = run.match_labels(&all);
             for (c, class) in classes.iter_mut().enumerate().skip(1) {
-                // A part at rest keeps the static part's motion; noise would refine parts of one motion
-                // apart.
+                // A part at rest keeps the static part's motion; noise would otherwise separate parts that
+                // share a motion.
                 let own = class.labels[k] != 0 && all.iter().enumerate().all(|(i, m)| i == c || *m != all[c]);
                 if !own {
                     continue;
@@ -321,7 +320,8 @@ impl States<'_> {
     }
 }
 
-/// Adds the evidence of the surface of one state, with `costs` for every state of its reprojections.
+/// Adds the evidence of the surface of one state; `costs` are those of its reprojections into every other
+/// state.
 fn add_surface_evidence(
     run: &MatchedPair<'_>,
     state: usize,
@@ -338,11 +338,11 @@ fn add_surface_evidence(
     }
 }
 
-/// The motion of a part in a pair along the line of its largest motion in others, where its samples of state
-/// 0 prefer the motion to rest by the least evidence of a part.
+/// The motion of a part in a pair, along the line of its largest motion in others, if its samples of state 0
+/// prefer the motion to rest by at least the evidence a part needs.
 fn missed(run: &MatchedPair<'_>, own: &[usize], others: &[Pose]) -> Option<Pose> {
     let samples = run.surfaces.samples[0];
-    // Some samples suffice to find a step of the search; the gain is scaled up below.
+    // A few samples suffice to find a step of the search; the gain is scaled up below.
     let some: Vec<usize> = own.iter().copied().step_by(own.len().div_ceil(TRIED).max(1)).collect();
     let shift_m =
         |m: &Pose| -> f64 { some.iter().map(|&i| (m * samples.points[i] - samples.points[i]).norm()).sum() };
@@ -364,7 +364,7 @@ fn missed(run: &MatchedPair<'_>, own: &[usize], others: &[Pose]) -> Option<Pose>
     (SURFACE_WEIGHT * best * of_all * cells >= run.config.least_score).then_some(motion)
 }
 
-/// Gives parts of one motion the same costs: their pair does not distinguish them.
+/// Gives parts with one motion the same costs: their pair cannot tell them apart.
 fn share_alike(costs: &mut [f32], motions: &[Pose]) {
     let first: Vec<usize> =
         motions.iter().map(|m| motions.iter().position(|o| o == m).unwrap_or(0)).collect();

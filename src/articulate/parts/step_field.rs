@@ -1,38 +1,39 @@
-//! A small motion as a function of the place on a surface, and the evidence for several such functions by the
-//! distances of correspondences. See docs/method.md (6.12).
+//! A small motion as a function of the position on a surface. The distances of correspondences give the
+//! evidence for several such functions. See docs/method.md (6.12).
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Point3, Vector6};
 
-/// A correspondence, linear in a small motion (rotation vector in radii, shift).
+/// A correspondence, linearized in a small motion (rotation vector in radii, shift).
 pub(crate) struct Reading {
-    /// In state 0.
+    /// Position in state 0, meters.
     pub place: Point3<f64>,
     pub row: Vector6<f64>,
     pub residual_m: f64,
-    /// Of its square: independent errors have a variance of 1.
+    /// Weight of the squared distance; independent errors have a variance of 1.
     pub weight: f64,
 }
 
-/// Derivatives of a reading's distance by the explaining values, meters or radii by meters.
+/// Function that gives the derivatives of a reading's distance by the explaining values, meters or radii by
+/// meters.
 pub(crate) type Design<'a> = dyn Fn(&Reading) -> Vec<f64> + 'a;
 
-/// Derivatives by a step for each measure, times the measure.
+/// Derivatives by a step proportional to each measure.
 pub(crate) fn step_derivatives(reading: &Reading, measures: &[f64]) -> Vec<f64> {
     measures.iter().flat_map(|m| reading.row.iter().map(move |x| m * x)).collect()
 }
 
-/// The readings for the comparison of steps.
+/// The readings from which steps are compared.
 pub(crate) struct StepField<'a> {
     pub readings: &'a [Reading],
     /// Prior information on every value.
     pub prior: f64,
-    /// By how much the variance of sums of readings exceeds that of independent ones.
+    /// Ratio of the variance of sums of readings to that of independent ones.
     pub dispersion: f64,
 }
 
 impl StepField<'_> {
-    /// Logarithm of the evidence for the values of a design, over the evidence for none: the likelihood of a
-    /// linear Gaussian model with the values integrated out. `None` without readings.
+    /// Log evidence for the values of a design over none: the likelihood of a linear Gaussian model with the
+    /// values integrated out. `None` without readings.
     pub(crate) fn log_evidence(&self, design: &Design<'_>) -> Option<f64> {
         let size = design(self.readings.first()?).len();
         let mut matrix = DMatrix::identity(size, size) * self.prior;
@@ -40,7 +41,7 @@ impl StepField<'_> {
         for r in self.readings {
             let row = DVector::from_vec(design(r));
             let weight = r.weight / self.dispersion;
-            // A factorization reads the lower half.
+            // The factorization reads only the lower half.
             matrix.syger(weight, &row, &row, 1.0);
             right.axpy(-r.residual_m * weight, &row, 1.0);
         }

@@ -1,4 +1,4 @@
-//! Agreement of samples of unexplained surface with a motion.
+//! How well samples of unexplained surface agree with a motion.
 
 use nalgebra::Vector3;
 
@@ -9,18 +9,19 @@ use crate::pair::{
 };
 use geometry::Pose;
 
-/// Tolerance of the distance from a plane against its scale while motions are polished.
+/// Ratio of the tolerated distance from a plane to its scale while motions are polished.
 /// tuned: shared/bags
 const SOFT: f64 = 1.5;
 /// Standard deviation of the angle between two colors of one surface, radians.
 /// tuned: shared/bags
 const HUE_SIGMA: f64 = 0.12;
-/// Largest length of a color without hue.
+/// Length below which a color has no hue.
 /// tuned: shared/bags
 const DARK: f64 = 0.08;
 
-/// Agreement of a sample with a motion a step off: 1 to 0.5 on unexplained surface of the other state, the
-/// less the farther; -1 in empty space; 0 where nothing was seen or the surface there is explained.
+/// Agreement of a sample with a motion that is up to a step off: 1 to 0.5 on unexplained surface of the other
+/// state, falling with the distance; -1 in empty space; 0 where nothing was seen or the surface there is
+/// explained.
 pub(crate) fn rough_agreement(
     pair: &SurfacePair<'_>,
     left: &Unexplained,
@@ -32,7 +33,8 @@ pub(crate) fn rough_agreement(
     let others = pair.samples[1 - state];
     let (point, nearest) = pair.moved_and_nearest(state, sample, other_from_this);
     match nearest {
-        // A step is most of the reach: a sample beside its true partner must count nearly as much as on it.
+        // A step is most of the reach: a sample beside its true partner must count nearly as much as one on
+        // it.
         Some(j) if left.open[1 - state][j] => {
             let near = 1.0 - 0.5 * (point - others.points[j]).norm_squared() / pair.reach_m.powi(2);
             near * same_hue(these.colors[sample], others.colors[j])
@@ -42,7 +44,7 @@ pub(crate) fn rough_agreement(
     }
 }
 
-/// Mean agreement of samples with a motion a step off.
+/// Mean agreement of samples with a motion that is up to a step off.
 pub(crate) fn mean_rough(
     pair: &SurfacePair<'_>,
     left: &Unexplained,
@@ -67,8 +69,8 @@ pub(crate) fn sharp_agreement(
     let partner = nearest.and_then(|j| {
         let (off_m, aside) = pair.offset_from_plane(1 - state, j, &point);
         let z = off_m / (SOFT * pair.scales.plane_m);
-        // One less the cost of docs/method.md (6.5), on a wider scale: a motion on its way must feel the
-        // surface.
+        // One minus the cost of docs/method.md (6.5), on a wider scale: a motion that is not there yet must
+        // still feel the surface.
         (aside < EDGE).then_some(HALF_COST / (HALF_COST + z * z) * hue_likeness(pair, left, state, sample, j))
     });
     match partner {
@@ -79,8 +81,8 @@ pub(crate) fn sharp_agreement(
     }
 }
 
-/// Gain of each unexplained sample by a motion, face by face: a face with more samples taken into empty space
-/// than onto surface counts nothing.
+/// Gain of each unexplained sample from a motion, face by face: a face with more samples moved into empty
+/// space than onto surface counts nothing.
 pub(crate) fn gains_by_motion(
     pair: &SurfacePair<'_>,
     motion: &Pose,
@@ -94,8 +96,8 @@ pub(crate) fn gains_by_motion(
             let open = face.iter().filter(|&&i| left.open[s][i]);
             let own: Vec<(usize, f64)> =
                 open.map(|&i| (i, gain_of_sample(pair, left, s, i, &other_from_this))).collect();
-            // A face moves as a whole: a few samples on a surface by chance are no evidence for a motion of
-            // the rest into empty space.
+            // A face moves as a whole: if a few samples are on a surface by chance, this is no evidence for a
+            // motion that moves the rest into empty space.
             if own.iter().map(|v| v.1).sum::<f64>() > 0.0 {
                 own.iter().for_each(|(i, v)| gains[*i] = *v);
             }
@@ -104,8 +106,8 @@ pub(crate) fn gains_by_motion(
     })
 }
 
-/// Gain of a sample by a motion: 1 on a perfect partner of the same hue, -1 in empty space, 0 where nothing
-/// was seen or something else stands.
+/// Gain of a sample from a motion: 1 on a perfect partner of the same hue, -1 in empty space, 0 where nothing
+/// was seen or something else is.
 fn gain_of_sample(
     pair: &SurfacePair<'_>,
     left: &Unexplained,
@@ -121,8 +123,8 @@ fn gain_of_sample(
     likeness * (1.0 - 2.0 * f64::from(cost)).max(0.0)
 }
 
-/// How alike in hue a sample and its partner in the other state are; 0 where no unexplained surface calls
-/// for the partner.
+/// How alike in hue a sample and its partner in the other state are; 0 if no unexplained surface calls for
+/// the partner.
 fn hue_likeness(
     pair: &SurfacePair<'_>,
     left: &Unexplained,
@@ -136,10 +138,10 @@ fn hue_likeness(
     same_hue(pair.samples[state].colors[sample], pair.samples[1 - state].colors[partner])
 }
 
-/// Likeness of two colors of one surface in different light (light scales all channels alike): 1 to 0 by the
-/// angle between them.
+/// Likeness of two colors as of one surface in different light (which scales all channels alike): 1 to 0 by
+/// the angle between them.
 fn same_hue(a: [f32; 3], b: [f32; 3]) -> f64 {
     let [a, b] = [a, b].map(|c| Vector3::from(c).cast::<f64>());
-    // The angle of a dark color is noise.
+    // The angle of a dark color is only noise.
     if a.norm().min(b.norm()) < DARK { 1.0 } else { (-0.5 * (a.angle(&b) / HUE_SIGMA).powi(2)).exp() }
 }

@@ -1,4 +1,4 @@
-//! Possible motions of parts: by matches, and by surface left or reached.
+//! Proposes possible motions of parts: from matches, and from surface that was left or reached.
 
 pub(crate) mod agreement;
 pub(crate) mod patch;

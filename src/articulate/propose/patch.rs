@@ -1,4 +1,4 @@
-//! Flat patches of surface: planes grown over neighboring samples, with the box around each.
+//! Flat patches of surface: planes grown over neighboring samples, each with its bounding rectangle.
 
 use nalgebra::{Matrix3, Point3, Rotation3, SymmetricEigen, Unit, Vector3};
 
@@ -13,18 +13,18 @@ const SAME_PLANE: f64 = 0.15;
 
 /// A flat patch of surface.
 pub(crate) struct Patch {
-    /// Its samples.
+    /// Indices of its samples.
     pub samples: Vec<usize>,
-    /// Their middle.
+    /// Center of the rectangle around them.
     pub center: Point3<f64>,
-    /// Two edges and the normal, unit.
+    /// Unit vectors along two edges and the normal.
     pub axes: [Vector3<f64>; 3],
     /// Half sides along the edges, meters.
     pub half_m: [f64; 2],
 }
 
 impl Patch {
-    /// Where a motion takes it.
+    /// The patch moved by a motion.
     pub(crate) fn under(&self, motion: &Pose) -> Self {
         Self {
             samples: self.samples.clone(),
@@ -41,22 +41,22 @@ impl Patch {
     }
 }
 
-/// Two patches of one plane are as broad as each other up to this share.
+/// Largest relative difference between the breadths of two patches of one panel.
 /// tuned: shared/bags
 const SAME_BREADTH: f64 = 0.25;
 
-/// The rectangle between two patches of one plane, one beside the other.
+/// The rectangle between two adjacent patches of one plane.
 pub(crate) struct Band {
     center: Point3<f64>,
-    /// Along, across and normal, unit.
+    /// Unit vectors along it, across it and normal to it.
     axes: [Vector3<f64>; 3],
     half_m: [f64; 2],
     tolerance_m: f64,
 }
 
 impl Band {
-    /// The band from one patch to the other; `None` where they lie in two planes, or not side by side along
-    /// an edge.
+    /// The band from one patch to the other; `None` if they are in two planes, or not side by side along an
+    /// edge.
     pub(crate) fn between(a: &Patch, b: &Patch, tolerance_m: f64) -> Option<Self> {
         let normal = a.axes[2];
         let apart = b.center - a.center;
@@ -66,11 +66,11 @@ impl Band {
         let along =
             if a.axes[0].dot(&apart).abs() > a.axes[1].dot(&apart).abs() { a.axes[0] } else { a.axes[1] };
         let across = normal.cross(&along);
-        // A slid panel uncovers a strip as broad as the covered one.
+        // A sliding panel uncovers a strip as broad as the one it covers.
         let [breadth_a, breadth_b] = [a, b].map(|p| p.half_extent_m(&across));
         let alike_m = SAME_BREADTH * (breadth_a + breadth_b);
         let beside = across.dot(&apart).abs() < alike_m && (breadth_a - breadth_b).abs() < alike_m;
-        // The band lies between the patches; the patches themselves are open.
+        // Only the space between the patches: the patches themselves are already open.
         let [half_a, half_b] = [a, b].map(|p| p.half_extent_m(&along));
         let length_m = along.dot(&apart).abs() - half_a - half_b;
         let middle = a.center + along * (along.dot(&apart).signum() * (half_a + 0.5 * length_m));
@@ -97,7 +97,7 @@ impl Band {
     }
 }
 
-/// The plane of the samples taken so far.
+/// The plane through the samples taken so far.
 struct GrowingPlane {
     points: Vector3<f64>,
     normals: Vector3<f64>,
@@ -118,7 +118,7 @@ impl GrowingPlane {
     }
 }
 
-/// Patches of the faces with at least `least` seeds; most seeds first, at most `most`.
+/// Patches of the faces with at least `least` seeds, those with the most seeds first, at most `most`.
 pub(crate) fn largest_patches(
     pair: &SurfacePair<'_>,
     state: usize,
@@ -130,13 +130,13 @@ pub(crate) fn largest_patches(
     let samples = pair.samples[state];
     let mut groups: Vec<(usize, &Vec<usize>)> =
         faces.iter().map(|g| (g.iter().filter(|&&i| seed[i]).count(), g)).filter(|g| g.0 >= least).collect();
-    // Equal ones by their first sample: the order is unique.
+    // Equal ones are ordered by their first sample, so that the order is unique.
     groups.sort_by(|a, b| b.0.cmp(&a.0).then(a.1[0].cmp(&b.1[0])));
     groups.truncate(most);
     groups.into_iter().filter_map(|(_, g)| patch_of_face(samples, g.clone())).collect()
 }
 
-/// The open samples by plane; no sample is in two.
+/// The open samples grouped by plane; no sample is in two groups.
 pub(crate) fn faces_of_open(pair: &SurfacePair<'_>, state: usize, open: &[bool]) -> Vec<Vec<usize>> {
     let mut taken: Vec<bool> = open.iter().map(|o| !o).collect();
     let mut all = Vec::new();
@@ -160,8 +160,8 @@ fn grown_face(pair: &SurfacePair<'_>, state: usize, first: usize, taken: &mut [b
         let i = group[next];
         next += 1;
         for j in pair.neighbors_on_surface(state, i) {
-            // Against the plane so far, not against the neighbor: a bent surface turns little from one sample
-            // to the next.
+            // Compared with the plane so far, not with the neighbor: a bent surface turns little from one
+            // sample to the next.
             if !taken[j] && plane.holds(&samples.points[j], &samples.normals[j], SAME_PLANE * pair.reach_m) {
                 taken[j] = true;
                 plane.add(&samples.points[j], &samples.normals[j]);
@@ -180,7 +180,7 @@ fn patch_of_face(samples: &SurfaceSamples, group: Vec<usize>) -> Option<Patch> {
         group.iter().map(|&i| samples.points[i] - center).map(|v| v * v.transpose()).sum();
     let eigen = SymmetricEigen::new(spread);
     let flat = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
-    // The plane of the points is better known than the mean of the normals, unless the points form a line.
+    // The fitted plane is more certain than the mean of the normals, unless the points form a line.
     let normal = if flat.dot(&mean).abs() > SAME_NORMAL { flat * flat.dot(&mean).signum() } else { mean };
     let across = Matrix3::identity() - normal * normal.transpose();
     let long = across * eigen.eigenvectors.column(eigen.eigenvalues.imax());
@@ -196,8 +196,8 @@ fn patch_of_face(samples: &SurfaceSamples, group: Vec<usize>) -> Option<Patch> {
     Some(Patch { samples: group, center, axes: [long, short, normal], half_m })
 }
 
-/// The direction in the plane along which the box around the patch is smallest: a square has no principal
-/// directions.
+/// The direction in the plane along which the bounding rectangle of the patch is smallest: a square has no
+/// principal directions.
 fn smallest_box_direction(
     samples: &SurfaceSamples,
     group: &[usize],
@@ -207,7 +207,7 @@ fn smallest_box_direction(
 ) -> Vector3<f64> {
     const STEPS: usize = 30;
     let mut best = (f64::INFINITY, start);
-    // A quarter of a turn shows all boxes; the other sides are the same again.
+    // A quarter turn covers all rectangles; beyond it they repeat.
     for k in 0..STEPS {
         let angle = std::f64::consts::FRAC_PI_2 * k as f64 / STEPS as f64;
         let axis = Rotation3::from_axis_angle(&Unit::new_unchecked(*normal), angle) * start;
@@ -219,7 +219,7 @@ fn smallest_box_direction(
     best.1
 }
 
-/// Length of the range of samples along a unit direction, meters.
+/// Extent of samples along a unit direction, meters.
 fn extent_along(samples: &SurfaceSamples, group: &[usize], center: &Point3<f64>, d: &Vector3<f64>) -> f64 {
     let along = group.iter().map(|&i| d.dot(&(samples.points[i] - center)));
     let [lo, hi] = along.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], x| [lo.min(x), hi.max(x)]);

@@ -1,5 +1,5 @@
-//! Rigid motions proposed by lifted matches: sequential RANSAC (Fischler and Bolles 1981) over local triples.
-//! See docs/method.md 6.1.
+//! Proposes rigid motions from lifted matches: sequential RANSAC (Fischler and Bolles 1981) over local
+//! triples. See docs/method.md 6.1.
 
 use std::collections::BTreeMap;
 
@@ -14,22 +14,23 @@ use geometry::{Pose, rigid_fit};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RansacConfig {
-    /// Triples tried for every motion.
+    /// Number of triples tried for every motion.
     pub trials: usize,
     /// A match within this many standard deviations of a motion supports it.
     pub gate_sigmas: f64,
-    /// No match further than this share from a motion supports it, however noisy.
+    /// No match farther than this from a motion supports it, however noisy it is.
     pub gate: f64,
-    /// A match must have moved by more than this share, and by its gate, to be evidence for a motion.
+    /// A match must have moved by more than this, and by more than its gate, to be evidence for a motion.
     pub moved: f64,
     /// Side of the cells in which support is counted.
     pub cell: f64,
-    /// Least support of a motion: cells, each by its best match (1 on the motion, 0 at the gate).
+    /// Least support of a motion, in cells; each cell counts by its best match (1 on the motion, 0 at the
+    /// gate).
     pub least_support: f64,
-    /// A motion is slack of the static part where its supporting matches moved by less than this many
-    /// thresholds at most.
+    /// A motion whose supporting matches moved by less than this many thresholds is mere slack of the static
+    /// part.
     pub slack_thresholds: f64,
-    /// Motions proposed in excess of the wanted ones.
+    /// Number of motions proposed beyond those asked for.
     pub spare: usize,
 }
 
@@ -53,36 +54,38 @@ impl Default for RansacConfig {
 pub struct Proposal {
     /// The motion in the world.
     pub state1_from_state0: Pose,
-    /// Cells with a supporting match (the smaller sum of both states), each by its best match (1 on the
+    /// Support in cells (the smaller sum of the two states); each cell counts by its best match (1 on the
     /// motion, 0 at the gate).
     pub support: f64,
-    /// Supporting matches.
+    /// Number of supporting matches.
     pub matches: usize,
     /// Root mean square distance of the supporting matches after the motion, meters.
     pub rms_m: f64,
-    /// Distance by which nine in ten of the supporting matches moved at most, meters.
+    /// Displacement of the supporting matches, meters: nine in ten of them moved at most this far.
     pub displacement_m: f64,
 }
 
-/// Cells of matches without evidence: so many of a few hundred wrong ones follow the best of all motions by
-/// chance. Three fix the motion, and where one in a thousand is within the gate, six or seven of 300 are
-/// expected on some motion of the 300^3 / 6 (number of false alarms, Moisan and Stival 2004).
+/// Number of cells of matches that are no evidence: of a few hundred wrong matches, this many follow the best
+/// of all motions by chance. Three fix the motion, and where one in a thousand is within the gate, six or
+/// seven of 300 are expected on some motion of the 300^3 / 6 (number of false alarms, Moisan and Stival
+/// 2004).
 /// tuned: shared/bags
 pub(crate) const CHANCE: f64 = 5.0;
-/// Two motions of one place with a difference of less than this many gates are one.
+/// Two motions that differ by less than this many gates in one place are the same.
 /// tuned: shared/bags
 const TWIN_GATES: f64 = 2.5;
-/// A motion with this share of another's support is none found again: badly placed matches seldom agree.
+/// A motion with at least this share of another's support is not a duplicate: badly placed matches seldom
+/// agree.
 /// tuned: shared/bags
 const TWIN_SUPPORT: f64 = 0.3;
 /// Radii within which triples of matches are drawn, in turn, as shares of the object's longest side.
 /// chosen: from a small part to half the object
 const TRIPLE_RADII: [f64; 4] = [0.1, 0.2, 0.35, 0.5];
-/// Two matches closer than this share of the object's longest side are in one place.
+/// Two matches closer than this share of the object's longest side are in the same place.
 /// tuned: shared/bags
 const TWIN_DISTANCE: f64 = 0.06;
 
-/// How far matches may lie from a supported motion, and how far they move, in meters.
+/// How far matches may be from a motion they support, and how far they must move, in meters.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Gate {
     sigmas: f64,
@@ -96,7 +99,7 @@ impl Gate {
         Self { sigmas: config.gate_sigmas, most_m: config.gate * extent_m, moved_m: config.moved * extent_m }
     }
 
-    /// Largest distance of a match from a supported motion, meters.
+    /// Largest distance of a match from a motion it supports, meters.
     fn distance_m(&self, sigma_m: f64) -> f64 {
         (self.sigmas * sigma_m).min(self.most_m)
     }
@@ -118,9 +121,9 @@ impl Gate {
     }
 }
 
-/// Motions supported by the moved matches, strongest first: one after the other, each by the matches left by
-/// the earlier ones. Slack of the static part and motions already found are left out. `extent_m` is the
-/// object's longest side; at most `motions + spare` motions.
+/// Motions supported by the moved matches, strongest first; each comes from the matches that earlier ones
+/// left. Slack of the static part and motions already found are skipped. `extent_m` is the object's longest
+/// side; at most `motions + spare` motions are returned.
 pub(crate) fn proposed_motions(
     matches: &[LiftedMatch],
     motions: usize,
@@ -131,14 +134,14 @@ pub(crate) fn proposed_motions(
     let gate = Gate::new(config, extent_m);
     let mut pool: Vec<LiftedMatch> = matches.iter().filter(|m| gate.has_moved(m)).copied().collect();
     let mut proposals: Vec<Proposal> = Vec::new();
-    // Rejected motions use up an attempt too: the loop ends.
+    // Rejected motions also use up an attempt, so the loop ends.
     for _ in 0..2 * (motions + config.spare) {
         if proposals.len() >= motions + config.spare {
             break;
         }
         let Some(proposal) = strongest_motion(&pool, extent_m, config, rng) else { break };
         let before = pool.len();
-        // Also where the motion is not proposed: its matches would give it again.
+        // Also if the motion is not proposed: its matches would give it again.
         pool.retain(|m| !gate.supports(m, &proposal.state1_from_state0));
         let slack = proposal.displacement_m < config.slack_thresholds * config.moved * extent_m;
         let mut stronger = proposals.iter().filter(|p| proposal.support < TWIN_SUPPORT * p.support);
@@ -155,7 +158,8 @@ pub(crate) fn proposed_motions(
     proposals
 }
 
-/// Up to `count` motions of all matches, static ones too, each by the matches left by the earlier ones.
+/// Up to `count` motions of all matches, static ones included; each comes from the matches that earlier ones
+/// left.
 pub(crate) fn common_motions(
     matches: &[LiftedMatch],
     count: usize,
@@ -179,13 +183,13 @@ pub(crate) fn common_motions(
     found
 }
 
-/// Whether the weaker of two motions is the stronger found again with badly placed matches: it differs by
-/// less than [`TWIN_GATES`] gates where it acts, and acts in the midst of the stronger's matches. (Two parts
-/// with like motions stand side by side.)
+/// Whether the weaker of two motions is the stronger one found again from badly placed matches: where it
+/// acts, it differs by less than [`TWIN_GATES`] gates, and it acts in the midst of the stronger's matches.
+/// (Two parts with similar motions are side by side.)
 fn is_twin(weak: &Pose, strong: &Pose, matches: &[LiftedMatch], gate: &Gate, extent_m: f64) -> bool {
     let [followers, others]: [Vec<&LiftedMatch>; 2] =
         [weak, strong].map(|motion| matches.iter().filter(|m| gate.supports(m, motion)).collect());
-    // Where the motions act: two turns about far axes may differ much elsewhere and be one here.
+    // Compared where the motions act: two turns about far axes may differ much elsewhere and be one here.
     let twins = followers.iter().filter(|m| {
         let close = (weak * m.point0 - strong * m.point0).norm() < TWIN_GATES * gate.most_m;
         close && others.iter().any(|o| (o.point0 - m.point0).norm() < TWIN_DISTANCE * extent_m)
@@ -228,7 +232,7 @@ impl CellCounter {
         for (i, m) in pool.iter().enumerate() {
             let distance = self.gate.distance_m(m.sigma_m);
             // docs/method.md (5.1) and (5.2); one rotation matrix for all matches is faster than a quaternion
-            // each.
+            // for each.
             let squared =
                 (rotation * m.point0.coords + motion.translation.vector - m.point1.coords).norm_squared();
             if squared < distance * distance {
@@ -243,7 +247,7 @@ impl CellCounter {
                 }
             }
         }
-        // Only touched cells are cleared: thousands of motions touch few cells each.
+        // Only touched cells are cleared: each of thousands of motions touches few.
         for &i in &self.touched {
             (0..2).for_each(|s| self.best[s][self.cells[s][i]] = 0.0);
         }
@@ -251,7 +255,7 @@ impl CellCounter {
     }
 }
 
-/// The best supported motion of the pool; `None` where no motion has enough support.
+/// The motion with the most support in the pool; `None` if none has enough.
 fn strongest_motion(
     pool: &[LiftedMatch],
     extent_m: f64,
@@ -265,7 +269,7 @@ fn strongest_motion(
     let mut counter = CellCounter::new(pool, gate, config.cell * extent_m);
     let mut best: Option<(f64, Pose)> = None;
     for trial in 0..config.trials {
-        // Close triples stay on one part, wide ones fix its rotation: all sizes take turns.
+        // Small triples stay on one part, wide ones fix its rotation: all sizes take turns.
         let radius_m = extent_m * TRIPLE_RADII[trial % TRIPLE_RADII.len()];
         let Some(motion) = triple_motion(pool, radius_m, &gate, rng) else { continue };
         let support = counter.support(pool, &motion);
@@ -273,7 +277,7 @@ fn strongest_motion(
             best = Some((support, motion));
         }
     }
-    // Three matches carry three errors into the motion; the average over all its matches lessens them.
+    // The errors of three matches enter the motion; refitting to all its matches averages them out.
     let mut motion = best?.1;
     for _ in 0..5 {
         motion = refitted_motion(pool, &motion, &gate)?;
@@ -296,7 +300,7 @@ fn strongest_motion(
     })
 }
 
-/// Motion of three random matches within `radius_m` of the first, with the same mutual distances in both
+/// The motion of three random matches within `radius_m` of the first whose mutual distances agree in both
 /// states.
 fn triple_motion(pool: &[LiftedMatch], radius_m: f64, gate: &Gate, rng: &mut impl Rng) -> Option<Pose> {
     let a = random_match(pool, rng);
@@ -309,7 +313,7 @@ fn triple_motion(pool: &[LiftedMatch], radius_m: f64, gate: &Gate, rng: &mut imp
         chosen.push(partner?);
     }
     let motion = rigid_fit(chosen.iter().map(|m| (m.point0, m.point1, 1.0)))?;
-    // Three small differences of distances may add up to more than a match allows.
+    // Three small differences of distances may together exceed what a match allows.
     chosen.iter().all(|m| gate.supports(m, &motion)).then_some(motion)
 }
 
@@ -317,18 +321,18 @@ fn random_match<'a>(pool: &'a [LiftedMatch], rng: &mut impl Rng) -> &'a LiftedMa
     &pool[((rng.next_u64() >> 32) as usize * pool.len()) >> 32]
 }
 
-/// Whether two matches could be of one rigid motion: their distance is the same in both states. A rigid
-/// motion keeps distances, and these are cheaper to test than a fit.
+/// Whether two matches could be of one rigid motion, which keeps their distance the same in both states. This
+/// is cheaper to test than a fit.
 fn distances_agree(p: &LiftedMatch, q: &LiftedMatch, gate: &Gate) -> bool {
     let l0 = (p.point0 - q.point0).norm();
     let l1 = (p.point1 - q.point1).norm();
     let sigma = p.sigma_m.hypot(q.sigma_m);
-    // Ends closer than their errors fix no rotation.
+    // Ends closer together than their errors do not fix a rotation.
     l0 > 4.0 * sigma && (l0 - l1).abs() < gate.distance_m(sigma)
 }
 
-/// Refitted to its support, each match weighted by its precision and its distance (Geman-McClure).
-/// See docs/method.md (6.2).
+/// The motion refitted to its support; each match is weighted by its precision and its distance
+/// (Geman-McClure). See docs/method.md (6.2).
 fn refitted_motion(pool: &[LiftedMatch], motion: &Pose, gate: &Gate) -> Option<Pose> {
     let pairs = pool.iter().filter(|m| gate.supports(m, motion)).map(|m| {
         let z = (motion * m.point0 - m.point1).norm() / m.sigma_m;

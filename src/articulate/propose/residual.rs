@@ -1,9 +1,9 @@
-//! Motions proposed by geometry: patches of surface left behind in one state and reached in the other.
+//! Proposes motions from geometry: from patches of surface left in one state and reached in the other.
 //!
-//! Where a surface of one state lies in space seen empty in the other state, and no known motion takes it
-//! onto a surface, it moved by an unknown one. Patches of such surface are tried on those of the other state
-//! (`trial.rs`). The best motions are polished and taken one after the other, each with the surface explained
-//! by it, and patches hanging on it are tried. Plain surfaces give no matches and are found so.
+//! If a surface of one state is in space that the other state saw empty, and no known motion takes it onto a
+//! surface, an unknown motion moved it. Patches of such surface are tried on those of the other state
+//! (`trial.rs`). The best motions are polished and accepted one after the other, each with the surface it
+//! explains, and patches that may hang on it are tried. This finds plain surfaces, which give no matches.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use rayon::prelude::*;
@@ -15,12 +15,12 @@ use crate::{
 };
 use geometry::Pose;
 
-/// A slide is as good as a small turn from this share of the turn's worth on.
+/// A slide is preferred to a small turn from this share of the turn's worth on.
 /// tuned: shared/bags
 const AS_MUCH: f64 = 0.95;
 
-/// Motions of unexplained patches onto unexplained surface, from state 0 to state 1, best first, each judged
-/// by the surface left by the ones before.
+/// Motions of unexplained patches onto unexplained surface, from state 0 to state 1, best first; each is
+/// judged by the surface left by those before.
 pub(crate) fn propose_from_residual(pair: &SurfacePair<'_>, motions: &[Pose], extent_m: f64) -> Vec<Pose> {
     let mut search = Search::new(pair, motions, extent_m);
     let least = LEAST_SHARE * search.left.open.iter().map(Vec::len).sum::<usize>() as f64;
@@ -29,7 +29,7 @@ pub(crate) fn propose_from_residual(pair: &SurfacePair<'_>, motions: &[Pose], ex
         motions.iter().flat_map(|body| motions_on(&search, body, &found)).collect();
     let mut kept: Vec<Pose> = Vec::new();
     while !candidates.is_empty() {
-        // Anew for each motion, as the ones before took their surface away.
+        // Computed again for each motion, as those before took surface away.
         let worths: Vec<(f64, f64)> = candidates.par_iter().map(|m| search.hinged_worth(m)).collect();
         let enough = worths.iter().enumerate().filter(|(_, w)| w.1 >= least);
         let Some((best, _)) = enough.max_by(|a, b| a.1.0.total_cmp(&b.1.0).then(b.0.cmp(&a.0))) else {
@@ -37,26 +37,26 @@ pub(crate) fn propose_from_residual(pair: &SurfacePair<'_>, motions: &[Pose], ex
         };
         let motion = polished_motion(&search, &candidates.swap_remove(best));
         search.take_explained(&motion);
-        // A part on the found part moves after it: a drawer in a door, a lever on a drawer.
+        // A part attached to the found part follows it: a drawer in a door, a lever on a drawer.
         candidates.extend(motions_on(&search, &motion, &found));
         kept.push(motion);
     }
     kept
 }
 
-/// The best motion near by, a slide rather than a small turn where it explains as much; for a round part, the
-/// best of all turns.
+/// The best motion nearby; a slide rather than a small turn if it explains as much; for a round part the best
+/// of all turns.
 fn polished_motion(search: &Search<'_, '_>, motion: &Pose) -> Pose {
-    // Point-to-plane fits leave slips open; only the search along them finds the edges.
+    // Point-to-plane fits leave slips open; only a search along them finds the edges.
     let Some(slips) = search.slips_of(motion) else { return *motion };
     let (worth, best) =
         search.climbed_motion(motion, slips, |m| search.sharp_worth(m), |pose| search.slips_of(pose));
-    // Normals of a slide do not change: a large turn cannot be taken for one.
+    // A slide does not change normals, so a large turn cannot be mistaken for one.
     if best.rotation.angle() > PARALLEL {
         return round_turn(search, &best).unwrap_or(best);
     }
     let center = search.explained_center(&best);
-    // The slide moves the middle as the turn does: both start at one place.
+    // The slide moves the center as the turn does, so both start at one place.
     let slide = Pose::from_parts((best * center - center).into(), UnitQuaternion::identity());
     let along = [0, 1, 2].map(|k| Slip::along_direction(Vector3::ith(k, 1.0)));
     let (slide_worth, slide) = search.climbed_motion(&slide, along, |m| search.sharp_worth(m), |_| None);

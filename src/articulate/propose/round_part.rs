@@ -1,5 +1,5 @@
-//! Turns of a round part, such as a cap or a knob: its shape allows any, marks on it fix it.
-//! See docs/method.md 6.8.
+//! Turns of a round part, such as a cap or a knob: its shape allows any turn; marks on it decide. See
+//! docs/method.md 6.8.
 
 use std::f64::consts::TAU;
 
@@ -8,16 +8,16 @@ use rayon::prelude::*;
 use crate::{propose::search::Search, samples::slip::round_axis};
 use geometry::Pose;
 
-/// Tried turns, all round.
+/// Number of turns tried, all around.
 const TURNS: usize = 72;
-/// Number of the best turns to polish.
+/// Number of the best turns that are polished.
 const PEAKS: usize = 4;
-/// A turn explains more than none by this share.
+/// Share by which a turn must explain more than no turn.
 /// tuned: random objects (eval/random_objects.md)
 const MORE: f64 = 0.02;
 
-/// The motion of a round part after the best turn about its middle, if the turn explains more than none. Such
-/// a turn needs no hinge beside the part.
+/// The motion of a round part after the best turn about its axis, if this explains more than no turn. Such a
+/// turn needs no hinge beside the part.
 pub(crate) fn round_turn(search: &Search<'_, '_>, motion: &Pose) -> Option<Pose> {
     let (points, normals) = search.moved_surface(motion);
     let axis = round_axis(&points, &normals)?;
@@ -25,7 +25,7 @@ pub(crate) fn round_turn(search: &Search<'_, '_>, motion: &Pose) -> Option<Pose>
     let turned: Vec<Pose> =
         (0..TURNS).map(|k| axis.motion_by(TAU * k as f64 / TURNS as f64, 0.0) * motion).collect();
     let totals: Vec<f64> = turned.par_iter().map(total).collect();
-    // Marks repeat round a part, and the highest coarse peak need not be the highest after polishing.
+    // Marks repeat around a part, and the highest coarse peak need not be the highest after polishing.
     let mut peaks: Vec<usize> = (0..TURNS)
         .filter(|&k| totals[k] >= totals[(k + 1) % TURNS].max(totals[(k + TURNS - 1) % TURNS]))
         .collect();
@@ -39,7 +39,7 @@ pub(crate) fn round_turn(search: &Search<'_, '_>, motion: &Pose) -> Option<Pose>
         }
     }
     let best = best?;
-    // Without marks all turns explain the same but for noise, and the motion stays as it is.
+    // Without marks, turns differ only by noise, and the motion stays as it is.
     (best.0 > (1.0 + MORE) * totals[0]).then_some(best.1)
 }
 

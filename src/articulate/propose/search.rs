@@ -1,4 +1,4 @@
-//! The state of the search for motions in unexplained surface, and the worth of a motion.
+//! State of the search for motions in unexplained surface, and how much a motion is worth.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -18,24 +18,24 @@ use crate::{
 };
 use geometry::Pose;
 
-/// Worth of a turn about an axis in thin air against a turn about a hinge: links in a chain may turn so.
+/// Worth of a turn about an axis in thin air relative to a turn about a hinge: links in a chain may turn so.
 /// tuned: shared/bags
 const DETACHED: f64 = 0.1;
 
-/// The state of the search for motions.
+/// State of the search for motions.
 pub(crate) struct Search<'a, 'b> {
     pub pair: &'a SurfacePair<'b>,
     pub extent_m: f64,
     pub left: Unexplained,
-    /// Unexplained samples of each state by plane.
+    /// Unexplained samples of each state, grouped by plane.
     pub faces: [Vec<Vec<usize>>; 2],
-    /// Motions known so far, the static part's first.
+    /// Motions known so far; the first is the static part's.
     pub bodies: Vec<Pose>,
 }
 
 impl<'a, 'b> Search<'a, 'b> {
     pub(crate) fn new(pair: &'a SurfacePair<'b>, motions: &[Pose], extent_m: f64) -> Self {
-        // Surface covered by a slid panel in both states is opened before faces are grown over it.
+        // Surface that a slid panel covers in both states is opened before faces are grown over it.
         let mut left = Unexplained::left_by_motions(pair, motions);
         join_slid(&mut left, pair);
         let faces = [0, 1].map(|s| faces_of_open(pair, s, &left.open[s]));
@@ -44,7 +44,7 @@ impl<'a, 'b> Search<'a, 'b> {
 }
 
 impl Search<'_, '_> {
-    /// Samples explained by a motion, weighed by the score of a hinge, and unweighed. See docs/method.md
+    /// Number of samples a motion explains, weighted by the hinge score, and unweighted. See docs/method.md
     /// (6.10).
     pub(crate) fn hinged_worth(&self, motion: &Pose) -> (f64, f64) {
         let gains = gains_by_motion(self.pair, motion, &self.left, &self.faces);
@@ -63,30 +63,30 @@ impl Search<'_, '_> {
         )
     }
 
-    /// The same by some of the samples and for a motion a step off.
+    /// The weighted worth from some of the samples, for a motion up to a step off.
     pub(crate) fn rough_worth(&self, motion: &Pose) -> f64 {
         let (total, gains) =
             self.total_by(motion, 7, |s, i, t| rough_agreement(self.pair, &self.left, s, i, t));
         self.hinge_weighed(motion, total, &gains)
     }
 
-    /// The same by some of the samples, where beyond an edge there is no surface.
+    /// The weighted worth from some of the samples, without tolerance beyond edges of the surface.
     pub(crate) fn sharp_worth(&self, motion: &Pose) -> f64 {
         let (total, gains) = self.sharp_total(motion);
         self.hinge_weighed(motion, total, &gains)
     }
 
-    /// The same unweighed, with the share of every sample of state 0.
+    /// The same unweighted, with the gain of every sample of state 0.
     pub(crate) fn sharp_total(&self, motion: &Pose) -> (f64, Vec<f64>) {
         self.total_by(motion, 5, |s, i, t| sharp_agreement(self.pair, &self.left, s, i, t))
     }
 
-    /// A total with the share of every sample of state 0, weighed by the score of a hinge.
+    /// A total weighted by the hinge score; `gains` are those of the samples of state 0.
     fn hinge_weighed(&self, motion: &Pose, total: f64, gains: &[f64]) -> f64 {
         total * attachment_score(self.pair, motion, &self.bodies, gains, &self.left.open[0], self.extent_m)
     }
 
-    /// Sum of `says` over every so many samples of each face, with the share of every sample of state 0.
+    /// Sum of `says` over every few samples of each face, with the gain of every sample of state 0.
     fn total_by(
         &self,
         motion: &Pose,
@@ -101,7 +101,7 @@ impl Search<'_, '_> {
                 let values: Vec<(usize, f64)> =
                     face.iter().step_by(every).map(|&i| (i, says(s, i, &other_from_this))).collect();
                 let sum: f64 = values.iter().map(|v| v.1).sum();
-                // A face in contradiction to the motion belongs to something else, and counts nothing.
+                // A face that contradicts the motion belongs to something else, and counts nothing.
                 total += sum.max(0.0);
                 if s == 0 && sum > 0.0 {
                     values.iter().for_each(|(i, v)| gains[*i] = *v);
@@ -112,7 +112,7 @@ impl Search<'_, '_> {
     }
 
     /// The best motion reached by steps along slips, with its worth. A point-to-plane fit leaves slips of the
-    /// surface in itself free (Gelfand and Guibas 2004); they show at edges alone: steps are halved where
+    /// surface within itself free (Gelfand and Guibas 2004); they show only at edges. Steps are halved if
     /// none helps.
     pub(crate) fn climbed_motion(
         &self,
@@ -125,7 +125,7 @@ impl Search<'_, '_> {
         let mut step_m = 2.0 * self.pair.reach_m;
         let mut worth = worth_of(&best);
         while step_m > SETTLED * self.pair.reach_m {
-            // Slips alone: along all other directions the surface holds a refined motion.
+            // Only along slips: the surface fixes all other directions of a refined motion.
             let moves: Vec<Pose> =
                 slips.iter().flat_map(|slip| [step_m, -step_m].map(|m| slip.motion_by(m) * best)).collect();
             let tried: Vec<(f64, Pose)> = moves.into_par_iter().map(|p| (worth_of(&p), p)).collect();
@@ -135,14 +135,14 @@ impl Search<'_, '_> {
                 (worth, best) = (next, pose);
             } else {
                 step_m *= 0.5;
-                // Other surface may be explained by now, with other slips.
+                // The motion may now explain other surface, which has other slips.
                 slips = anew(&best).unwrap_or(slips);
             }
         }
         (worth, best)
     }
 
-    /// Middle of the explained surface of state 0.
+    /// Center of the surface of state 0 that a motion explains.
     pub(crate) fn explained_center(&self, motion: &Pose) -> Point3<f64> {
         let explained = self.explained_samples(motion);
         let points = &self.pair.samples[0].points;
@@ -151,13 +151,13 @@ impl Search<'_, '_> {
         )
     }
 
-    /// Samples of state 0 explained by a motion.
+    /// Samples of state 0 that a motion explains.
     fn explained_samples(&self, motion: &Pose) -> Vec<usize> {
         let [gains, _] = gains_by_motion(self.pair, motion, &self.left, &self.faces);
         (0..gains.len()).filter(|&i| gains[i] > 0.0).collect()
     }
 
-    /// Points and normals of the surface explained by a motion, moved by it.
+    /// Points and normals of the surface that a motion explains, moved by it.
     pub(crate) fn moved_surface(&self, motion: &Pose) -> (Vec<Point3<f64>>, Vec<Vector3<f64>>) {
         let samples = self.pair.samples[0];
         self.explained_samples(motion)
@@ -166,13 +166,13 @@ impl Search<'_, '_> {
             .unzip()
     }
 
-    /// Slips of the surface explained by a motion, moved by it.
+    /// Slips of the surface that a motion explains, moved by it.
     pub(crate) fn slips_of(&self, motion: &Pose) -> Option<[Slip; 3]> {
         let (points, normals) = self.moved_surface(motion);
         least_slips(&points, &normals)
     }
 
-    /// Takes the samples explained by a motion out of the unexplained ones.
+    /// Removes the samples that a motion explains from the unexplained ones.
     pub(crate) fn take_explained(&mut self, motion: &Pose) {
         let explained = gains_by_motion(self.pair, motion, &self.left, &self.faces);
         for s in 0..2 {
@@ -181,14 +181,14 @@ impl Search<'_, '_> {
                 self.left.moved[s][i] = false;
             }
         }
-        // The motion is a body, and others may hang on it.
+        // The motion is now that of a known body, to which others may be attached.
         self.bodies.push(*motion);
     }
 }
 
 /// How well a turn could be that of a hinge, from [`DETACHED`] to 1: its axis, relative to one of the
-/// `bodies`, runs close by both the moving surface (of positive `gains`) and surface explained by other
-/// motions. 1 for slides.
+/// `bodies`, is close to both the moving surface (of positive `gains`) and surface that other motions
+/// explain. 1 for slides.
 fn attachment_score(
     pair: &SurfacePair<'_>,
     motion: &Pose,
@@ -203,7 +203,7 @@ fn attachment_score(
         points.iter().zip(gains).filter(|(_, g)| **g > 0.0).map(|(p, _)| *p).collect();
     let others: Vec<Point3<f64>> =
         points.iter().zip(open).filter(|(_, o)| !**o).map(|(p, _)| *p).step_by(EVERY).collect();
-    // The best of the bodies: a part hangs on one.
+    // The best over the bodies: a part is attached to one.
     let mut best = 0.0;
     for body in bodies {
         let score = axis_of_turn(&(body.inverse() * motion)).map_or(1.0, |screw| {

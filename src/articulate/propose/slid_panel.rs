@@ -1,21 +1,22 @@
-//! Plain panels slid within their plane: the surface between the left and the reached strip.
+//! Plain panels slid within their plane: opens the surface between the strip they left and the one they
+//! reached.
 
 use crate::{
     pair::{point_to_plane::SAMPLES_PER_READING, surface_pair::SurfacePair, unexplained::Unexplained},
     propose::patch::{Band, Patch, faces_of_open, largest_patches},
 };
 
-/// Patches tried per state.
+/// Number of patches tried per state.
 const PATCHES: usize = 12;
-/// Least share of a state's samples for a patch to be tried: a panel slid within its plane leaves but a
+/// Least share of a state's samples in a patch that is tried: a panel slid within its plane leaves only a
 /// strip, and explains more.
 /// tuned: shared/bags
 const LEAST_PATCH: f64 = 0.001;
-/// The area between two strips of one plane is surface if it has this share of the samples of a full area.
+/// Least ratio of the samples between two strips of one plane to those of a full area, if it is surface.
 /// chosen: the majority
 const FILLED: f64 = 0.5;
 
-/// Patches of the `faces` of a state with moved samples.
+/// Patches of the `faces` of a state that contain moved samples.
 pub(crate) fn moved_patches(
     left: &Unexplained,
     pair: &SurfacePair<'_>,
@@ -26,8 +27,8 @@ pub(crate) fn moved_patches(
     largest_patches(pair, state, faces, &left.moved[state], least, PATCHES)
 }
 
-/// Opens the samples between two strips of one plane, one left in state 0 and one reached in state 1: where a
-/// plain panel slides within its plane, the surface covered in both states seems to stand still.
+/// Opens the samples between two strips of one plane, one left in state 0 and one reached in state 1: when a
+/// plain panel slides within its plane, the surface it covers in both states seems to stand still.
 pub(crate) fn join_slid(unexplained: &mut Unexplained, pair: &SurfacePair<'_>) {
     let strips =
         [0, 1].map(|s| moved_patches(unexplained, pair, s, &faces_of_open(pair, s, &unexplained.moved[s])));
@@ -37,7 +38,7 @@ pub(crate) fn join_slid(unexplained: &mut Unexplained, pair: &SurfacePair<'_>) {
             let inside: [Vec<usize>; 2] = pair.samples.map(|of| {
                 (0..of.points.len()).filter(|&i| between.holds(&of.points[i], &of.normals[i])).collect()
             });
-            // An opening between two strips is no panel: it must be filled in both states.
+            // An empty opening between two strips is no panel: it must be filled in both states.
             let is_full = (0..2)
                 .all(|s| inside[s].len() as f64 > FILLED * between.area_m2() / pair.spacing_m[s].powi(2));
             if is_full {

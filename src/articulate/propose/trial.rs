@@ -1,6 +1,6 @@
-//! Possible motions of a patch of surface to the other state, by itself or after the motion of the body under
-//! it: slid along its normal and edges, turned about its edges, and turned into the plane of each patch there
-//! (with one shift unknown where the axis lies in both planes' directions). See docs/method.md 6.5.
+//! Possible motions of a patch of surface to the other state, alone or following the motion of the body it is
+//! on: slid along its normal and edges, turned about its edges, and turned into the plane of each patch there
+//! (where the axis is parallel to both planes, one shift is unknown). See docs/method.md 6.5.
 
 use nalgebra::{Point3, Rotation3, Unit, UnitQuaternion, Vector3};
 use rayon::prelude::*;
@@ -15,36 +15,37 @@ use crate::{
 };
 use geometry::{Pose, Screw};
 
-/// Points of a patch in a trial.
+/// Number of points of a patch in a trial.
 const TRIAL_POINTS: usize = 60;
-/// Points of a body's surface in the search for patches by it; one in so many for an axis by it.
+/// Number of points of a body's surface when looking for patches near it; fewer when looking for an axis near
+/// it.
 const SURFACE_POINTS: usize = 600;
 const EVERY: usize = 4;
-/// Trials of each kind with a measured worth for all unexplained surface, per patch.
+/// Number of trials of each kind, per patch, whose worth for all unexplained surface is measured.
 const DISTINCT: usize = 16;
-/// Trials refined per patch.
+/// Number of trials refined per patch.
 const REFINED: usize = 4;
 /// Rounds of refinement of a trial.
 const ROUNDS: usize = 5;
-/// Agreement of a patch with its motion: share on unexplained surface of the other state less share in empty
-/// space.
-/// tuned: shared/bags
+/// Least agreement of a patch with its motion: share on unexplained surface of the other state less share in
+/// empty space. tuned: shared/bags
 const AGREEMENT: f64 = 0.35;
-/// The same of a patch on a moving part: it is tried in more places.
+/// The same for a patch on a moving part, which is tried in more places.
 /// tuned: shared/bags
 const FIRM_AGREEMENT: f64 = 0.6;
 /// Distance between two trials, as a share of the reach.
 /// chosen: below the reach: some trial comes near enough for partners to be found
 const STEP: f64 = 0.7;
-/// Possible samples of a patch's part lie within so many times half its diagonal, and the reach.
+/// Samples may be of a patch's part within this many times half its diagonal, plus the reach.
 /// chosen: patches miss their rims
 const ABOUT: f64 = 1.2;
 
-/// A part under a patch, in one state.
+/// The part a patch may be attached to, in one state.
 struct CarryingPart {
     /// Its motion to the other state.
     carried: Pose,
-    /// Its points, taken onto a surface there and not at rest; none for the static part.
+    /// Points that its motion takes onto a surface there and that are not at rest; `None` for the static
+    /// part.
     surface: Option<Vec<Point3<f64>>>,
 }
 
@@ -62,13 +63,14 @@ impl CarryingPart {
         Self { carried, surface }
     }
 
-    /// Whether it is near a patch; the static part is near any.
+    /// Whether it is near a patch; the static part is near every patch.
     fn touches(&self, points: &[Point3<f64>], patch: &Patch, near_m: f64) -> bool {
         let Some(surface) = &self.surface else { return true };
         some_of(patch).iter().any(|&i| surface.iter().any(|p| (p - points[i]).norm() < near_m))
     }
 
-    /// The slides among the trials and the turns about an axis by its surface, each after its own motion.
+    /// Keeps, of the trials, slides and turns about an axis near its surface; each is then followed by its
+    /// own motion.
     fn followed_by(&self, mut trials: Vec<Pose>, near_m: f64) -> Vec<Pose> {
         if let Some(surface) = &self.surface {
             let there: Vec<Point3<f64>> = surface.iter().step_by(EVERY).map(|p| self.carried * p).collect();
@@ -81,13 +83,13 @@ impl CarryingPart {
         trials.into_iter().map(|t| t * self.carried).collect()
     }
 
-    /// Least agreement of a patch with a motion.
+    /// Least agreement a patch must have with a motion.
     fn least_agreement(&self) -> f64 {
         if self.surface.is_some() { FIRM_AGREEMENT } else { AGREEMENT }
     }
 }
 
-/// Motions of the unexplained patches of each state that may hang on a body, from state 0 to state 1.
+/// Motions, from state 0 to state 1, of the unexplained patches of each state that may be attached to a body.
 pub(crate) fn motions_on(search: &Search<'_, '_>, motion: &Pose, patches: &[Vec<Patch>; 2]) -> Vec<Pose> {
     let near_m = HINGE * search.extent_m;
     let mut all = Vec::new();
@@ -109,7 +111,7 @@ fn some_of(patch: &Patch) -> Vec<usize> {
     patch.samples.iter().copied().step_by(patch.samples.len().div_ceil(TRIAL_POINTS)).collect()
 }
 
-/// The best motions of a patch on a body, refined.
+/// The best motions of a patch attached to a body, refined.
 fn motions_of(
     search: &Search<'_, '_>,
     state: usize,
@@ -124,7 +126,7 @@ fn motions_of(
     let carried = patch.under(&body.carried);
     let [slides, turns] = own_trials(&carried, step_m, search.extent_m);
     let planes = onto.iter().flat_map(|p| plane_trials(&carried, p, step_m)).collect();
-    // Each kind has its own best trials: turns are tried by the hundred and would crowd out slides.
+    // Each kind keeps its own best trials: turns are tried by the hundred and would crowd out slides.
     let kinds = [slides, turns, planes].map(|trials| body.followed_by(trials, HINGE * search.extent_m));
     let mut best: Vec<(f64, Pose)> =
         kinds.iter().flat_map(|t| distinct_trials(search, state, &some, t)).collect();
@@ -133,7 +135,7 @@ fn motions_of(
     let mut refined = Vec::new();
     for &(_, start) in best.iter().take(REFINED) {
         let mut motion = start;
-        // By the patch's own surroundings alone; surface of other parts would pull the trial to itself.
+        // Refined with the patch's own surroundings alone: surface of other parts would attract the trial.
         for _ in 0..ROUNDS {
             motion = refined_motion(pair, [&labels[0], &labels[1]], &[], &motion, 1);
         }
@@ -145,7 +147,7 @@ fn motions_of(
     refined
 }
 
-/// Possible motions of a patch by itself, to the other state: slides and turns.
+/// Possible motions of a patch itself to the other state: slides and turns.
 fn own_trials(patch: &Patch, step_m: f64, extent_m: f64) -> [Vec<Pose>; 2] {
     let steps = (extent_m / step_m) as i64;
     let slides = patch.axes.iter().flat_map(|axis| {
@@ -156,7 +158,7 @@ fn own_trials(patch: &Patch, step_m: f64, extent_m: f64) -> [Vec<Pose>; 2] {
     });
     let [a, b, n] = patch.axes;
     let [ha, hb] = patch.half_m;
-    // A hinge runs along an edge of the panel, or square to it through its middle or an edge.
+    // A hinge is along an edge of the panel, or perpendicular to it through its center or an edge.
     let lines = [
         (b, a * ha),
         (b, -a * ha),
@@ -168,9 +170,9 @@ fn own_trials(patch: &Patch, step_m: f64, extent_m: f64) -> [Vec<Pose>; 2] {
         (n, b * hb),
         (n, -b * hb),
     ];
-    // The far side moves by one step of a slide.
+    // Turned by this angle, the far side moves by one step of a slide.
     let turn_step = step_m / (2.0 * ha.max(hb)).max(step_m);
-    // Half a turn takes a patch to its own plane, end for end: `end_for_end.rs` decides it.
+    // Half a turn takes a patch to its own plane, end for end: `end_for_end.rs` decides about it.
     let turns = ((std::f64::consts::PI - 2.0 * PARALLEL) / turn_step) as i64;
     let turned = lines.into_iter().flat_map(move |(direction, offset)| {
         let screw = Screw {
@@ -184,14 +186,14 @@ fn own_trials(patch: &Patch, step_m: f64, extent_m: f64) -> [Vec<Pose>; 2] {
     [slides.collect(), turned.collect()]
 }
 
-/// Motions of a patch into the plane of another about a line parallel to both planes: one shift across the
+/// Motions of a patch into the plane of another about a line parallel to both planes; the shift along this
 /// line is unknown and tried in steps.
 fn plane_trials(patch: &Patch, onto: &Patch, step_m: f64) -> Vec<Pose> {
     let n0 = patch.axes[2];
     let n1 = onto.axes[2];
     let angle = n0.angle(&n1);
     // Parallel planes fix the shift along the normal and leave the rest open; opposite ones leave the axis
-    // open: both edges are tried.
+    // open, so both edges are tried.
     let directions = if angle < PARALLEL {
         let there = onto.center - patch.center;
         return vec![Pose::from_parts((n0 * n0.dot(&there)).into(), UnitQuaternion::identity())];
@@ -206,7 +208,7 @@ fn plane_trials(patch: &Patch, onto: &Patch, step_m: f64) -> Vec<Pose> {
         let center = rotation * patch.center;
         let v = n1.cross(&u);
         let to_plane = n1 * n1.dot(&(onto.center - center));
-        // From where the patches begin to overlap to where they end.
+        // From where the patches begin to overlap to where they no longer do.
         let range_m = onto.half_extent_m(&v) + patch.half_extent_m(&(rotation.inverse() * v));
         let steps = (range_m / step_m) as i64;
         let middle = v.dot(&(onto.center - center));
@@ -218,7 +220,7 @@ fn plane_trials(patch: &Patch, onto: &Patch, step_m: f64) -> Vec<Pose> {
     all
 }
 
-/// The best trials of a patch, different from each other, from state 0 to state 1, each with its worth for
+/// The best trials of a patch that differ from each other, from state 0 to state 1, each with its worth for
 /// all unexplained surface.
 fn distinct_trials(
     search: &Search<'_, '_>,
@@ -239,7 +241,7 @@ fn distinct_trials(
         if best.len() >= DISTINCT {
             break;
         }
-        // Trials beside the best one agree nearly as well, and would be refined to the same motion.
+        // Trials near the best one agree nearly as well, and refinement would give the same motion.
         let is_known = best
             .iter()
             .any(|b| some.iter().all(|&j| (b * points[j] - trials[i] * points[j]).norm() < pair.reach_m));
@@ -253,7 +255,7 @@ fn distinct_trials(
         .collect()
 }
 
-/// Label 1 for the unexplained samples about a patch, and for all unexplained samples of the other state:
+/// Label 1 for the unexplained samples around a patch, and for all unexplained samples of the other state:
 /// they may be of its part.
 fn near_labels(pair: &SurfacePair<'_>, state: usize, patch: &Patch, left: &Unexplained) -> [Vec<u8>; 2] {
     let radius_m = ABOUT * patch.half_m[0].hypot(patch.half_m[1]) + pair.reach_m;

@@ -1,13 +1,13 @@
-//! Flat patches of a surface: regions grown from where it is flattest (Rabbani et al. 2006).
+//! Flat patches of a surface: regions grown from its flattest places (Rabbani et al. 2006).
 
 use std::collections::VecDeque;
 
 use nalgebra::Vector3;
 
-/// Number of the flat patch of every sample. `beside` gives a sample's neighbors on its surface, `in_plane`
-/// whether two neighbors lie in one plane. A patch takes a neighbor in one plane with a sample of it if the
-/// neighbor's normal is less than `bend` off the patch's mean normal. Without that mean, patches would go
-/// around every rounded edge.
+/// Index of the flat patch of every sample. `beside` gives a sample's neighbors on its surface, `in_plane`
+/// says whether two neighbors lie in one plane. A patch takes a neighbor that lies in one plane with one of
+/// its samples if the neighbor's normal is less than `bend` off the patch's mean normal. Without that mean,
+/// patches would grow around every rounded edge.
 pub(crate) fn flat_patches<I: Iterator<Item = usize>>(
     normals: &[Vector3<f64>],
     bend: f64,
@@ -40,8 +40,8 @@ pub(crate) fn flat_patches<I: Iterator<Item = usize>>(
     patches.into_iter().flatten().collect()
 }
 
-/// Mean squared change of the normal from a sample to its neighbors; infinite without neighbors, so such a
-/// sample comes last and is a patch by itself.
+/// Mean squared change of the normal from a sample to its neighbors; infinite without neighbors, so that such
+/// a sample comes last and is a patch of its own.
 fn mean_bend(normals: &[Vector3<f64>], sample: usize, neighbors: impl Iterator<Item = usize>) -> f64 {
     let bends = neighbors.map(|j| (normals[j] - normals[sample]).norm_squared());
     let (sum, count) = bends.fold((0.0, 0), |(sum, count), b| (sum + b, count + 1));

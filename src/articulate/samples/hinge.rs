@@ -1,19 +1,19 @@
-//! Where a hinge is: on both of its parts.
+//! Scores how plausible the place of a hinge is: close to both of its parts.
 
 use nalgebra::{Point3, Unit, Vector3};
 
 use geometry::{Pose, Screw};
 
-/// Distance of an axis from the surfaces of both parts at which the score of a hinge is one half, as a share
-/// of the object's longest side.
+/// Sum of the distances of an axis from both parts' surfaces at which the score of a hinge is one half, as a
+/// share of the object's longest side.
 /// tuned: shared/bags
 pub(crate) const HINGE: f64 = 0.05;
-/// A turn by less is no hinge's, and planes at a smaller angle are parallel, radians.
+/// A smaller turn is not a hinge's, and planes at a smaller angle are parallel, radians.
 /// tuned: shared/bags
 pub(crate) const PARALLEL: f64 = 0.1;
 
-/// How well a motion of one part against another could be that of a hinge, from 0 to 1, by the distance of
-/// its axis from both (of a slide, by that of the parts).
+/// How well a motion of one part relative to another could be that of a hinge, from 0 to 1. `off_m` is the
+/// distance of its axis from both parts or, for a slide, of the parts from each other, meters.
 pub(crate) fn hinge_score(off_m: f64, extent_m: f64) -> f64 {
     1.0 / (1.0 + (off_m / (HINGE * extent_m)).powi(2))
 }
@@ -23,8 +23,8 @@ pub(crate) fn axis_of_turn(motion: &Pose) -> Option<Screw> {
     Screw::of_motion(motion).filter(|s| s.angle_rad.abs() > PARALLEL)
 }
 
-/// Sum of the distances of an axis from the surfaces of two parts, the second's beside the first alone,
-/// meters. A hinge runs by both; the axis of another turn may lie in thin air.
+/// Sum of the distances of an axis from the surfaces of two parts, meters; of the second only where the first
+/// is beside it. A hinge is close to both; the axis of another turn may be in thin air.
 pub(crate) fn axis_off_m(
     point: &Point3<f64>,
     direction: &Unit<Vector3<f64>>,
@@ -35,13 +35,13 @@ pub(crate) fn axis_off_m(
     let distance_m = |p: &Point3<f64>| ((p - point) - direction.into_inner() * along(p)).norm();
     let [low, high] =
         part.iter().map(along).fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], x| [lo.min(x), hi.max(x)]);
-    // The parent must be near the axis where the part is: somewhere on its line it nearly always is.
+    // The parent must be near the axis beside the part: somewhere along the line it nearly always is.
     let beside = parent.iter().filter(|p| (low..=high).contains(&along(p)));
     let own_m = part.iter().map(distance_m).fold(f64::INFINITY, f64::min);
     own_m + beside.map(distance_m).fold(f64::INFINITY, f64::min)
 }
 
-/// Distance of some points of a surface from some of another, meters.
+/// Distance between some points of two surfaces, meters.
 pub(crate) fn touch_m(part: &[Point3<f64>], other: &[Point3<f64>]) -> f64 {
     let [part, other] = [every_few_points(part), every_few_points(other)];
     part.iter().flat_map(|p| other.iter().map(move |o| (p - o).norm())).fold(f64::INFINITY, f64::min)

@@ -16,7 +16,7 @@ pub fn mesh_samples(mesh: &TriangleMesh, count: usize) -> SurfaceSamples {
     let normals = smooth_normals(mesh);
     let step = mesh.area_m2() / count.max(1) as f64;
     let mut samples = SurfaceSamples::default();
-    // One sample for each step of area: systematic sampling is even, also over many small triangles.
+    // One sample for each step of area: systematic sampling is uniform even over many small triangles.
     let mut reached = 0.0;
     let mut next = 0.5 * step;
     let mut index = 0u32;
@@ -25,7 +25,7 @@ pub fn mesh_samples(mesh: &TriangleMesh, count: usize) -> SurfaceSamples {
         while next < reached && step > 0.0 {
             let [a, b] = plastic_point(index);
             index = index.wrapping_add(1);
-            // The other half of the square is folded onto the triangle.
+            // The other half of the unit square is folded onto the triangle.
             let [a, b] = if a + b > 1.0 { [1.0 - a, 1.0 - b] } else { [a, b] };
             let weights = [1.0 - a - b, a, b];
             let corners = corners.map(|v| v as usize);
@@ -68,12 +68,12 @@ fn smooth_normals(mesh: &TriangleMesh) -> Vec<Vector3<f64>> {
     let mut normals = vec![Vector3::zeros(); mesh.vertices.len()];
     for (t, corners) in mesh.triangles.iter().enumerate() {
         let normal: Vector3<f64> = mesh.area_normal(t).cast();
-        // The length of the normal is twice the area: small triangles count little.
+        // The normal is twice as long as the area: small triangles count little.
         corners.iter().for_each(|&v| normals[v as usize] += normal);
     }
     make_unit(&mut normals);
     for _ in 0..NORMAL_ROUNDS {
-        // Marching cubes leaves steps: normals show them before positions do.
+        // Marching cubes leaves steps, which normals show more than positions do.
         let mut sums = normals.clone();
         for corners in &mesh.triangles {
             let sum: Vector3<f64> = corners.iter().map(|&v| normals[v as usize]).sum();

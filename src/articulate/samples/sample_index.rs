@@ -6,11 +6,11 @@ use crate::observations::SurfaceSamples;
 use geometry::bounding_box;
 use numeric::lists::Lists;
 
-/// Most cells of an index; larger scenes get larger cells.
+/// Largest number of cells of an index; larger scenes get larger cells.
 ///
 /// chosen: 8 MB of cells
 const MOST_CELLS: f64 = 2e6;
-/// Cells grow by this until they are few enough.
+/// Factor by which cells grow until they are few enough.
 ///
 /// chosen: a few trials, and little is given away
 const LARGER: f64 = 1.5;
@@ -24,7 +24,7 @@ pub(crate) struct SampleIndex<'a> {
     dims: [usize; 3],
     /// Samples of every cell.
     cells: Lists<u32>,
-    /// Places of the samples in that order: those of a row of cells lie side by side in memory.
+    /// Positions of the samples in that order: those of a row of cells are contiguous in memory.
     points: Vec<Point3<f64>>,
 }
 
@@ -35,7 +35,7 @@ impl<'a> SampleIndex<'a> {
         let extent = upper - origin;
         let mut cell_m = reach_m;
         let dims_of = |cell: f64| [0, 1, 2].map(|k| (extent[k] / cell).floor() + 1.0);
-        // A short reach in a large scene would take more memory than the samples.
+        // In a large scene, cells of a short reach would take more memory than the samples.
         while dims_of(cell_m).iter().product::<f64>() > MOST_CELLS {
             cell_m *= LARGER;
         }
@@ -61,8 +61,8 @@ impl<'a> SampleIndex<'a> {
         x + self.dims[0] * (y + self.dims[1] * z)
     }
 
-    /// Visits all samples in the cells around a point with their places: every sample within the reach, and
-    /// some beyond.
+    /// Visits all samples in the cells around a point with their positions: every sample within the reach,
+    /// and some beyond.
     pub(crate) fn visit_around(&self, point: &Point3<f64>, mut visit: impl FnMut(usize, &Point3<f64>)) {
         let c = self.cell_of(point);
         let low = c.map(|c| (c - 1).max(0));
@@ -70,7 +70,7 @@ impl<'a> SampleIndex<'a> {
         if low[0] > high[0] {
             return;
         }
-        // Cells are as wide as the reach at least: the 27 around a point hold all samples within it.
+        // Cells are at least as wide as the reach, so the 27 around a point contain all samples within it.
         for z in low[2]..=high[2] {
             for y in low[1]..=high[1] {
                 let [first, last] =
@@ -89,8 +89,8 @@ impl<'a> SampleIndex<'a> {
         squared.sqrt()
     }
 
-    /// The sample with the smallest `|dp|^2 + (reach |dn| / 2)^2`, if below the reach squared: opposite sides
-    /// of a thin sheet never meet. See docs/method.md (6.3).
+    /// The sample with the smallest `|dp|^2 + (reach |dn| / 2)^2`, if this is below the reach squared:
+    /// opposite sides of a thin sheet never match. See docs/method.md (6.3).
     pub(crate) fn nearest_sample(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> Option<usize> {
         // derived: the square of the half in that distance
         let bend = 0.25 * self.reach_m * self.reach_m;

@@ -1,4 +1,4 @@
-//! Slips: small motions of a surface within itself, without a change of the distances between planes (Gelfand
+//! Slips: small motions of a surface within itself, which do not change the distances to its planes (Gelfand
 //! and Guibas 2004).
 
 use nalgebra::{Matrix6, Point3, SymmetricEigen, Unit, UnitQuaternion, Vector3, Vector6};
@@ -6,30 +6,31 @@ use nalgebra::{Matrix6, Point3, SymmetricEigen, Unit, UnitQuaternion, Vector3, V
 use geometry::{Pose, Screw};
 use numeric::statistics::median;
 
-/// Fewer points have no meaningful slips.
+/// Fewer points than this have no meaningful slips.
 const LEAST_POINTS: usize = 12;
 
-/// Largest change of a round surface by the twist about its axis, as a share of the change by any other
-/// twist.
+/// A surface is round if the twist about its axis changes it by less than this share of any other twist's
+/// change.
 ///
 /// tuned: random objects (eval/random_objects.md)
 const ROUND: f64 = 0.02;
-/// Least mean squared change by a unit twist out of the surface; twists within a flat surface are below.
+/// Least mean squared change by a unit twist that leaves the surface; twists within a flat surface change it
+/// less.
 ///
 /// tuned: random objects (eval/random_objects.md)
 const HELD: f64 = 0.01;
-/// Least turn in a unit twist about an axis through the surface.
+/// Least rotation in a unit twist about an axis through the surface.
 ///
 /// derived: it turns more than it shifts
 const TURNS: f64 = std::f64::consts::FRAC_1_SQRT_2;
-/// Rounds in which an axis settles.
+/// Iterations to find an axis.
 const SETTLING: usize = 10;
 
 /// A twist about a center.
 pub(crate) struct Slip {
-    /// Rotation vector per meter of the step.
+    /// Rotation vector per meter of step.
     turn: Vector3<f64>,
-    /// Displacement of the center per meter of the step.
+    /// Displacement of the center per meter of step.
     shift: Vector3<f64>,
     center: Point3<f64>,
 }
@@ -40,7 +41,7 @@ impl Slip {
         Self { turn: Vector3::zeros(), shift: direction, center: Point3::origin() }
     }
 
-    /// The motion by a step: points at the root mean square distance from the center move by about `step_m`.
+    /// The motion of a step: points at the root mean square distance from the center move by about `step_m`.
     pub(crate) fn motion_by(&self, step_m: f64) -> Pose {
         let center = self.center.coords;
         let turn = UnitQuaternion::from_scaled_axis(self.turn * step_m);
@@ -48,10 +49,9 @@ impl Slip {
     }
 }
 
-/// By how much unit twists about the middle of a surface change the distances of its points from their
-/// planes.
+/// How unit twists about the center of a surface change the distances of its points from their planes.
 struct Changes {
-    /// The change by each component of a twist (turn in radii, shift), a row a point.
+    /// Change by each component of a twist (turn in radii, shift), one row per point.
     rows: Vec<Vector6<f64>>,
     center: Point3<f64>,
     radius_m: f64,
@@ -68,14 +68,14 @@ impl Changes {
         }
         let mut rows = Vec::with_capacity(points.len());
         for (point, normal) in points.iter().zip(normals) {
-            // In radii: a unit turn moves the surface about as far as a unit shift.
+            // In radii, a unit turn moves the surface about as far as a unit shift.
             let turn = (point - center).cross(normal) / radius_m;
             rows.push(Vector6::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z));
         }
         Some(Self { rows, center, radius_m })
     }
 
-    /// Twists in the order of their mean squared change, with it, the least first; every point by its weight.
+    /// Mean squared change and twist, the least change first; `weight` gives the weight of every point.
     fn twists(&self, weight: impl Fn(&Vector6<f64>) -> f64) -> [(f64, Vector6<f64>); 6] {
         let information: Matrix6<f64> = self.rows.iter().map(|r| r * r.transpose() * weight(r)).sum();
         let eigen = SymmetricEigen::new(information / self.rows.len() as f64);
@@ -92,30 +92,30 @@ impl Changes {
     }
 }
 
-/// The three twists with the least change of the distances of points with normals from their planes, the
-/// least first; `None` for too few points.
+/// The three twists that least change the distances of points from their planes, the least first; `None` for
+/// too few points.
 pub(crate) fn least_slips(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Option<[Slip; 3]> {
     let changes = Changes::of_surface(points, normals)?;
     let twists = changes.twists(|_| 1.0);
     Some([0, 1, 2].map(|k| changes.slip_of(&twists[k].1)))
 }
 
-/// The axis about which a surface is round: it turns within itself, but for marks on it (Geman and McClure
-/// weights), and does not slide within itself. `None` for others.
+/// The axis about which a surface is round: apart from marks (Geman and McClure weights) it can turn within
+/// itself, but not slide. `None` for any other surface.
 pub(crate) fn round_axis(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Option<Screw> {
     let changes = Changes::of_surface(points, normals)?;
     let mut twists = changes.twists(|_| 1.0);
     for _ in 0..SETTLING {
         let least = twists[0].1;
-        // Marks such as a handle do not turn within the surface: their weight falls until the rest decides.
+        // Marks such as a handle leave the surface when it turns: their weight falls until the rest decides.
         let scale = 3.0 * median(changes.rows.iter().map(|r| r.dot(&least).abs()).collect())?;
         twists = changes.twists(|r| (1.0 + (r.dot(&least) / scale.max(1e-9)).powi(2)).powi(-2));
     }
     let slip = changes.slip_of(&twists[0].1);
     let direction = Unit::try_new(slip.turn, TURNS / changes.radius_m)?;
-    // The foot of the screw's line from the center.
+    // The point of the screw's axis nearest to the center.
     let point = slip.center + slip.turn.cross(&slip.shift) / slip.turn.norm_squared();
-    // One slip alone: a ball has three, a plane three, and neither has an axis.
+    // Exactly one slip: a ball and a plane have three each, and no axis.
     (twists[0].0 < ROUND * twists[1].0 && twists[1].0 > HELD).then_some(Screw {
         direction,
         point,

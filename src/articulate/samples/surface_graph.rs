@@ -1,4 +1,4 @@
-//! Samples of a surface joined to their neighbors on it, and labels smoothed over them.
+//! Joins samples of a surface to their neighbors on it, and smooths labels over them.
 
 use rayon::prelude::*;
 
@@ -12,17 +12,17 @@ use crate::{
 };
 use numeric::{index_sets::IndexSets, lists::Lists};
 
-/// Neighbors of a sample.
+/// Number of neighbors of a sample.
 const NEIGHBORS: usize = 8;
-/// Labels in one lane of registers.
+/// Number of labels in one vector register.
 const LANES: usize = 4;
 /// Rounds of mean-field smoothing.
 const ROUNDS: usize = 15;
-/// A smaller change of a sample's shares is not handed on to its neighbors in the same round.
+/// Changes of a sample's probabilities below this are not passed to its neighbors in the same round.
 ///
 /// derived: over all rounds such changes sum to less than [`FILL_CHANGE`]
 const SMOOTHING_STEP: f32 = FILL_CHANGE / ROUNDS as f32;
-/// Cost of an entirely disagreeing neighborhood, against 1 for a missing surface.
+/// Cost of a neighborhood that disagrees entirely; a missing surface costs 1.
 ///
 /// tuned: shared/bags
 const SMOOTHNESS: f32 = 0.8;
@@ -30,71 +30,72 @@ const SMOOTHNESS: f32 = 0.8;
 ///
 /// tuned: shared/bags
 const TEMPERATURE: f32 = 0.12;
-/// A sample whose costs differ by less holds no evidence.
+/// A sample whose costs differ by less than this is no evidence.
 ///
 /// derived: odds of two to one at the temperature of the labels
 const EVIDENCE: f32 = TEMPERATURE * std::f32::consts::LN_2;
-/// A label of this cost is ruled out where another one leaves the sample hidden at worst, whatever is around:
-/// its motion takes the sample to a place seen empty all around.
+/// Cost from which a label is ruled out, whatever is around, if another label at worst hides the sample: its
+/// motion takes the sample to a place seen empty all around.
 ///
 /// derived: the cost of such places (docs/method.md 6.2)
 const EMPTY: f32 = ALL_FREE - 1e-4;
-/// Cost of the best label up to which another label can be ruled out.
+/// Largest cost of the best label with which another label can be ruled out.
 ///
 /// derived: the cost of hidden places (docs/method.md 6.2)
 const HIDDEN_AT_WORST: f32 = HIDDEN + 1e-4;
-/// An island does not get a label if more than this share of its samples rules the label out.
+/// An island does not get a label that more than this share of its samples rule out.
 ///
 /// derived: where one in fifty of the label's own samples and one in two of others' makes even odds
 const RULED_OUT_SHARE: f32 = 0.17;
-/// Most rounds of the random walk of labels along the surface.
+/// Largest number of rounds of the random walk of labels along the surface.
 const FILL_ROUNDS: usize = 60;
-/// The rounds end once no share changes by more.
+/// The rounds end once no probability changes by more than this.
 ///
 /// chosen: a thousandth of a share decides no label
 const FILL_CHANGE: f32 = 1e-3;
-/// A smaller change of a sample's shares is not handed on to its neighbors.
+/// Changes of a sample's probabilities below this are not passed to its neighbors.
 ///
 /// derived: over all rounds such changes sum to less than [`FILL_CHANGE`]
 const FILL_STEP: f32 = FILL_CHANGE / FILL_ROUNDS as f32;
-/// Pull of a sample's own evidence against its neighbors' while filling, at a cost difference of 1.
+/// Weight of a sample's own evidence relative to its neighbors while filling, at a cost difference of 1.
 ///
 /// tuned: shared/bags
 const OWN_PULL: f32 = 4.0;
-/// An island is joined to its surroundings if it holds less than this share of the evidence of its label's
-/// largest component.
+/// An island joins its surroundings if its evidence is less than this share of that of its label's largest
+/// component.
 ///
 /// tuned: shared/bags
 const ISLAND_SHARE: f32 = 0.02;
 
-/// Standard deviation of a surface's normals (length of their difference, or slope of an offset against a
+/// Standard deviation of a surface's normals (length of their difference, or slope of an offset from a
 /// tangent plane).
 ///
 /// tuned: shared/bags
 pub(crate) const NORMAL_SIGMA: f64 = 0.35;
-/// Cosine between normals of one plane.
+/// Least cosine between normals of one plane.
 ///
 /// derived: unit vectors with a difference of [`NORMAL_SIGMA`]
 pub(crate) const SAME_NORMAL: f64 = 1.0 - 0.5 * NORMAL_SIGMA * NORMAL_SIGMA;
-/// Weight of the squared change of a normal between neighbors, in reaches squared.
+/// Weight of the squared change of the normal in the distance of neighbors, in squared reaches.
 ///
 /// chosen: neighbors across a right angle are nearly half a reach farther
 const CREASE: f64 = 0.1;
-/// Weight of the offset from the tangent planes against the offset along them, squared.
+/// Weight of the squared offset from the tangent planes relative to the squared offset along them.
 ///
 /// derived: in standard deviations of a normal, the mean over both planes
 const LIFT: f64 = 0.5 / (NORMAL_SIGMA * NORMAL_SIGMA);
-/// A face stands for one part if its evidence for all others is less than this share of its evidence for the
+/// A face belongs to one part if its evidence for all others is less than this share of its evidence for the
 /// part.
 ///
 /// tuned: shared/bags
 const FACE_DISSENT: f32 = 0.2;
-/// Pull of a sheet while parts are missing: their surface would otherwise go to others in pieces.
+/// Weight of a sheet's label for its samples while parts are missing: their surface would otherwise go to
+/// other parts in pieces.
 ///
 /// chosen: as much as all neighbors of the sample together
 const SHEET_PULL: f32 = 1.0;
-/// Pull of a face on its samples without evidence: within some three samples of evidence the walk decides, as
-/// two parts may lie in one plane.
+/// Weight of a face's label for its samples without evidence: within about three samples of evidence the
+/// random walk decides, as two parts may lie in one plane.
 ///
 /// measured: from 0.01 to 0.1 labels of bags/drawer and of two of shared/bags are equally right
 const FACE_PULL: f32 = 0.03;
@@ -102,22 +103,22 @@ const FACE_PULL: f32 = 0.03;
 /// Which parts the labels stand for.
 #[derive(Clone, Copy)]
 pub(crate) enum Of {
-    /// Parts may be missing.
+    /// Some parts may be missing.
     SomeParts,
-    /// The parts are known.
+    /// All parts are known.
     AllParts,
 }
 
 /// Samples of a surface and their neighbors on it.
 pub(crate) struct SurfaceGraph {
-    /// Neighbors of every sample with weights of sum 1; unused slots point at the sample itself with weight
-    /// 0.
+    /// Neighbors of every sample, with weights that sum to 1; unused slots refer to the sample itself with
+    /// weight 0.
     neighbors: Vec<[(u32, f32); NEIGHBORS]>,
-    /// For every sample, the samples with it as a neighbor.
+    /// For every sample, the samples that have it as a neighbor.
     neighbor_of: Lists<u32>,
-    /// Number of the smooth sheet of every sample.
+    /// Index of the smooth sheet of every sample.
     sheets: Vec<u32>,
-    /// Number of the flat patch of every sample.
+    /// Index of the flat patch of every sample.
     patches: Vec<u32>,
 }
 
@@ -141,7 +142,7 @@ impl SurfaceGraph {
         used_neighbors(&self.neighbors, sample)
     }
 
-    /// Number of the smooth sheet of a sample.
+    /// Index of the smooth sheet of a sample.
     pub(crate) fn sheet_of(&self, sample: usize) -> u32 {
         self.sheets[sample]
     }
@@ -151,13 +152,13 @@ impl SurfaceGraph {
     pub(crate) fn mean_field(&self, costs: &[f32], labels: usize) -> Vec<f32> {
         let n = self.neighbors.len();
         let quads = labels.div_ceil(LANES);
-        // Labels lie in lanes of four, as registers hold them; lanes without a label stay zero.
+        // Labels are stored in groups of four, as vector registers hold them; unused places stay zero.
         let mut lanes = vec![[0.0f32; LANES]; n * quads];
         for (lanes, costs) in lanes.chunks_exact_mut(quads).zip(costs.chunks_exact(labels)) {
             lanes.as_flattened_mut()[..labels].copy_from_slice(costs);
         }
         let costs = lanes;
-        // All labels alike at first: the first round is by costs alone.
+        // Equal at first, so that the first round uses the costs alone.
         let mut beliefs = vec![[1.0 / labels as f32; LANES]; n * quads];
         let mut next = beliefs.clone();
         // Whether each sample changed in the last round: a sample without changed neighbors stays as it is.
@@ -181,7 +182,7 @@ impl SurfaceGraph {
                     *energy = sum;
                 }
                 let energy = &mut energies.as_flattened_mut()[..labels];
-                // Against the least energy: no sum of exponentials underflows to zero.
+                // Relative to the least energy, so that no sum of exponentials underflows to zero.
                 let least = energy.iter().copied().fold(f32::INFINITY, f32::min);
                 energy.iter_mut().for_each(|e| *e = (-(*e - least) / TEMPERATURE).exp());
                 let sum: f32 = energy.iter().sum();
@@ -195,8 +196,8 @@ impl SurfaceGraph {
         beliefs.chunks_exact(quads).flat_map(|b| &b.as_flattened()[..labels]).copied().collect()
     }
 
-    /// Labels by a random walk to samples with evidence (Grady 2006): a sample without evidence takes the
-    /// label of the evidence reached first along the surface. See docs/method.md (6.8).
+    /// Labels from a random walk to samples with evidence (Grady 2006): a sample without evidence takes the
+    /// label whose evidence is reached first along the surface. See docs/method.md (6.8).
     pub(crate) fn filled_labels(
         &self,
         mut beliefs: Vec<f32>,
@@ -207,11 +208,11 @@ impl SurfaceGraph {
         let n = self.neighbors.len();
         let own: Vec<f32> =
             (0..n).map(|i| OWN_PULL * label_evidence(&costs[i * labels..(i + 1) * labels])).collect();
-        // Faces pull before the walk: it would otherwise carry labels across a face of one part.
+        // Faces count before the walk, which would otherwise carry labels across a face of one part.
         let mut pull = own.clone();
         let faces: &[(&[u32], f32)] = match of {
             Of::SomeParts => &[(&self.sheets, SHEET_PULL)],
-            // A patch without evidence is of the part of the sheet about it.
+            // A patch without evidence is of the same part as its sheet.
             Of::AllParts => &[(&self.patches, FACE_PULL), (&self.sheets, FACE_PULL)],
         };
         for (faces, strength) in faces {
@@ -220,19 +221,19 @@ impl SurfaceGraph {
         let quads = labels.div_ceil(LANES);
         let mut reached = vec![[0.0f32; LANES]; n * quads];
         let open = open_labels(costs, labels, quads);
-        // The pull of every sample's own evidence by label, and the sum of all pulls on it.
+        // The weight of every sample's own evidence by label, and the sum of all weights on it.
         let mut own = vec![[0.0f32; LANES]; n * quads];
         for ((own, beliefs), pull) in own.chunks_exact_mut(quads).zip(beliefs.chunks_exact(labels)).zip(&pull)
         {
             own.as_flattened_mut().iter_mut().zip(beliefs).for_each(|(own, b)| *own = pull * b);
         }
         let whole: Vec<f32> = pull.iter().map(|pull| 1.0 + pull).collect();
-        // Whether a neighbor of a sample changed since its last update: others stay as they are.
+        // Whether a neighbor of a sample changed since its last update: the others stay as they are.
         let mut stirred = vec![true; n];
         for round in 0..FILL_ROUNDS {
             let mut most = 0.0f32;
             for k in 0..n {
-                // Forth and back: labels cross the surface in few rounds.
+                // Alternating directions: labels cross the surface in few rounds.
                 let i = if round % 2 == 0 { k } else { n - 1 - k };
                 if !std::mem::take(&mut stirred[i]) {
                     continue;
@@ -268,14 +269,14 @@ impl SurfaceGraph {
         rows.map(|(row, beliefs)| {
             let row = &row.as_flattened()[..labels];
             let reached = first_largest(row);
-            // A sample without a reached label keeps the smoothed label of its neighborhood.
+            // A sample that no label reaches keeps the smoothed label of its neighborhood.
             (if row[reached] > 0.0 { reached } else { first_largest(beliefs) }) as u8
         })
         .collect()
     }
 
-    /// Joins islands (components of a label with little evidence, apart from its largest component) to the
-    /// label around them (static if there is none), unless they hold evidence against it.
+    /// Joins islands to the label around them (static if there is none), unless their evidence is against it.
+    /// An island is a component of a label with little evidence, apart from the label's largest component.
     pub(crate) fn join_islands(&self, labels: &mut [u8], costs: &[f32], motions: usize) {
         let components = component_numbers(&self.neighbors, |i, j| labels[i] == labels[j]);
         let count = components.iter().max().map_or(0, |m| *m as usize + 1);
@@ -287,7 +288,7 @@ impl SurfaceGraph {
         for (i, &component) in components.iter().enumerate() {
             let component = component as usize;
             let own = &costs[i * motions..(i + 1) * motions];
-            // An island's evidence is what its label saves against the next best.
+            // An island's evidence is how much its label costs less than the next best.
             let rival = (0..motions)
                 .filter(|k| *k != usize::from(labels[i]))
                 .map(|k| own[k])
@@ -310,7 +311,7 @@ impl SurfaceGraph {
             let l = usize::from(label[component]);
             largest[l] = largest[l].max(s);
         }
-        // The label of each component from now on.
+        // The updated label of each component.
         let mut joined = label.clone();
         for component in 0..count {
             if strength[component] >= ISLAND_SHARE * largest[usize::from(label[component])] {
@@ -323,7 +324,7 @@ impl SurfaceGraph {
             let nearest = (0..motions)
                 .filter(|k| against[*k] < most_against)
                 .reduce(|best, k| if around[k] > around[best] { k } else { best });
-            // An island without any of these around it is static, unless static is ruled out, too.
+            // An island with none of these around it is static, unless static is ruled out as well.
             if let Some(k) = nearest.filter(|k| around[*k] > 0.0 || *k == 0) {
                 joined[component] = k as u8;
             }
@@ -332,14 +333,14 @@ impl SurfaceGraph {
     }
 }
 
-/// Index of the largest value, the first of equal ones; 0 for none.
+/// Index of the largest value, the first of equal ones; 0 for an empty list.
 fn first_largest(values: &[f32]) -> usize {
     (1..values.len()).fold(0, |best, k| if values[k] > values[best] { k } else { best })
 }
 
-/// Gives samples without evidence the label of their face, where all its evidence is for one label and
-/// nothing pulls yet. `own` is the pull of each sample's own evidence, `faces` the number of its face,
-/// `strength` the pull of faces.
+/// Gives samples without evidence the label of their face if all its evidence is for one label and no other
+/// face has done so. `own` is the weight of each sample's own evidence, `faces` the index of its face,
+/// `strength` the weight of faces.
 fn pull_of_faces(faces: &[u32], strength: f32, own: &[f32], beliefs: &mut [f32], pull: &mut [f32]) {
     let labels = beliefs.len() / faces.len().max(1);
     let count = faces.iter().max().map_or(0, |m| *m as usize + 1);
@@ -361,7 +362,7 @@ fn pull_of_faces(faces: &[u32], strength: f32, own: &[f32], beliefs: &mut [f32],
     }
 }
 
-/// 1 for every label of every sample, 0 for labels ruled out, in lanes of four.
+/// For every label of every sample 1, or 0 if it is ruled out, in groups of four.
 fn open_labels(costs: &[f32], labels: usize, quads: usize) -> Vec<[f32; LANES]> {
     let mut open = vec![[0.0f32; LANES]; costs.len() / labels * quads];
     for (row, own) in open.chunks_exact_mut(quads).zip(costs.chunks_exact(labels)) {
@@ -371,7 +372,8 @@ fn open_labels(costs: &[f32], labels: usize, quads: usize) -> Vec<[f32; LANES]> 
     open
 }
 
-/// Whether a label's motion takes a sample of these costs to a place seen empty, and another's does not.
+/// Whether a label's motion takes a sample with these costs to a place seen empty, and another label's does
+/// not.
 fn is_ruled_out(costs: &[f32], label: usize) -> bool {
     costs[label] >= EMPTY && costs.iter().any(|c| *c <= HIDDEN_AT_WORST)
 }
@@ -384,14 +386,14 @@ fn used_neighbors(
     neighbors[sample].iter().filter(|n| n.1 > 0.0).map(|n| n.0 as usize)
 }
 
-/// For every sample, the samples with it as a neighbor.
+/// For every sample, the samples that have it as a neighbor.
 fn neighbor_of(neighbors: &[[(u32, f32); NEIGHBORS]]) -> Lists<u32> {
     let pairs =
         (0..neighbors.len()).flat_map(|i| used_neighbors(neighbors, i).map(move |j| (j as u32, i as u32)));
     Lists::of_entries(neighbors.len(), pairs)
 }
 
-/// The nearest neighbors of a sample with weights of sum 1.
+/// The nearest neighbors of a sample, with weights that sum to 1.
 fn neighbors_of(
     i: usize,
     samples: &SurfaceSamples,
@@ -405,11 +407,11 @@ fn neighbors_of(
         if j != i && squared < reach_m * reach_m {
             let bend = (samples.normals[j] - samples.normals[i]).norm_squared();
             let lift = samples.normals[i].dot(&offset).powi(2) + samples.normals[j].dot(&offset).powi(2);
-            // The distance of docs/method.md (6.6): beyond a crease or across a gap neighbors are farther.
+            // The distance of docs/method.md (6.6), which is larger beyond a crease or across a gap.
             near.push((squared + LIFT * lift + CREASE * reach_m * reach_m * bend, j as u32));
         }
     });
-    // Equal distances by index: the neighbors do not depend on the sort.
+    // Equal distances are ordered by index, so that the neighbors do not depend on the sort.
     near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let mut slots = [(i as u32, 0.0); NEIGHBORS];
     let weight = |squared: f64| (-2.0 * squared / (reach_m * reach_m)).exp() as f32;
@@ -424,11 +426,11 @@ fn neighbors_of(
 fn are_in_one_plane(samples: &SurfaceSamples, i: usize, j: usize) -> bool {
     let offset = samples.points[j] - samples.points[i];
     let lift = samples.normals[i].dot(&offset).abs().max(samples.normals[j].dot(&offset).abs());
-    // On a bent surface the slope of the offset is as large as the difference of the normals.
+    // On a bent surface, the slope of the offset is as large as the difference of the normals.
     (samples.normals[j] - samples.normals[i]).norm() < NORMAL_SIGMA && lift < NORMAL_SIGMA * offset.norm()
 }
 
-/// Number of the connected component of each sample, over pairs of neighbors with `joined`.
+/// Index of the connected component of each sample, over pairs of neighbors for which `joined` holds.
 fn component_numbers(
     neighbors: &[[(u32, f32); NEIGHBORS]],
     joined: impl Fn(usize, usize) -> bool,
@@ -445,7 +447,7 @@ fn component_numbers(
     let mut count = 0;
     for i in 0..neighbors.len() {
         let root = sets.root_of(i);
-        // A root comes before the rest of its set.
+        // A root precedes the rest of its set.
         if root == i {
             number[i] = count;
             count += 1;
@@ -456,7 +458,7 @@ fn component_numbers(
     number
 }
 
-/// How much the best cost is below the second best, less [`EVIDENCE`], from 0 to 1.
+/// How far the best cost is below the second best, less [`EVIDENCE`], from 0 to 1.
 fn label_evidence(costs: &[f32]) -> f32 {
     let (best, second) = costs.iter().fold((f32::INFINITY, f32::INFINITY), |(best, second), &c| {
         if c < best { (c, best) } else { (best, second.min(c)) }

@@ -1,4 +1,4 @@
-//! How much of an object's surface a motion takes onto itself, by depth alone.
+//! Measures how much of an object's surface a motion takes onto itself, from depth alone.
 
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -6,15 +6,15 @@ use rayon::prelude::*;
 use capture::{NoiseConfig, RgbdFrame};
 use geometry::Pose;
 
-/// Of this many pixels of the object one is compared.
+/// One of this many pixels of the object is compared.
 const EVERY: usize = 97;
-/// Readings with a difference of more than this many standard deviations are of different surfaces.
+/// Readings that differ by more than this many standard deviations are of different surfaces.
 ///
 /// chosen: three, 0.3 % of a normal distribution
 const SAME: f64 = 3.0;
 
-/// Share of the surface of state 1 seen by state 0 at the place it came from under a motion. Surface out of
-/// sight of state 0 does not count. 0 where nothing counts.
+/// Share of the surface of state 1 that state 0 sees where it came from under a motion. Surface out of sight
+/// of state 0 does not count. 0 if nothing counts.
 #[must_use]
 pub fn standing_share(states: [&[RgbdFrame]; 2], state1_from_state0: &Pose, noise: &NoiseConfig) -> f64 {
     let back = state1_from_state0.inverse();
@@ -23,8 +23,8 @@ pub fn standing_share(states: [&[RgbdFrame]; 2], state1_from_state0: &Pose, nois
     still as f64 / all.max(1) as f64
 }
 
-/// Number of standing pixels of the object and of all compared ones. `back` is the motion from the frame's
-/// state to the state of `others`.
+/// Number of the object's pixels that stand still, and of all compared ones. `back` is the motion from the
+/// frame's state to the state of `others`.
 fn standing_pixels(frame: &RgbdFrame, back: &Pose, others: &[RgbdFrame], noise: &NoiseConfig) -> [usize; 2] {
     let mut counts = [0; 2];
     for i in (0..frame.depth_m.len()).step_by(EVERY).filter(|&i| frame.is_object(i)) {
@@ -37,14 +37,14 @@ fn standing_pixels(frame: &RgbdFrame, back: &Pose, others: &[RgbdFrame], noise: 
     counts
 }
 
-/// Whether more frames see a surface at a point than see through it; `None` where none does either.
+/// Whether more frames see a surface at a point than see through it; `None` if no frame does either.
 fn is_standing(
     point_in_world: &Point3<f64>,
     sigma_m: f64,
     frames: &[RgbdFrame],
     noise: &NoiseConfig,
 ) -> Option<bool> {
-    // A reading before the point hides it and counts nothing.
+    // A reading in front of the point hides it and does not count.
     let mut seen = 0;
     let mut through = 0;
     for frame in frames {
@@ -53,7 +53,7 @@ fn is_standing(
             continue;
         };
         let behind_m = f64::from(frame.depth_m[pixel]) - point.z;
-        // A slanted surface is as much nearer or further within a pixel.
+        // A slanted surface varies in depth by this much within a pixel.
         let gate_m = SAME * sigma_m.hypot(frame.sigma_m(pixel, noise)) + point.z / frame.intrinsics.fx;
         seen += usize::from(behind_m.abs() <= gate_m);
         through += usize::from(behind_m > gate_m);

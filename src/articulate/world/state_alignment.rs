@@ -1,9 +1,9 @@
-//! Whether both states were recorded in one world frame, and the motion between their frames where they were
+//! Decides whether both states were recorded in one world frame, and finds the motion between their frames if
 //! not. See docs/method.md 5.
 //!
-//! Some of the object and all of its surroundings should stand still. Where a common motion explains all
-//! standing surface as well, the frames drifted apart or the object was moved as a whole: the motion of the
-//! surroundings, or without them of the largest part, is then the motion of the world.
+//! Some of the object and all of its surroundings should stand still. If one motion explains all such surface
+//! as well, the frames drifted apart or the object was moved as a whole: the motion of the surroundings, or
+//! without them of the largest part, is then the motion of the world.
 
 use rand_core::Rng;
 
@@ -13,22 +13,22 @@ use crate::{
 };
 use geometry::Pose;
 
-/// Least cells of matches for a motion to count.
+/// Least number of cells of matches for a motion to count.
 ///
 /// derived: three fix a motion, beside the cells of wrong matches by chance
 const LEAST_CELLS: f64 = CHANCE + 3.0;
-/// The motion of the world must be supported by this many times the cells of the next one.
+/// The motion of the world must have this many times the supporting cells of the next one.
 ///
 /// tuned: shared/bags
 const CLEAR: f64 = 2.0;
-/// The world did not move where surfaces of at least this share of the object stand still.
+/// The world did not move if at least this share of the object's surface stands still.
 ///
 /// tuned: random objects (eval/random_objects.md)
 const STANDING: f64 = 0.25;
-/// Motions looked for.
+/// Number of motions looked for.
 const MOTIONS: usize = 4;
 
-/// The evidence for different world frames.
+/// What shows that the world frames differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AlignedBy {
     /// The surroundings of the object.
@@ -42,9 +42,9 @@ pub enum AlignedBy {
 pub struct StateAlignment {
     /// Motion of static surface from state 0's frame to state 1's.
     pub state1_from_state0: Pose,
-    /// Its evidence.
+    /// What shows it.
     pub by: AlignedBy,
-    /// Supporting cells of matches.
+    /// Number of supporting cells of matches.
     pub cells: f64,
 }
 
@@ -58,17 +58,17 @@ pub enum AlignmentError {
          or with textured surroundings in view"
     )]
     Ambiguous {
-        /// Support of the strongest motion.
+        /// Support of the strongest motion, cells.
         first: f64,
-        /// Support of the second.
+        /// Support of the second, cells.
         second: f64,
     },
 }
 
-/// The motion between the world frames of both states; `None` where they are one, or where too few matches
-/// show it. `surroundings` gives matches beside the object, where those on the object do not stand still, and
-/// `standing` the share of the object's surface at the place given by a motion, where matches cannot decide.
-/// `extent_m` is the longest side of the object.
+/// The motion between the world frames of both states; `None` if they are one, or too few matches show it.
+/// `surroundings` gives matches beside the object, used if those on the object do not stand still. `standing`
+/// gives the share of the object's surface that a motion leaves in place, used if matches cannot decide.
+/// `extent_m` is the longest side of the object, meters.
 ///
 /// # Errors
 /// [`AlignmentError`] where two motions could be the world's.
@@ -83,14 +83,14 @@ pub fn align_states(
     let on_object = Support::new(object, extent_m, config);
     let motions = common_motions(object, MOTIONS, extent_m, config, rng);
     let still = Pose::identity();
-    // A motion with static matches is none.
+    // A motion with matches that stand still is no motion.
     let mut moving = motions.clone();
     moving.retain(|m| on_object.of_its_own(m, &[still]) > 0.5 * on_object.of_its_own(m, &[]));
     // The cases of docs/method.md 5. 1. No match moved, or enough stand still.
     if moving.is_empty() || on_object.of_its_own(&still, &moving) >= LEAST_CELLS {
         return Ok(None);
     }
-    // 2. The surroundings of the object, matched only here, as matching takes long.
+    // 2. The surroundings of the object; they are matched only here, as matching takes long.
     let around = surroundings();
     let found = common_motions(&around, MOTIONS, extent_m, config, rng);
     if let Some((motion, cells)) = Support::new(&around, extent_m, config).clear(&found)? {
@@ -100,10 +100,10 @@ pub fn align_states(
             let alignment = StateAlignment { state1_from_state0: motion, by: AlignedBy::Surroundings, cells };
             return Ok(drifted.then_some(alignment));
         }
-        // The object was moved against its surroundings as a whole.
+        // The object was moved as a whole relative to its surroundings.
     }
-    // 3. The object's strongest motion; 4. where two rival, standing surface decides: a plain static part has
-    // no matches.
+    // 3. The object's strongest motion; 4. if two compete, the surface that stands still decides: a plain
+    // static part has no matches.
     let clear = match on_object.clear(&motions) {
         Err(_) if is_standing(&motions, &standing) => None,
         clear => clear?,
@@ -121,7 +121,7 @@ fn is_standing(motions: &[Pose], standing: impl Fn(&Pose) -> f64) -> bool {
     share >= STANDING && motions.iter().all(|m| standing(m) <= CLEAR * share)
 }
 
-/// Counts the cells of matches in support of motions.
+/// Counts the cells of matches that support motions.
 struct Support<'a> {
     matches: &'a [LiftedMatch],
     gate: Gate,
@@ -133,7 +133,7 @@ impl<'a> Support<'a> {
         Self { matches, gate: Gate::new(config, extent_m), cell_m: config.cell * extent_m }
     }
 
-    /// Cells of the matches of a motion and of none of the others.
+    /// Number of cells of the matches that follow a motion and none of the others.
     fn of_its_own(&self, motion: &Pose, others: &[Pose]) -> f64 {
         let mut own = self.matches.to_vec();
         own.retain(|m| self.gate.supports(m, motion) && !others.iter().any(|o| self.gate.supports(m, o)));

@@ -1,4 +1,4 @@
-//! XML texts checked before a recursive reader gets them.
+//! Checks XML texts before a recursive reader gets them.
 
 use std::borrow::Cow;
 
@@ -12,25 +12,25 @@ pub enum XmlError {
     /// It declares entities.
     #[error("line {line}: it declares entities, which are not read; write out what they stand for")]
     Entities {
-        /// From 1.
+        /// Line number, from 1.
         line: usize,
     },
-    /// Elements within elements.
+    /// Elements are nested too deep.
     #[error("line {line}: elements are nested deeper than {XML_DEPTH}; no model needs that")]
     Deep {
-        /// From 1.
+        /// Line number, from 1.
         line: usize,
     },
-    /// Too many elements.
+    /// There are too many elements.
     #[error("it has more than {XML_ELEMENTS} elements; split the model")]
     Large,
-    /// It is none.
+    /// It is not XML.
     #[error("it is no XML: {0}")]
     Parse(#[from] roxmltree::Error),
 }
 
-/// The text with a valid declaration: `<?xml ...?>` without a version is no XML, and simulators do not look
-/// at it and load such files.
+/// The text with a valid XML declaration: `<?xml ...?>` without a version is not XML, but simulators ignore
+/// the declaration and load such files.
 #[must_use]
 pub fn with_declaration(text: &str) -> Cow<'_, str> {
     let after = text.strip_prefix("<?xml ").and_then(|rest| rest.split_once("?>"));
@@ -40,7 +40,7 @@ pub fn with_declaration(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// The document of a text accepted by `check_xml`.
+/// Parses a text after `check_xml`.
 ///
 /// # Errors
 /// [`XmlError`].
@@ -52,10 +52,9 @@ pub fn parse_xml(text: &str) -> Result<Document<'_>, XmlError> {
 /// Refuses elements nested deeper than [`XML_DEPTH`], more than [`XML_ELEMENTS`] of them, and declared
 /// entities. Text that is not XML may pass: the reader refuses it.
 ///
-/// # Errors
-/// [`XmlError`] but for [`XmlError::Parse`].
+/// [`XmlError`], except [`XmlError::Parse`].
 fn check_xml(text: &str) -> Result<(), XmlError> {
-    // A scan of the tags alone: it needs no stack and stops at the first one too many.
+    // Scans only the tags: this needs no stack and stops at the first one too many.
     let mut at = 0;
     let mut depth = 0usize;
     let mut elements = 0;
@@ -67,13 +66,13 @@ fn check_xml(text: &str) -> Result<(), XmlError> {
         } else if rest.starts_with("<![CDATA[") {
             rest.find("]]>")
         } else if rest.starts_with("<!ENTITY") {
-            // Entities of entities expand a text of a kilobyte to gigabytes; no model needs one.
+            // Nested entities expand a kilobyte of text to gigabytes; no model needs one.
             return Err(XmlError::Entities { line: line() });
         } else if rest.starts_with("<!") {
-            // Declarations may hold others.
+            // A declaration may contain others.
             Some(1)
         } else if rest.starts_with("</") {
-            // An end without a beginning is for the parser to refuse.
+            // The parser refuses an end tag without a start tag.
             depth = depth.saturating_sub(1);
             rest.find('>')
         } else if rest.starts_with("<?") {
@@ -96,7 +95,7 @@ fn check_xml(text: &str) -> Result<(), XmlError> {
     Ok(())
 }
 
-/// Place of the `>` at the end of a tag; those in quotes do not count.
+/// Index of the `>` that ends a tag; those in quotes do not count.
 fn tag_end(tag: &str) -> Option<usize> {
     let mut quote = None;
     for (at, byte) in tag.bytes().enumerate() {

@@ -1,8 +1,8 @@
-//! YAML texts checked before they are read.
+//! Checks YAML texts before they are read.
 //!
-//! The reader scans a list within lists in time quadratic in the depth, before it refuses the depth: 200 kB
-//! of brackets cost minutes (measured). Its own scanner, stopped in time, finds the depth in linear time and
-//! agrees with it about brackets.
+//! The reader scans nested lists in time quadratic in the depth before it refuses the depth: 200 kB of
+//! brackets take minutes (measured). Its scanner alone, stopped in time, finds the depth in linear time and
+//! agrees with the reader about brackets.
 
 use std::mem::MaybeUninit;
 
@@ -14,18 +14,18 @@ use super::{YAML_DEPTH, YAML_EVENTS};
 /// Why a YAML text is refused.
 #[derive(Debug, thiserror::Error)]
 pub enum YamlError {
-    /// Lists within lists.
+    /// Lists are nested too deep.
     #[error(
         "line {line}: lists and groups are nested deeper than {YAML_DEPTH}; no file of this kind needs that"
     )]
     Deep {
-        /// From 1.
+        /// Line number, from 1.
         line: u64,
     },
-    /// Too many values.
+    /// There are too many values.
     #[error("it has more than {YAML_EVENTS} values; split it")]
     Large,
-    /// It is no YAML, or not of the wanted form.
+    /// It is not YAML, or does not have the expected form.
     #[error(transparent)]
     Parse(#[from] serde_norway::Error),
 }
@@ -43,7 +43,7 @@ fn check_yaml(text: &str) -> Result<(), YamlError> {
     let mut scanner = Scanner::new(text);
     let mut depth = 0usize;
     for _ in 0..YAML_EVENTS {
-        // The reader refuses text that is not YAML in better words.
+        // The reader explains better why a text is not YAML.
         let Some((kind, line)) = scanner.next() else { return Ok(()) };
         match kind {
             unsafe_sys::YAML_STREAM_END_EVENT => return Ok(()),
@@ -60,9 +60,9 @@ fn check_yaml(text: &str) -> Result<(), YamlError> {
     Err(YamlError::Large)
 }
 
-/// libyaml's scanner on a text.
+/// libyaml's scanner for a text.
 struct Scanner<'a> {
-    /// It points into itself and must not move.
+    /// Boxed, as it points into itself and must not move.
     parser: Box<MaybeUninit<unsafe_sys::yaml_parser_t>>,
     _text: &'a str,
 }
@@ -82,7 +82,7 @@ impl<'a> Scanner<'a> {
         Self { parser, _text: text }
     }
 
-    /// Kind and line of the next event; `None` where the text is no YAML. Not to be called after `None`.
+    /// Kind and line of the next event; `None` if the text is not YAML. Must not be called after `None`.
     fn next(&mut self) -> Option<(unsafe_sys::yaml_event_type_t, u64)> {
         let mut event = MaybeUninit::<unsafe_sys::yaml_event_t>::uninit();
         // SAFETY: the parser was initialized; a successful call writes the event, which is freed once.

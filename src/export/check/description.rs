@@ -1,10 +1,10 @@
-//! The reader of URDF texts. What is missing stays missing, so that rules can say so.
+//! Reads URDF texts. What is missing stays missing, so that rules can report it.
 //!
 //! It is not built on urdf-rs, which tests use as a second reader. Of the 52 files in
 //! `tests/conformance/urdf.tar.zst` that a diagnosis reads, urdf-rs 0.10 refuses 17 (a limit without
-//! velocity, a mass without inertia, a visual without geometry); of the 20 to be refused it reads 9 (links
-//! that are twice or not there, loops, another root). `1 x 2 3` is (1, 2, 3) to it, a missing limit is one
-//! from 0 to 0, and a screw loses its pitch.
+//! velocity, a mass without inertia, a visual without geometry). Of the 20 that must be refused it reads 9
+//! (duplicate or missing links, loops, another root element). It reads `1 x 2 3` as (1, 2, 3) and a missing
+//! limit as one from 0 to 0, and it loses the pitch of a screw.
 
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use roxmltree::Node;
@@ -17,30 +17,30 @@ use common::limits::{LINKS, URDF, XmlError, parse_xml};
 use geometry::Pose;
 use model::Mimic;
 
-/// Why a URDF describes no bodies.
+/// Why a URDF does not describe bodies.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum UnsoundUrdf {
-    /// More bytes than are read.
+    /// It is larger than the limit.
     #[error("has {bytes} bytes; {} are the limit of {}", URDF.bytes, URDF.what)]
     Bytes {
-        /// Its size.
+        /// Its size, bytes.
         bytes: usize,
     },
     /// Malformed or refused XML.
     #[error(transparent)]
     Xml(#[from] XmlError),
-    /// Another kind of document.
+    /// It is another kind of document.
     #[error("the root element is <{0}>, not <robot>")]
     Root(String),
-    /// More links or joints than the limit.
+    /// It has more links or joints than the limit.
     #[error("has {0} links or joints; {LINKS} are the limit: split the model")]
     Links(usize),
-    /// Its names, links or numbers.
+    /// Its names, links or numbers are wrong.
     #[error("'{}': {}{}", first.subject.escape_debug(), first.message, further(*more))]
     Broken {
-        /// The first thing that is wrong.
+        /// The first finding.
         first: CheckFinding,
-        /// How much more there is.
+        /// Number of further findings.
         more: usize,
     },
 }
@@ -52,85 +52,85 @@ fn further(more: usize) -> String {
 /// Attributes of `<inertia>`.
 pub const INERTIA: [&str; 6] = ["ixx", "ixy", "ixz", "iyy", "iyz", "izz"];
 
-/// A link as the text has it.
+/// A link as the text describes it.
 #[derive(Clone, Debug)]
 pub struct LinkText {
     /// Name; empty where it has none.
     pub name: String,
     /// Mass and inertia.
     pub inertial: Option<InertialText>,
-    /// What cameras see.
+    /// Visual shapes.
     pub visuals: Vec<ShapeText>,
-    /// What collides.
+    /// Collision shapes.
     pub collisions: Vec<ShapeText>,
 }
 
-/// Mass and inertia; `None` for what is missing, NaN for what is no number.
+/// Mass and inertia; `None` for what is missing, NaN for what is not a number.
 #[derive(Clone, Debug)]
 pub struct InertialText {
     /// Frame of the inertia: center of mass and axes.
     pub link_from_inertial: Pose,
-    /// Kilograms.
+    /// Mass, kg.
     pub mass: Option<f64>,
     /// [`INERTIA`] about the center of mass, kg m^2.
     pub inertia: [Option<f64>; 6],
 }
 
-/// A visual or a collision.
+/// A visual or a collision element.
 #[derive(Clone, Debug)]
 pub struct ShapeText {
     pub(super) name: Option<String>,
-    /// Frame of the shape.
+    /// Pose of the shape in the link frame.
     pub link_from_shape: Pose,
     /// The shape.
     pub geometry: Geometry,
     pub(super) material: Option<MaterialText>,
 }
 
-/// A material of the robot, or of a visual.
+/// A material of the robot or of a visual.
 #[derive(Clone, Debug)]
 pub(super) struct MaterialText {
     pub name: Option<String>,
     pub texture: Option<String>,
-    /// It has a color or a texture; otherwise it refers to a defined one.
+    /// Whether it has a color or a texture; otherwise it refers to a material defined elsewhere.
     pub is_defined: bool,
-    /// Its color has no numbers.
+    /// Whether its color has no numbers.
     pub is_blank: bool,
 }
 
-/// What a shape is; meters, NaN for what is no number.
+/// Geometry of a shape, meters; NaN for what is not a number.
 #[derive(Clone, Debug)]
 pub enum Geometry {
-    /// A file.
+    /// A mesh file.
     Mesh {
-        /// As the text names it.
+        /// Its path as written in the text.
         path: String,
         /// Factor along each axis of the mesh.
         scale: Vector3<f64>,
     },
     /// A box, by its sides.
     Cuboid(Vector3<f64>),
-    /// About z.
+    /// A cylinder about z.
     Cylinder {
         /// Radius.
         radius: f64,
         /// Length.
         length: f64,
     },
-    /// A ball, by its radius.
+    /// A sphere, by its radius.
     Sphere(f64),
-    /// The tag of another kind.
+    /// A geometry of another kind, by its tag.
     Other(String),
-    /// None.
+    /// There is no geometry.
     Missing,
 }
 
-/// A joint as the text has it.
+/// A joint as the text describes it.
 #[derive(Clone, Debug)]
 pub struct JointText {
     /// Name; empty where it has none.
     pub name: String,
-    /// `type`.
+    /// The attribute `type`.
     pub kind: String,
     /// Name of the parent link.
     pub parent: String,
@@ -138,7 +138,7 @@ pub struct JointText {
     pub child: String,
     /// Joint frame in the parent link's frame at position 0.
     pub parent_from_joint: Pose,
-    /// Axis in the joint frame; without, URDF has x.
+    /// Axis in the joint frame; `None` if missing, for which URDF means x.
     pub axis: Option<Vector3<f64>>,
     /// Limits.
     pub limit: Option<LimitText>,
@@ -146,13 +146,13 @@ pub struct JointText {
     pub damping: f64,
     /// Coulomb friction, N m or N; 0 where it has none.
     pub friction: f64,
-    /// That it follows another joint.
+    /// Coupling to another joint, if any.
     pub mimic: Option<Mimic>,
-    /// Has a safety controller without its velocity gain.
+    /// Whether it has a safety controller without its velocity gain.
     pub(super) lacks_safety_velocity: bool,
-    /// Whether it stands for a screw, which URDF has no word for.
+    /// Whether it stands for a screw, a type that URDF lacks.
     pub(super) threaded: bool,
-    /// Advance of the screw, where it is given.
+    /// Advance of the screw, meters per radian, if it is given.
     pub pitch_m_per_rad: Option<f64>,
 }
 
@@ -184,9 +184,9 @@ pub struct Description {
     pub links: Vec<LinkText>,
     /// Joints.
     pub joints: Vec<JointText>,
-    /// Those of the robot, which visuals refer to by name.
+    /// Materials of the robot, to which visuals refer by name.
     pub(super) materials: Vec<MaterialText>,
-    /// MuJoCo keeps the visuals, which it drops otherwise.
+    /// Whether MuJoCo is told to keep the visuals, which it drops by default.
     pub(super) keeps_visuals: bool,
     pub(super) bad_numbers: Vec<BadNumber>,
 }
@@ -194,10 +194,10 @@ pub struct Description {
 impl Description {
     /// Reads URDF text.
     ///
-    /// # Errors
-    /// More than 16 MiB or [`LINKS`] links or joints, no XML that is read, or another kind of document.
+    /// If the text has more than 16 MiB or [`LINKS`] links or joints, is not XML that can be read, or is
+    /// another kind of document.
     pub fn parse(text: &str) -> Result<Self, UnsoundUrdf> {
-        // Before the parser, whose tree takes a multiple of the text's memory.
+        // Checked before parsing, as the parser's tree takes a multiple of the text's memory.
         if text.len() as u64 > URDF.bytes {
             return Err(UnsoundUrdf::Bytes { bytes: text.len() });
         }
@@ -207,7 +207,7 @@ impl Description {
             return Err(UnsoundUrdf::Root(robot.tag_name().name().to_owned()));
         }
         let count = children_of_tag(robot, "link").count().max(children_of_tag(robot, "joint").count());
-        // Before links are read: the rules of overlap compare them in pairs.
+        // Checked before links are read, as the rules of overlap compare them in pairs.
         if count > LINKS {
             return Err(UnsoundUrdf::Links(count));
         }
@@ -247,7 +247,7 @@ fn vector_of_text(text: &str) -> Vector3<f64> {
 }
 
 fn pose_of_origin(node: Node) -> Pose {
-    // As URDF has it, a missing origin is the identity.
+    // In URDF a missing origin means the identity.
     let origin = child_of_tag(node, "origin");
     let [xyz, rpy] = ["xyz", "rpy"]
         .map(|name| origin.and_then(|o| o.attribute(name)).map_or_else(Vector3::zeros, vector_of_text));
@@ -316,7 +316,7 @@ fn joint_of_node(node: Node) -> JointText {
     });
     let dynamics =
         |name| child_of_tag(node, "dynamics").and_then(|d| d.attribute(name)).map_or(0.0, number_of_text);
-    // By the local name, whatever prefix stands for the namespace.
+    // Found by its local name, whatever prefix the namespace has.
     let thread = node.children().find(|n| n.tag_name().name() == "thread");
     JointText {
         name: attribute_text(node, "name"),

@@ -14,7 +14,8 @@ pub type Folder = BTreeMap<String, Vec<u8>>;
 pub enum Level {
     /// Some importer refuses the model, loses something of it, or makes it explode.
     Error,
-    /// Some importer shows or simulates it otherwise than meant, or refuses an element ignored by others.
+    /// Some importer shows or simulates it differently from what is meant, or refuses an element that others
+    /// ignore.
     Warning,
 }
 
@@ -27,9 +28,9 @@ pub struct CheckFinding {
     pub file: String,
     /// The broken rule.
     pub rule: Rule,
-    /// Link, joint or file.
+    /// The link, joint or file it is about.
     pub subject: String,
-    /// The fault, with numbers and remedy.
+    /// What is wrong, with numbers, and what to do.
     pub message: String,
 }
 
@@ -50,7 +51,7 @@ pub(super) struct Findings<'a> {
 }
 
 impl<'a> Findings<'a> {
-    /// No findings yet, of a file.
+    /// No findings yet for a file.
     pub(super) fn of_file(file: &'a str) -> Self {
         Self { file, all: Vec::new() }
     }
@@ -63,7 +64,7 @@ impl<'a> Findings<'a> {
         message: impl Into<String>,
     ) {
         if self.all.len() > FINDINGS {
-            // An unlisted finding may still be an error.
+            // The list is full, but the finding may still turn its last entry into an error.
             return self.all.iter_mut().skip(FINDINGS).for_each(|rest| rest.level = rest.level.min(level));
         }
         let file = self.file.to_owned();

@@ -48,7 +48,7 @@ fn check_moving_joint(joint: &JointText, found: &mut Findings) {
         _ => {}
     }
     let Some(limit) = &joint.limit else {
-        // urdfdom asks for the limits of joints with ends.
+        // urdfdom requires limits for joints that have ends.
         if joint.kind == "continuous" {
             found.add_warning(Rule::Limit, name, "has no <limit> with effort and velocity; PyBullet takes 0");
         } else {
@@ -86,7 +86,7 @@ fn check_moving_joint(joint: &JointText, found: &mut Findings) {
     }
 }
 
-/// Reports limits without a position between them.
+/// Reports limits that contain no position.
 pub(super) fn check_joint_limits(description: &Description, found: &mut Findings) {
     for joint in description.joints.iter().filter(|j| ["revolute", "prismatic"].contains(&j.kind.as_str())) {
         let Some(limit) = &joint.limit else { continue };

@@ -13,7 +13,7 @@ use super::{
 };
 use model::{impossible_inertia, is_plain_name, principal_moments};
 
-/// MuJoCo refuses less, kg. chosen: above its bound
+/// MuJoCo refuses a smaller mass, kg. chosen: above its bound
 const MIN_MASS_KG: f64 = 1e-6;
 
 pub(super) fn check_links(description: &Description, welds: &Welds, found: &mut Findings) {
@@ -24,9 +24,9 @@ pub(super) fn check_links(description: &Description, welds: &Welds, found: &mut 
     }
     let is_heavy = welds.bodies_with(|link| links[link].inertial.as_ref().is_some_and(is_of_a_body));
     for (l, link) in links.iter().enumerate() {
-        // A link without motion, or fixed to a body with a mass, loads all the same.
+        // A link that does not move, or is fixed to a body with a mass, loads anyway.
         let level = if welds.is_moving(l) && !is_heavy[l] { Level::Error } else { Level::Warning };
-        // A link without shapes and without a motion of its own is a mere frame.
+        // A link without shapes that does not move by itself is only a frame.
         let bare = link.visuals.is_empty() && link.collisions.is_empty();
         match &link.inertial {
             None if level == Level::Error || !bare => {
@@ -65,7 +65,7 @@ fn check_names(description: &Description, found: &mut Findings) {
     }
 }
 
-/// Reports faults of a possible inertia in importers.
+/// Reports how importers misread an inertia that is possible.
 fn check_inertia(link: &str, inertial: &InertialText, level: Level, found: &mut Findings) {
     let mut add = |message: String| found.add_finding(level, Rule::Inertia, link, message);
     match inertial.mass {
@@ -90,7 +90,7 @@ fn check_inertia(link: &str, inertial: &InertialText, level: Level, found: &mut 
     }
 }
 
-/// Reports inertias impossible for any body.
+/// Reports inertias that no body can have.
 pub(super) fn check_possible_inertias(description: &Description, found: &mut Findings) {
     for link in &description.links {
         if let Some(why) =

@@ -1,4 +1,4 @@
-//! Rules of the URDF's own materials.
+//! Rules for the materials that a URDF defines.
 
 use std::collections::BTreeSet;
 

@@ -1,4 +1,4 @@
-//! Meshes of a folder, read as far as the rules need.
+//! Meshes of a folder, read only as far as the rules need.
 
 use nalgebra::Point3;
 
@@ -7,16 +7,16 @@ use nalgebra::Point3;
 pub(super) struct MeshText {
     pub points: Vec<Point3<f64>>,
     pub faces: usize,
-    /// The faces as triangles, without corners counted from the last one.
+    /// The faces as triangles, without those whose corners are counted from the last vertex.
     pub triangles: Vec<[u32; 3]>,
     pub normals: usize,
-    /// Lowest and highest texture coordinate.
+    /// Least and largest texture coordinate.
     pub uv_range: Option<[f64; 2]>,
     pub vertex_colors: bool,
     pub material_file: Option<String>,
-    /// A color, normal or texture coordinate is no finite number.
+    /// Whether a color, normal or texture coordinate is not a finite number.
     pub bad_number: bool,
-    /// A face names a missing vertex.
+    /// Whether a face refers to a missing vertex.
     pub bad_index: bool,
 }
 
@@ -33,7 +33,7 @@ impl MeshText {
                     let place = [0, 1, 2].map(|k| values.get(k).copied().unwrap_or(f64::NAN));
                     mesh.points.push(Point3::from(place));
                     mesh.bad_number |= values.iter().skip(3).any(|x| !x.is_finite());
-                    // Three values behind the position are a color.
+                    // Three more values after the position are a color.
                     mesh.vertex_colors |= values.len() >= 6;
                 }
                 Some("vn") => {
@@ -52,7 +52,7 @@ impl MeshText {
                     let mut fan: [Option<u32>; 2] = [None; 2];
                     for word in words {
                         let index: i64 = word.split('/').next().and_then(|i| i.parse().ok()).unwrap_or(0);
-                        // Negative indices count back from the last vertex; 0 names none.
+                        // Negative indices count back from the last vertex; 0 is invalid.
                         mesh.bad_index |= index == 0;
                         highest = highest.max(index);
                         let Some(corner) = u32::try_from(index).ok().and_then(|i| i.checked_sub(1)) else {
@@ -72,11 +72,11 @@ impl MeshText {
         mesh
     }
 
-    /// Reads STL, binary or text; `None` where it is cut short.
+    /// Reads STL, binary or text; `None` if it is cut short.
     pub(super) fn of_stl(bytes: &[u8]) -> Option<Self> {
         let mut mesh = Self::default();
         let count = bytes.get(80..84).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
-        // Distinguished by the length: a binary file's header may also begin with "solid".
+        // The length decides, as a binary file's header may also begin with "solid".
         if let Some(count) = count.filter(|n| bytes.len() == 84 + 50 * n) {
             for facet in bytes[84..].chunks_exact(50) {
                 for corner in [12, 24, 36] {
@@ -116,7 +116,7 @@ fn in_order(count: usize) -> Vec<[u32; 3]> {
     (0..count as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect()
 }
 
-/// Contents of a material file: its textures, and whether a color blackens them.
+/// A material file: its textures, and whether a color turns them black.
 pub(super) struct MaterialFile {
     pub materials: usize,
     pub textures: Vec<String>,
@@ -130,7 +130,7 @@ impl MaterialFile {
             let (word, rest) = line.trim().split_once(char::is_whitespace).unwrap_or((line.trim(), ""));
             match word {
                 "newmtl" => material.materials += 1,
-                // Options may stand before the file.
+                // Options may precede the file name.
                 "map_Kd" => material.textures.extend(rest.split_whitespace().last().map(str::to_owned)),
                 "Kd" => material.black |= rest.split_whitespace().all(|c| c.parse::<f64>() == Ok(0.0)),
                 _ => {}

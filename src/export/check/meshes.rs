@@ -1,4 +1,4 @@
-//! Rules of paths, formats, meshes and textures; gives the convex solids for collision.
+//! Rules for paths, formats, meshes and textures; returns the convex solids for the rules of overlap.
 
 use std::collections::BTreeMap;
 
@@ -16,13 +16,13 @@ use super::{
 use common::limits::{NAMED_MESHES, SHAPES};
 use surface::{ConvexSolid, SolidFit, TriangleMesh, convex_hull, merged_mesh};
 
-/// Most faces of an STL for MuJoCo.
+/// Largest number of faces of an STL in MuJoCo.
 const MAX_STL_FACES: usize = 200_000;
-/// Thinner hulls are refused or explode, meters. chosen: no part is as thin
+/// Hulls thinner than this are refused or explode, meters. chosen: no part is as thin
 const MIN_THICKNESS_M: f64 = 5e-4;
-/// Smaller hulls are refused, cubic meters. chosen: a cube of a millimeter
+/// Hulls smaller than this are refused, cubic meters. chosen: a cube of a millimeter
 const MIN_VOLUME_M3: f64 = 1e-9;
-/// Corners from which a hull is thinned out to its extremes along so many directions.
+/// Of a hull with more corners than this, only the extremes along as many directions are kept.
 const DIRECTIONS: usize = 200;
 
 /// Solids of every link, in the link frame.
@@ -46,7 +46,7 @@ pub(super) fn checked_solids(
             if let Some((path, mesh)) = &mesh {
                 check_appearance(path, mesh, shape, folder, found);
             }
-            // A surface known in part is no evidence on the solids.
+            // A surface that is only partly known says nothing about its solids.
             let placed = mesh.and_then(|(_, mesh)| placed(&mesh, shape));
             visual = visual.zip(placed).map(|(all, mesh)| merged_mesh(&[&all, &mesh]));
         }
@@ -76,7 +76,7 @@ pub(super) fn checked_solids(
                     }
                     solid
                 }
-                // As polyhedra: one test of overlap serves all shapes.
+                // Converted to polyhedra, so that one overlap test serves all shapes.
                 primitive => {
                     let mut corners = corners(primitive);
                     corners.retain(|p| p.iter().all(|x| is_number(*x)));
@@ -116,7 +116,7 @@ fn placed(mesh: &MeshText, shape: &ShapeText) -> Option<TriangleMesh> {
     sound.then_some(TriangleMesh { vertices, triangles, colors: Vec::new() })
 }
 
-/// Whether the shapes are few enough, and their meshes together small enough, to be looked at.
+/// Whether the shapes are few enough, and their meshes together small enough, to be checked.
 fn affordable(description: &Description, folder: &Folder, urdf: &str, found: &mut Findings) -> bool {
     let collisions: usize = description.links.iter().map(|l| l.collisions.len()).sum();
     let shapes = description.links.iter().flat_map(|l| l.visuals.iter().chain(&l.collisions));
@@ -141,12 +141,12 @@ fn affordable(description: &Description, folder: &Folder, urdf: &str, found: &mu
     false
 }
 
-/// The hull of a mesh's corners, thinned out where there are many.
+/// The hull of a mesh's corners; only some of them are used if there are many.
 fn hull(points: &[Point3<f64>]) -> Option<ConvexSolid> {
     if points.len() <= DIRECTIONS {
         return convex_hull(points);
     }
-    // The hull of some corners lies inside the hull of all: it can hide an overlap and cannot invent one.
+    // The hull of some corners is inside the hull of all: it can miss an overlap but not invent one.
     let mut some = Vec::with_capacity(DIRECTIONS);
     for d in directions(DIRECTIONS) {
         some.extend(points.iter().max_by(|a, b| a.coords.dot(&d).total_cmp(&b.coords.dot(&d))));
@@ -190,7 +190,7 @@ fn corners(geometry: &Geometry) -> Vec<Point3<f64>> {
 #[derive(Clone, Copy)]
 struct Use {
     visual: bool,
-    /// How bad it is where a shape gets no mesh.
+    /// Severity if a shape gets no mesh.
     lost: Level,
 }
 
@@ -198,7 +198,7 @@ impl Use {
     const COLLISION: Self = Self { visual: false, lost: Level::Error };
 
     fn visual(description: &Description) -> Self {
-        // MuJoCo refuses unreadable meshes, if it is to read visuals at all.
+        // MuJoCo refuses unreadable meshes if it is told to read visuals at all.
         let lost = if description.keeps_visuals { Level::Error } else { Level::Warning };
         Self { visual: true, lost }
     }
@@ -248,7 +248,7 @@ fn mesh_of(
             );
             return None;
         }
-        // PyBullet refuses a whole model for one GLB or PLY.
+        // PyBullet refuses a whole model because of one GLB or PLY.
         other => {
             found.add_error(
                 Rule::Format,
@@ -275,7 +275,7 @@ fn stl(path: &str, file: &str, bytes: &[u8], of: Use, found: &mut Findings) -> O
     mesh
 }
 
-/// The path of a mesh in the folder; `None`, with a finding, where it is none.
+/// The path of a mesh in the folder; `None`, with a finding, if there is no such file.
 fn resolve(path: &str, urdf: &str, of: Use, found: &mut Findings) -> Option<String> {
     if path.starts_with("package://") && !urdf.ends_with(".ros.urdf") {
         found.add_finding(
@@ -323,9 +323,9 @@ fn is_healthy(file: &str, mesh: &MeshText, stl: bool, of: Use, found: &mut Findi
     healthy
 }
 
-/// Rules of a visual mesh: normals, material, texture.
+/// Checks normals, material and texture of a visual mesh.
 fn check_appearance(file: &str, mesh: &MeshText, shape: &ShapeText, folder: &Folder, found: &mut Findings) {
-    // Of these formats an OBJ alone has materials.
+    // Of these formats only OBJ has materials.
     if !file.to_ascii_lowercase().ends_with(".obj") {
         return;
     }
@@ -370,7 +370,7 @@ fn check_appearance(file: &str, mesh: &MeshText, shape: &ShapeText, folder: &Fol
         }
     }
     if !material.textures.is_empty() {
-        // Some slack for coordinates with few digits.
+        // With some tolerance for coordinates with few digits.
         if mesh.uv_range.is_none_or(|[lo, hi]| !(lo >= -1e-4 && hi <= 1.0001)) {
             found.add_warning(
                 Rule::Texture,

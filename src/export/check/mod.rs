@@ -1,6 +1,6 @@
-//! Static rules of a URDF folder, against refusal, silent loss and explosion in importers.
+//! Static checks of a URDF folder for what importers would refuse, silently lose, or let explode.
 //!
-//! Works on files in memory and on any URDF, not only on those written here.
+//! They work on files in memory and on any URDF, not only on those written here.
 
 mod description;
 mod finding;
@@ -33,8 +33,8 @@ use welds::Welds;
 
 use common::limits::with_declaration;
 
-/// All findings on the URDFs of a folder, errors first; an error of its own for a folder without any. Files
-/// named `*.ros.urdf` may hold `package://` paths of the folder's package.
+/// All findings on the URDFs of a folder, errors first; a folder without any URDF is an error. Files named
+/// `*.ros.urdf` may contain `package://` paths of the folder's package.
 #[must_use]
 pub fn check_folder(folder: &Folder) -> Vec<CheckFinding> {
     let mut all = Vec::new();
@@ -54,7 +54,7 @@ pub fn check_folder(folder: &Folder) -> Vec<CheckFinding> {
 
 fn check_urdf(folder: &Folder, path: &str) -> Vec<CheckFinding> {
     let mut found = Findings::of_file(path);
-    // Bytes outside UTF-8 are replaced: the rules then report the text.
+    // Bytes that are not UTF-8 are replaced; the rules then report the text.
     let text = folder.get(path).map(|b| String::from_utf8_lossy(b).into_owned()).unwrap_or_default();
     let declared = with_declaration(&text);
     if matches!(declared, Cow::Owned(_)) {
@@ -75,7 +75,7 @@ fn check_urdf(folder: &Folder, path: &str) -> Vec<CheckFinding> {
     joints::check_joints(&description, &mut found);
     materials::check_materials(&description, folder, path, &mut found);
     let solids = meshes::checked_solids(&description, folder, path, &mut found);
-    // Positions mean nothing where the tree or a number is broken.
+    // Positions have no meaning if the tree or a number is broken.
     if is_sound
         && !found.all.iter().any(|f| f.level == Level::Error && [Rule::Limit, Rule::Joint].contains(&f.rule))
     {
@@ -84,8 +84,8 @@ fn check_urdf(folder: &Folder, path: &str) -> Vec<CheckFinding> {
     found.all
 }
 
-/// Reports faults for every reader, importer or not: ambiguous names, links without a tree, malformed or
-/// impossible numbers.
+/// Reports what is wrong for every reader, importer or not: ambiguous names, links that form no tree,
+/// malformed or impossible numbers.
 fn check_soundness(description: &Description, found: &mut Findings) {
     check_numbers(description, found);
     tree::check_tree(description, found);
@@ -100,18 +100,17 @@ fn check_numbers(description: &Description, found: &mut Findings) {
 }
 
 impl Description {
-    /// Refuses a URDF that describes no bodies: names that stand for two things, links that are no tree,
-    /// numbers that are none or cannot be. What only some importer refuses is left out.
+    /// Refuses a URDF that does not describe bodies: names used twice, links that form no tree, malformed or
+    /// impossible numbers. What only some importers refuse is left out.
     ///
-    /// # Errors
-    /// [`UnsoundUrdf::Broken`].
+    /// # Errors [`UnsoundUrdf::Broken`].
     pub fn require_sound(self) -> Result<Self, UnsoundUrdf> {
         let mut found = Findings::of_file("");
         check_soundness(&self, &mut found);
         self.without(found)
     }
 
-    /// Refuses a URDF with numbers that are none or cannot be.
+    /// Refuses a URDF with malformed or impossible numbers.
     ///
     /// # Errors
     /// [`UnsoundUrdf::Broken`].

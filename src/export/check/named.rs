@@ -1,10 +1,11 @@
-//! Files named by a file of a model folder.
+//! Files to which a file of a model folder refers.
 
 use super::{mesh_text::MaterialFile, paths::path_in_folder};
 use common::limits::{URDF, parse_xml, with_declaration};
 
-/// Paths in the folder of the files named by a file: meshes and textures of a URDF, the material file of an
-/// OBJ, textures of a material file. Paths out of the folder are left out; an unreadable file names none.
+/// Paths, relative to the folder, of the files to which a file refers: meshes and textures of a URDF, the
+/// material file of an OBJ, textures of a material file. Paths that leave the folder are left out; an
+/// unreadable file refers to none.
 #[must_use]
 pub fn named_files(path: &str, bytes: &[u8]) -> Vec<String> {
     let extension = path.rsplit('.').next().unwrap_or_default().to_ascii_lowercase();

@@ -1,44 +1,44 @@
-//! Every number of a URDF: its form and its range.
+//! Checks the form and range of every number in a URDF.
 
 use nalgebra::Vector3;
 use roxmltree::Node;
 
 use super::{description::INERTIA, rule::Rule};
 
-/// Larger numbers stand for no length, mass or inertia of a model, and computations with them overflow: with
-/// this bound the tenth power of a number is finite, and no computation takes a higher one.
+/// Larger numbers are no length, mass or inertia of a model, and computations with them overflow: up to this
+/// bound the tenth power of a number is finite, and no computation takes a higher one.
 /// derived: its tenth power is 1e300
 pub(super) const LARGEST: f64 = 1e30;
-/// Places and scales beyond this, meters, are of no model: meshes have single precision, and up to here the
-/// sixth power of a coordinate is finite in it. derived: the sixth power is 1e36
+/// Positions and scales beyond this, meters, belong to no model: meshes have single precision, in which the
+/// sixth power of a coordinate is finite up to here. derived: the sixth power is 1e36
 const FARTHEST: f64 = 1e6;
-/// Shorter axes are no direction. chosen: above the rounding of a double
+/// Axes shorter than this have no direction. chosen: above the rounding of a double
 const SHORTEST_AXIS: f64 = 1e-9;
 
-/// Whether a number can be one of a model.
+/// Whether a number is possible in a model.
 pub(super) fn is_number(x: f64) -> bool {
     x.abs() <= LARGEST
 }
 
-/// Range of the numbers of an attribute.
+/// Allowed range of an attribute's numbers.
 #[derive(Clone, Copy, PartialEq)]
 enum Range {
     Any,
-    /// Not beyond [`FARTHEST`].
+    /// At most [`FARTHEST`] in size.
     Place,
-    /// Not zero, none of them, and not beyond [`FARTHEST`].
+    /// Each not zero, and at most [`FARTHEST`] in size.
     Scale,
     NotNegative,
     Positive,
-    /// Not negative, and as large as a number can be: it bounds, and nothing is computed from it.
+    /// Not negative, of any size: it is a bound from which nothing is computed.
     Bound,
-    /// Not all zero, where the joint moves, and not beyond [`FARTHEST`].
+    /// At most [`FARTHEST`] in size, and not all zero if the joint moves.
     Direction,
 }
 
 use Range::{Any, Bound, Direction, NotNegative, Place, Positive, Scale};
 
-/// Elements with numbers: tag, attributes, count of numbers in each, their range, the rule of their findings.
+/// Elements with numbers: tag, attributes, numbers in each attribute, their range, and the rule of a finding.
 const ATTRIBUTES: [(&str, &[&str], usize, Range, Rule); 16] = [
     ("origin", &["xyz", "rpy"], 3, Place, Rule::Origin),
     ("mass", &["value"], 1, NotNegative, Rule::Inertia),
@@ -64,16 +64,16 @@ const ATTRIBUTES: [(&str, &[&str], usize, Range, Rule); 16] = [
     ("thread", &["pitch_m_per_rad"], 1, Any, Rule::Joint),
 ];
 
-/// A number that is none or cannot be.
+/// A malformed or impossible number.
 #[derive(Clone, Debug)]
 pub(super) struct BadNumber {
     pub rule: Rule,
-    /// Link, joint or material.
+    /// The link, joint or material it belongs to.
     pub subject: String,
     pub message: String,
 }
 
-/// All of them below `<robot>`, in the order of the text.
+/// All bad numbers below `<robot>`, in the order of the text.
 pub(super) fn bad_numbers(robot: Node) -> Vec<BadNumber> {
     robot
         .children()
@@ -88,7 +88,7 @@ fn of_element(owner: Node, node: Node) -> Vec<BadNumber> {
     for (_, attributes, count, range, rule) in ATTRIBUTES.iter().filter(|a| a.0 == tag) {
         for attribute in *attributes {
             let Some(text) = node.attribute(*attribute) else { continue };
-            // Nothing reads the axis of a joint without motion, and writers put zeros there.
+            // Nothing reads the axis of a joint that does not move, and writers put zeros there.
             let still = ["fixed", "floating"].contains(&owner.attribute("type").unwrap_or_default());
             let range = if *range == Direction && still { Place } else { *range };
             if let Some(why) = number_fault(text, *count, range) {
@@ -106,9 +106,9 @@ fn of_element(owner: Node, node: Node) -> Vec<BadNumber> {
     bad
 }
 
-/// The fault of a text of `count` numbers, if any.
+/// What is wrong with a text of `count` numbers, if anything.
 fn number_fault(text: &str, count: usize, range: Range) -> Option<String> {
-    // `nan` and `inf` are read as numbers here; the test of finite ones refuses them.
+    // `nan` and `inf` parse as numbers; the test for finite ones refuses them.
     let numbers: Vec<f64> = text.split_whitespace().map_while(|w| w.parse().ok()).collect();
     let all = |test: fn(f64) -> bool| numbers.iter().all(|x| test(*x));
     if numbers.len() != count || text.split_whitespace().count() != count || !all(f64::is_finite) {

@@ -1,4 +1,4 @@
-//! Rules of overlap: at rest, and along the path of every joint.
+//! Checks for overlap at rest and along the path of every joint.
 
 use nalgebra::Point3;
 
@@ -12,20 +12,20 @@ use super::{
 use geometry::Pose;
 use surface::ConvexSolid;
 
-/// Deeper overlap at rest is an error, meters. chosen: above rounding, below any contact
+/// Overlap at rest deeper than this is an error, meters. chosen: above rounding, below any contact
 const REST_M: f64 = 1e-5;
-/// Deeper overlap along a path is an error, meters. chosen: contacts of simulators take as much
+/// Overlap along a path deeper than this is an error, meters. chosen: contacts of simulators take as much
 const SWEEP_M: f64 = 1e-3;
-/// Positions along a path.
+/// Number of steps along a path.
 const STEPS: usize = 60;
-/// Most pairs of links, and most products of faces and corners of pairs of solids. Measured: either takes
-/// about two seconds; a cabinet of 6 parts with 100 solids takes 38,000 pairs and 2 million products.
+/// Limit of work: pairs of links, and products of faces and corners of pairs of solids. Measured: either
+/// takes about two seconds; a cabinet of 6 parts with 100 solids takes 38,000 pairs and 2 million products.
 const WORK: Work = Work { pairs: 100_000_000, products: 200_000_000 };
 
-/// A pose costs as much as so many pairs of links (measured).
+/// Number of link pairs that take as long as computing a pose (measured).
 const POSE: usize = 20;
 
-/// The rest of the allowed work.
+/// The work that is still allowed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Work {
     pairs: u64,
@@ -33,7 +33,7 @@ struct Work {
 }
 
 impl Work {
-    /// Takes a part; `None`, and nothing from then on, where too little is left.
+    /// Takes some of it; `None`, now and from then on, if too little is left.
     fn take_share(&mut self, pairs: u64, products: u64) -> Option<()> {
         match (self.pairs.checked_sub(pairs), self.products.checked_sub(products)) {
             (Some(pairs), Some(products)) => *self = Self { pairs, products },
@@ -58,7 +58,7 @@ impl<'a> Body<'a> {
         let (lo, hi) =
             bounds.iter().copied().reduce(|(a, b), (c, d)| (a.inf(&c), b.sup(&d))).unwrap_or_default();
         let center = nalgebra::center(&lo, &hi);
-        // Somewhat more than their box: rounding must not part touching solids.
+        // Slightly larger than the box, so that rounding does not separate touching solids.
         Self { solids, bounds, center, radius_m: 0.5 * (hi - lo).norm() * (1.0 + 1e-9) + 1e-9 }
     }
 }
@@ -80,7 +80,7 @@ pub(super) fn check_overlap(
     }
 }
 
-/// `None` where the work was too much.
+/// `None` if the work exceeds the limit.
 fn check_within(
     description: &Description,
     solids: &[Vec<ConvexSolid>],
@@ -94,7 +94,7 @@ fn check_within(
     let poses = placement.poses_of_links(&rest);
     let centers = centers(&bodies, &poses);
     let solid: Vec<usize> = (0..bodies.len()).filter(|&l| !bodies[l].solids.is_empty()).collect();
-    // Parent and child as well: MuJoCo does not filter them where the parent is welded to the world.
+    // Also parent and child: MuJoCo does not exclude them if the parent is welded to the world.
     for (i, &a) in solid.iter().enumerate() {
         work.take_share((solid.len() - i) as u64, 0)?;
         for &b in &solid[i + 1..] {
@@ -115,7 +115,7 @@ fn check_within(
             }
         }
     }
-    // Along the path of every leading joint; its followers go with it.
+    // Along the path of every leading joint; its followers move with it.
     let carrying = placement.nearest_above(|link| !solids[link].is_empty());
     for (j, joint) in description.joints.iter().enumerate().filter(|(j, _)| placement.leader[*j].is_none()) {
         sweep(
@@ -134,13 +134,13 @@ fn centers(bodies: &[Body], poses: &[Pose]) -> Vec<Point3<f64>> {
     bodies.iter().zip(poses).map(|(body, pose)| pose * body.center).collect()
 }
 
-/// Whether the spheres around two bodies do not meet. A sphere of NaN meets all.
+/// Whether the spheres around two bodies are apart. A sphere of NaN never is.
 fn apart(bodies: &[Body], centers: &[Point3<f64>], a: usize, b: usize) -> bool {
     (centers[a] - centers[b]).norm_squared()
         > (bodies[a].radius_m + bodies[b].radius_m).powi(2) * (1.0 + 1e-9)
 }
 
-/// 0, or the limit nearest to it.
+/// Position 0, or the limit nearest to it.
 fn rest_position(joint: &JointText) -> f64 {
     interval(joint).map_or(0.0, |[lower, upper]| 0f64.clamp(lower, upper))
 }
@@ -151,9 +151,10 @@ fn interval(joint: &JointText) -> Option<[f64; 2]> {
     (["revolute", "prismatic"].contains(&joint.kind.as_str()) && bounds[0] < bounds[1]).then_some(bounds)
 }
 
-/// How deep two bodies overlap; the outer `None` if the work is too much.
+/// How deep two bodies overlap, meters; the outer `None` means that the work exceeds the limit.
 fn deepest(a: &Body, pose_a: &Pose, b: &Body, pose_b: &Pose, work: &mut Work) -> Option<Option<f64>> {
-    // Moves the solids of one body only; boxes first, as separating axes cost a product of faces and corners.
+    // Only one body's solids are moved; boxes are tested first, as separating axes cost a product of faces
+    // and corners.
     let a_from_b = pose_a.inverse() * pose_b;
     let mut worst: Option<f64> = None;
     for solid in b.solids {
@@ -182,12 +183,12 @@ struct Swept<'a> {
     rest: &'a [f64],
 }
 
-/// Moves one joint over its range, the others at rest. The deepest met link is reported; a link carrying the
-/// joint before others. `None` if the work is too much.
+/// Moves one joint over its range, with the others at rest, and reports the link that is met deepest, a link
+/// that carries the joint before others. `None` if the work exceeds the limit.
 fn sweep(swept: &Swept, j: usize, joint: &JointText, work: &mut Work, found: &mut Findings) -> Option<()> {
     let Swept { description, placement, bodies, carrying, rest } = swept;
     let (Some([lower, upper]), Some(_)) = (interval(joint), placement.child_link(j)) else { return Some(()) };
-    // A mimic moves with its leader, and so do all links below both.
+    // A mimic moves with its leader, and so do all links below either.
     let followers = (0..description.joints.len()).filter(|&f| placement.leader[f] == Some(j));
     let carried: Vec<usize> =
         followers.filter_map(|f| placement.child_link(f)).chain(placement.child_link(j)).collect();
@@ -226,7 +227,7 @@ fn sweep(swept: &Swept, j: usize, joint: &JointText, work: &mut Work, found: &mu
                 &joint.name,
                 format!("{advance}; a slide and a turn that mimics it would hold both"),
             );
-        // Another link may truly stand in the way, as a closed door before a drawer, or the frame of a
+        // Another link may truly be in the way, as a closed door is before a drawer, or the frame of a
         // folding door.
         } else if carries {
             found.add_error(Rule::Sweep, &joint.name, message);

@@ -1,7 +1,7 @@
-//! Paths of files named by a file of the folder.
+//! Paths of files to which a file of the folder refers.
 
-/// The path in the folder of the file `named` by the file `by`, or the reason for having none there. A
-/// package is the folder of the naming file.
+/// The path in the folder of the file `named` by the file `by`, or why there is none. A package is the folder
+/// of the file `by`.
 pub(super) fn path_in_folder(named: &str, by: &str) -> Result<String, &'static str> {
     let relative = if let Some(rest) = named.strip_prefix("package://") {
         rest.split_once('/').map_or("", |(_, path)| path)

@@ -1,5 +1,4 @@
-//! Poses of the links of a description at given positions of its joints. Time grows with the number of
-//! links.
+//! Poses of the links of a description at given joint positions, in time linear in the number of links.
 
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
@@ -9,16 +8,16 @@ use super::{
 };
 use geometry::Pose;
 
-/// The tree of a description, by places of links and joints.
+/// The tree of a description, by indices of links and joints.
 pub(super) struct Placement<'a> {
     description: &'a Description,
-    /// The leader of each joint.
+    /// The joint that each joint mimics.
     pub leader: Vec<Option<usize>>,
     /// The joint above each link.
     carrier: Vec<Option<usize>>,
-    /// The link of the carrier's parent.
+    /// The parent link of that joint.
     parent: Vec<Option<usize>>,
-    /// Parents before children; links in a ring are left out.
+    /// Links, parents before children; those in a loop are left out.
     order: Vec<usize>,
     children: Vec<Option<usize>>,
 }
@@ -30,7 +29,7 @@ impl<'a> Placement<'a> {
         let carriers = first_places(description.joints.iter().map(|j| j.child.as_str()));
         let mut leader = Vec::with_capacity(description.joints.len());
         for joint in &description.joints {
-            // A joint mimicking itself has no leader here; the rules of the tree report it.
+            // A joint that mimics itself has no leader here; the rules of the tree report it.
             let other = joint.mimic.as_ref().map(|mimic| &mimic.joint).filter(|name| **name != joint.name);
             leader.push(other.and_then(|name| joints.get(name.as_str()).copied()));
         }
@@ -44,7 +43,7 @@ impl<'a> Placement<'a> {
         parent.iter().enumerate().for_each(|(link, parent)| parent.iter().for_each(|p| below[*p].push(link)));
         let mut order: Vec<usize> = (0..parent.len()).filter(|l| parent[*l].is_none()).collect();
         let mut at = 0;
-        // Breadth first from the roots: links of a ring are never reached, and the loop ends on any input.
+        // Breadth first from the roots: links in a loop are never reached, and the search ends on any input.
         while at < order.len() {
             order.extend(&below[order[at]]);
             at += 1;
@@ -64,7 +63,7 @@ impl<'a> Placement<'a> {
         self.children[joint]
     }
 
-    /// Poses of all links in the root's frame; followers go with their leader's position.
+    /// Poses of all links in the root's frame; followers take their leader's position.
     pub(super) fn poses_of_links(&self, positions: &[f64]) -> Vec<Pose> {
         let mut poses = vec![Pose::identity(); self.parent.len()];
         for &link in &self.order {
@@ -90,7 +89,7 @@ impl<'a> Placement<'a> {
         hangs
     }
 
-    /// For every link, the nearest link above it with a true `test`.
+    /// For every link, the nearest link above it for which `test` is true.
     pub(super) fn nearest_above(&self, test: impl Fn(usize) -> bool) -> Vec<Option<usize>> {
         let mut nearest = vec![None; self.parent.len()];
         for &link in &self.order {

@@ -1,10 +1,10 @@
-//! Where names stand.
+//! Indices of names.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::{finding::Findings, rule::Rule};
 
-/// Where each name stands first.
+/// Index of the first occurrence of each name.
 pub(super) fn first_places<'a>(names: impl Iterator<Item = &'a str>) -> BTreeMap<&'a str, usize> {
     let mut places = BTreeMap::new();
     for (place, name) in names.enumerate() {
@@ -13,7 +13,7 @@ pub(super) fn first_places<'a>(names: impl Iterator<Item = &'a str>) -> BTreeMap
     places
 }
 
-/// Where each name stands first; a repeated name is reported.
+/// Index of the first occurrence of each name; repeated names are reported.
 pub(super) fn unique_places<'a>(
     what: &str,
     names: impl Iterator<Item = &'a str> + Clone,

@@ -4,17 +4,17 @@ use std::fmt;
 
 macro_rules! rules {
     ($($name:ident = $word:literal, $meaning:literal;)*) => {
-        /// The subject of a finding; findings of a level are sorted by it.
+        /// The rule that a finding breaks; findings of one level are sorted by it.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
         pub enum Rule {
             $(#[doc = $meaning] $name,)*
         }
 
         impl Rule {
-            /// All rules, each with its word and its demand.
+            /// All rules, each with its word and what it demands.
             pub const ALL: &[(Self, &str, &str)] = &[$((Self::$name, $word, $meaning),)*];
 
-            /// Its word in a line.
+            /// Its word in output lines.
             #[must_use]
             pub fn word(self) -> &'static str {
                 match self {

@@ -1,4 +1,4 @@
-//! Rules of visuals and collisions: each has a name and a known geometry.
+//! Checks that visuals and collisions have a name and a known geometry.
 
 use super::{
     description::{Description, Geometry, ShapeText},

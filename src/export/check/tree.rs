@@ -1,5 +1,5 @@
-//! Rules of the tree: links and joints have names of their own and make one tree, and followers have a
-//! leading joint.
+//! Rules for the tree: links and joints have unique names and form one tree, and followers have a leading
+//! joint.
 
 use std::collections::BTreeSet;
 
@@ -37,7 +37,7 @@ pub(super) fn check_tree(description: &Description, found: &mut Findings) {
         found.add_error(Rule::Tree, "robot", format!("has {} root links{named}; one is needed", roots.len()));
     }
     for ring in graph_rings(&carrier) {
-        // From parent to child, beginning as the ring does.
+        // From parent to child, with the same first link.
         let from_parent = ring.iter().take(1).chain(ring.iter().skip(1).rev());
         let names: Vec<&str> = from_parent.map(|&l| links[l].name.as_str()).collect();
         found.add_error(
@@ -49,7 +49,7 @@ pub(super) fn check_tree(description: &Description, found: &mut Findings) {
     check_mimics(description, found);
 }
 
-/// Rules of followers.
+/// Checks joints that mimic others.
 fn check_mimics(description: &Description, found: &mut Findings) {
     let joints = &description.joints;
     let index = unique_places("joints", joints.iter().map(|j| j.name.as_str()), found);
@@ -75,13 +75,14 @@ fn check_mimics(description: &Description, found: &mut Findings) {
     }
 }
 
-/// The rings of a graph with one successor a node at most, itself perhaps; each begins at its lowest node.
+/// The cycles of a graph in which a node has at most one successor, perhaps itself; each begins at its lowest
+/// node.
 fn graph_rings(next: &[Option<usize>]) -> Vec<Vec<usize>> {
     let mut walk_of: Vec<Option<usize>> = vec![None; next.len()];
     let mut rings = Vec::new();
     for start in 0..next.len() {
         let mut at = start;
-        // A node met again by this walk closes a ring; a node of an earlier walk was followed to its end
+        // A node met again by this walk closes a cycle; a node of an earlier walk was followed to its end
         // then. Every node is visited once.
         while walk_of[at].is_none() {
             walk_of[at] = Some(start);
@@ -99,9 +100,9 @@ fn graph_rings(next: &[Option<usize>]) -> Vec<Vec<usize>> {
     rings
 }
 
-/// Names in a row; of many the first ones.
+/// Names joined to a list; of many only the first ones.
 fn shortened_list(names: &[&str]) -> String {
-    /// So many names still read well: a choice.
+    /// Number of names that still reads well: a choice.
     const SHOWN: usize = 8;
     let more = if names.len() > SHOWN { ", ..." } else { "" };
     names[..names.len().min(SHOWN)].join(", ") + more

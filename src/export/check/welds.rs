@@ -30,7 +30,7 @@ impl Welds {
         Self { moves: body.iter().map(|b| moves[*b]).collect(), body }
     }
 
-    /// Whether a joint moves the body of a link. Other bodies stand in the world.
+    /// Whether a joint moves the body of a link; otherwise it is fixed to the world.
     pub(super) fn is_moving(&self, link: usize) -> bool {
         self.moves[link]
     }
@@ -48,7 +48,7 @@ impl Welds {
     }
 }
 
-/// The representative of a link; halves the way to it for later calls.
+/// The representative of a link's body; shortens the path to it for later calls.
 fn representative_link(toward: &mut [usize], mut link: usize) -> usize {
     while toward[link] != link {
         toward[link] = toward[toward[link]];

@@ -1,16 +1,16 @@
-//! Ranges of a text exchanged for others, the rest left as it is.
+//! Replaces ranges of a text and leaves the rest as it is.
 
 use std::ops::Range;
 
-/// Replacement of a range of bytes; an empty range is a place between two.
+/// Replacement of a range of bytes; an empty range inserts.
 pub(super) type Edit = (Range<usize>, String);
 
-/// The text with the edits made; their ranges do not overlap. Of two at one place the later in the list comes
-/// later.
+/// The text after the edits, whose ranges must not overlap. Insertions at one place stay in the order of the
+/// list.
 pub(super) fn edited(text: &str, mut edits: Vec<Edit>) -> String {
     edits.sort_by_key(|(range, _)| range.start);
     let mut changed = text.to_owned();
-    // From the end backwards: a replacement does not move the ranges still to come.
+    // From the end backwards, so that a replacement does not shift the ranges still to come.
     for (range, new) in edits.into_iter().rev() {
         changed.replace_range(range, &new);
     }

@@ -1,4 +1,4 @@
-//! The twin with its effects as MJCF, without meshes: the effects known to MuJoCo 3.5 and later.
+//! The twin with its found effects as MJCF, without meshes; for MuJoCo 3.5 and later.
 
 use std::fmt::Write as _;
 
@@ -19,20 +19,20 @@ use gap::{
 use geometry::Pose;
 use model::escape_xml;
 
-/// Step of the file, seconds.
+/// Time step of the file, seconds.
 /// measured: eval/gap/timestep.md: the largest to move no twin without a stop by a hundredth of the noise.
 const TIMESTEP_S: f64 = 5e-4;
-/// The finer one, for a stop (met between steps) and for a delay.
+/// The finer time step needed for a stop (met between steps) and for a delay, seconds.
 /// measured: eval/gap/timestep.md: the largest under which no residual grows by 3 %, which the replay allows.
 const FINE_TIMESTEP_S: f64 = 1e-4;
 /// Solver impedance of friction without a settle time. chosen: next to the largest value of MuJoCo, 0.9999.
 const HARD_IMPEDANCE: f64 = 0.9995;
 
-/// Solver impedance of friction that settles; its damping then is `2 / (impedance * time constant)`.
+/// Solver impedance of friction with a settle time; its damping is then `2 / (impedance * time constant)`.
 /// derived: that of the rollout.
 const SOFT_IMPEDANCE: f64 = 1.0 - CREEP;
 
-/// Text of one joint.
+/// MJCF text for one joint.
 struct Attributes {
     numbers: JointNumbers,
     /// Further attributes of the joint.
@@ -77,7 +77,7 @@ pub fn mjcf(
 }
 
 impl Writer<'_> {
-    /// A link's content and its child bodies.
+    /// The content of a link and its child bodies.
     fn link(&mut self, index: usize) -> String {
         let mut text = String::new();
         let tree = self.tree;
@@ -162,7 +162,7 @@ impl Writer<'_> {
             if let Some(pose) = turned {
                 (a.numbers, a.parent_from_joint) = (numbers, pose);
             } else {
-                // Without the turn the rest was not proven.
+                // Without the turn, the other effects were not tested.
                 model = &twin;
                 notes = missing(Format::Mjcf, report, self.catalogue, UNTURNED);
             }
@@ -176,10 +176,10 @@ impl Writer<'_> {
     }
 }
 
-/// Solver of a friction with a settle time.
+/// Solver attributes of a friction with a settle time.
 fn solver_of_friction(settle_s: f64) -> String {
     let (settle, impedance) = if settle_s > 0.0 { (settle_s, SOFT_IMPEDANCE) } else { (0.0, HARD_IMPEDANCE) };
-    // MuJoCo keeps time constants of constraints above two steps.
+    // MuJoCo keeps time constants of constraints above two time steps.
     let constant_s = (2.0 * settle).max(2.0 * TIMESTEP_S);
     format!(" solreffriction=\"{constant_s} 1\" solimpfriction=\"{impedance} {impedance} 0.001\"")
 }
@@ -200,13 +200,13 @@ fn joint_attributes(n: &JointNumbers, inertia: f64) -> String {
     }
     // One solver serves both ends.
     if let Some(stop) = n.stops.first() {
-        // MuJoCo limits a joint at both ends or at none: an end without a stop is put out of reach.
+        // MuJoCo limits a joint at both ends or at none: an end without a stop is moved out of reach.
         let end = |upper: bool| n.stops.iter().find(|s| s.is_upper == upper).map(|s| s.position.to_string());
         let low = end(false).unwrap_or("-1e3".into());
         let high = end(true).unwrap_or("1e3".into());
-        // Negative numbers are the direct form, stiffness and damping by unit of inertia.
+        // Negative numbers mean stiffness and damping directly, per unit of inertia.
         let solver = format!("-{} -{}", stop.stiffness / inertia, stop.damping / inertia);
-        // MuJoCo's own bounds of an impedance.
+        // MuJoCo's own bounds on an impedance.
         let impedance = stop.impedance.clamp(1e-4, MAX_IMPEDANCE);
         let _ = write!(
             text,
@@ -221,7 +221,7 @@ fn joint_attributes(n: &JointNumbers, inertia: f64) -> String {
 fn actuator(name: &str, n: &JointNumbers, actuator: &Actuator) -> String {
     let late = delay(n.delay_s + actuator.delay_s);
     let Some(servo) = actuator.servo else {
-        // The gear multiplies the bias as well, so that it is divided by it here.
+        // The gear also multiplies the bias, which is therefore divided by it here.
         let gear = n.gear * actuator.unit * actuator.gain;
         return format!(
             "<general name=\"{name}\" joint=\"{name}\" gear=\"{gear}\" gaintype=\"fixed\" gainprm=\"1\" \
@@ -229,7 +229,7 @@ fn actuator(name: &str, n: &JointNumbers, actuator: &Actuator) -> String {
             n.bias / gear
         );
     };
-    // A gear would scale the servo's measured position as well.
+    // A gear would also scale the position that the servo measures.
     let stiffness = n.gear * actuator.gain * servo.stiffness;
     let damping = n.gear * actuator.damping;
     let limit = n.gear * servo.limit;
@@ -250,7 +250,7 @@ fn delay(delay_s: f64) -> String {
     if delay_s == 0.0 {
         return String::new();
     }
-    // Read between its samples, a held effort changes half a step early.
+    // Read between its samples, a held effort would change half a step early.
     let delay_s = delay_s + 0.5 * FINE_TIMESTEP_S;
     // The buffer must hold samples on both sides of the delay.
     let kept = (delay_s / FINE_TIMESTEP_S).ceil() as usize + 2;

@@ -1,4 +1,4 @@
-//! Files of a diagnosed twin: the given ones with the found effects.
+//! Files of a diagnosed twin: the given files with the found effects added.
 
 mod edits;
 pub mod mjcf;

@@ -1,4 +1,4 @@
-//! A joint's effects as the numbers of a format, and the notes on the status of each effect.
+//! A joint's effects as the numbers of a format, and notes on what became of each effect.
 
 use gap::{
     judge::{
@@ -13,16 +13,16 @@ use gap::{
     twin_tree::TwinJoint,
 };
 
-/// Why the links of a joint stay as they are, and with them the twin's values.
+/// Why the links of a joint, and with them the twin's values, stay as they are.
 pub(super) const UNTURNED: &str = "the links of this joint cannot be turned as was found";
 
-/// A joint as a format holds it; `None` where nothing was named.
+/// The model of a joint in a format; `None` if no effect was named.
 #[must_use]
 pub fn held(format: Format, joint: &JointReport) -> Option<&FormatModel> {
     joint.in_format.iter().find(|m| m.format == format)
 }
 
-/// The numbers of a joint in a format; `None` where it keeps those of the twin.
+/// The numbers of a joint in a format; `None` if it keeps those of the twin.
 #[must_use]
 pub fn joint_numbers(
     format: Format,
@@ -36,21 +36,21 @@ pub fn joint_numbers(
     Some(numbers)
 }
 
-/// Status of every effect of a joint in a file.
+/// What became of every effect of a joint in a file.
 #[must_use]
 pub fn notes(format: Format, file: &str, joint: &JointReport, catalogue: &Catalogue) -> Vec<ExportNote> {
     let effects = held(format, joint).into_iter().flat_map(|m| m.effects.iter().map(move |e| (m, e)));
     effects.map(|(m, e)| note(m, e, file, joint, catalogue)).collect()
 }
 
-/// The same where there is no file, or it keeps the joint as it was, and why.
+/// The same if there is no file, or the file leaves the joint as it was; `why` gives the reason.
 #[must_use]
 pub fn missing(format: Format, joint: &JointReport, catalogue: &Catalogue, why: &str) -> Vec<ExportNote> {
     let not_written = |note| ExportNote { status: format!("not written: {why}"), by: Vec::new(), ..note };
     notes(format, "", joint, catalogue).into_iter().map(not_written).collect()
 }
 
-/// Parameters of a term by the names and units of a report.
+/// Parameters of a term under the names and units of a report.
 fn held_term(term: &Term, turns: bool, catalogue: &Catalogue) -> Held {
     let effect = &catalogue[term.effect];
     let reported = effect.reported_parameters(&term.p).into_iter();
@@ -64,7 +64,7 @@ fn held_term(term: &Term, turns: bool, catalogue: &Catalogue) -> Held {
     Held { effect: effect.name().into(), parameters }
 }
 
-/// Status of an effect in a file; the residuals are those of the joint with all effects of the file.
+/// What became of an effect in a file; the residuals are those of the joint with all effects in the file.
 fn note(
     held: &FormatModel,
     effect: &HeldEffect,

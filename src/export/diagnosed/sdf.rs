@@ -19,8 +19,7 @@ use gap::{
 };
 use geometry::Pose;
 
-/// The SDF with the effects, and the status of each. A joint missing in the SDF is listed in the
-/// notes.
+/// The SDF with the effects, and what became of each. Notes name joints missing in the SDF.
 ///
 /// # Errors
 /// [`XmlError`].
@@ -40,7 +39,7 @@ pub fn sdf(
             continue;
         };
         let none = |why| missing(Format::Sdf, joint, catalogue, why);
-        // A change moves the ranges behind it: every joint is looked up in the text as it now is.
+        // A change shifts the ranges after it, so every joint is looked up in the current text.
         let Some(changed) = with_joint(&text, &joint.joint, &held)? else {
             all.extend(none("it has no such joint with an axis"));
             continue;
@@ -57,15 +56,15 @@ pub fn sdf(
                 text = turned;
                 all.extend(notes(Format::Sdf, file, joint, catalogue));
             }
-            // Without the turn the rest was not proven.
+            // Without the turn, the other effects were not tested.
             None => all.extend(none(UNTURNED)),
         }
     }
     Ok((text, all))
 }
 
-/// The text with the links of a joint turned; `None` where one of them is not there, or is placed by another
-/// frame than the model's.
+/// The text with the links of a joint turned; `None` if one of them is missing, or is placed relative to a
+/// frame other than the model's.
 fn with_tilt(text: &str, tilt: &Tilt) -> Result<Option<String>, XmlError> {
     let document = parse_xml(text)?;
     let Some(parent) = link_node(&document, &tilt.parent).and_then(pose_of) else { return Ok(None) };
@@ -84,7 +83,7 @@ fn with_tilt(text: &str, tilt: &Tilt) -> Result<Option<String>, XmlError> {
     Ok(Some(edited(text, edits)))
 }
 
-/// Pose of a link in the frame of the model; `None` where it is given in another frame.
+/// Pose of a link in the frame of the model; `None` if it is given in another frame.
 fn pose_of(link: roxmltree::Node) -> Option<Pose> {
     let Some(pose) = link.children().find(|n| n.has_tag_name("pose")) else { return Some(Pose::identity()) };
     // `relative_to`, `degrees` and `rotation_format` give the numbers another meaning.
@@ -96,7 +95,7 @@ fn pose_of(link: roxmltree::Node) -> Option<Pose> {
     Some(Pose::from_parts([x, y, z].into(), nalgebra::UnitQuaternion::from_euler_angles(roll, pitch, yaw)))
 }
 
-/// The text with the numbers of a joint; `None` where it has no such joint with an axis.
+/// The text with the numbers of a joint; `None` if it has no such joint with an axis.
 fn with_joint(text: &str, name: &str, held: &JointNumbers) -> Result<Option<String>, XmlError> {
     let document = parse_xml(text)?;
     let element =
@@ -116,7 +115,7 @@ fn link_node<'a, 'input>(
     document.descendants().find(|n| n.has_tag_name("link") && n.attribute("name") == Some(name))
 }
 
-/// The `dynamics` of an axis anew.
+/// A new `dynamics` element for an axis.
 fn dynamics(text: &str, axis: roxmltree::Node, held: &JointNumbers) -> Edit {
     let mut new =
         format!("<dynamics><damping>{}</damping><friction>{}</friction>", held.damping, held.friction);
@@ -134,14 +133,14 @@ fn dynamics(text: &str, axis: roxmltree::Node, held: &JointNumbers) -> Edit {
     (old.map_or_else(|| before_end(text, axis), |o| o.range()), new)
 }
 
-/// The `limit` of an axis with stops, where there are any.
+/// A new `limit` element for an axis with stops, if there are any.
 fn limit(text: &str, axis: roxmltree::Node, held: &JointNumbers) -> Option<Edit> {
     if held.stops.is_empty() {
         return None;
     }
     let old = axis.children().find(|n| n.has_tag_name("limit"));
     let changed = |tag: &str| held.stops.iter().any(|s| tag == if s.is_upper { "upper" } else { "lower" });
-    // The rest stays: the other end, effort, velocity.
+    // The rest is kept: the other end, effort, velocity.
     let kept = old.iter().flat_map(|l| l.children()).filter(|n| n.is_element());
     let kept = kept.filter(|n| {
         !changed(n.tag_name().name()) && !matches!(n.tag_name().name(), "stiffness" | "dissipation")

@@ -1,5 +1,5 @@
-//! The effects found, in the twin's URDF: type, origin and axis of joints in place, the camera's as elements
-//! skipped by other readers.
+//! Effects found by a camera in the twin's URDF: type, origin and axis of joints are changed in place;
+//! effects of the camera become elements that other readers skip.
 
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use roxmltree::Node;
@@ -20,12 +20,12 @@ use gap::judge::report::ExportNote;
 use geometry::Pose;
 use model::escape_xml;
 
-/// Pitches below this are none, meters a radian.
+/// Pitches below this count as zero, meters per radian.
 ///
 /// chosen: below the written digits of a URDF
 const LEAST_PITCH: f64 = 1e-9;
 
-/// The URDF with the effects, and the status of each.
+/// The URDF with the effects, and what became of each.
 ///
 /// # Errors
 /// [`XmlError`].
@@ -43,7 +43,7 @@ pub fn urdf(
         if law == before {
             continue;
         }
-        // Edits of one joint may touch the subtree of another: the text is read anew for each.
+        // Edits of one joint may touch the subtree of another, so the text is parsed again for each.
         let mut edits: Vec<Edit> = Vec::new();
         let document = parse_xml(&updated)?;
         joint_edits(&document.root_element(), &updated, joint, &law, &mut edits);
@@ -78,7 +78,7 @@ pub fn urdf(
     Ok((edited(&updated, edits), notes))
 }
 
-/// A joint's new type, origin and axis. Its frame moves onto the axis, and the child's subtree moves
+/// Sets a joint's type, origin and axis. Its frame moves onto the axis, and the child's subtree is moved
 /// back.
 fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &MotionLaw, edits: &mut Vec<Edit>) {
     let Some(node) =
@@ -98,7 +98,7 @@ fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &MotionLaw, edit
         let name = if law.kind.is_turning() { "revolute" } else { "prismatic" };
         if law.kind.is_turning() != joint.kind.is_turning() {
             edits.push((kind.range(), format!("type=\"{name}\"")));
-            // The old limits are of the other unit: radians are not meters.
+            // The old limits have another unit: radians are not meters.
             let [low, high] = if law.kind.is_turning() {
                 [-std::f64::consts::PI, std::f64::consts::PI]
             } else {
@@ -116,7 +116,7 @@ fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &MotionLaw, edit
     if let SeenMotion::Screw { pitch_m_per_rad } = law.kind
         && pitch_m_per_rad.abs() > LEAST_PITCH
     {
-        // Declared at the element itself, as the root need not know this namespace.
+        // Declared on the element itself, as the root need not know this namespace.
         let space = "xmlns:artitwin=\"urn:artitwin:urdf\"";
         let thread =
             format!("<artitwin:thread {space} type=\"screw\" pitch_m_per_rad=\"{pitch_m_per_rad}\"/>");
@@ -125,7 +125,7 @@ fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &MotionLaw, edit
             old.map_or_else(|| (before_end(text, node), thread.clone()), |n| (n.range(), thread.clone())),
         );
     }
-    // The frame moved: the child's subtree moves back and stays in place.
+    // The frame moved, so the child's subtree is moved back to stay in place.
     if shift.norm() == 0.0 {
         return;
     }
@@ -169,14 +169,14 @@ fn replace_origin(node: &Node, text: &str, new: &dyn Fn(Pose) -> Pose, edits: &m
     );
 }
 
-/// Replaces a child element, or puts one first.
+/// Replaces a child element, or inserts it as the first.
 fn set_child(node: &Node, text: &str, name: &str, element: &str, edits: &mut Vec<Edit>) {
     match node.children().find(|n| n.has_tag_name(name)) {
         Some(old) => edits.push((old.range(), element.to_owned())),
         None => {
             let first = node.first_child().map_or(node.range().end, |n| n.range().start);
             if first < node.range().end && text.is_char_boundary(first) {
-                // An empty range keeps its place among equal ones by its length.
+                // Empty ranges at one place keep the order of the list.
                 edits.push((first..first, element.to_owned()));
             }
         }

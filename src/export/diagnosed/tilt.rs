@@ -1,5 +1,5 @@
-//! A turned joint in files with every link in the frame of the model (SDF, USD): all links it
-//! carries turn with it.
+//! A turned joint in files that place every link in the frame of the model (SDF, USD): all links it carries
+//! turn with it.
 
 use gap::{
     model::{format::JointNumbers, plant::Plant},
@@ -10,15 +10,15 @@ use geometry::Pose;
 /// A joint turned about its origin.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Tilt {
-    /// Link at rest.
+    /// Name of the link that stays.
     pub parent: String,
-    /// Turned links.
+    /// Names of the turned links.
     pub links: Vec<String>,
-    /// New pose of a carried link from its old one; frame of the parent.
+    /// Maps the old pose of a carried link to the new one, in the frame of the parent.
     pub turned_from_given: Pose,
 }
 
-/// The turn of a joint to take a load off it; `None` without a load or a solution.
+/// The turn of a joint that takes a given load off it; `None` without a load or a solution.
 #[must_use]
 pub(super) fn tilt(tree: &TwinTree, joint: &str, numbers: &JointNumbers) -> Option<Tilt> {
     let [sine, cosine] = numbers.tilt?;
@@ -37,7 +37,8 @@ pub(super) fn tilt(tree: &TwinTree, joint: &str, numbers: &JointNumbers) -> Opti
 }
 
 impl Tilt {
-    /// The pose of a carried link in the frame of the model, from its pose and its joint's parent's there.
+    /// The new pose of a carried link in the frame of the model, given its old pose and that of its joint's
+    /// parent.
     #[must_use]
     pub(super) fn moved(&self, model_from_parent: &Pose, model_from_link: &Pose) -> Pose {
         model_from_parent * self.turned_from_given * model_from_parent.inverse() * model_from_link
@@ -49,7 +50,7 @@ fn turned(given: &Pose, turn: &nalgebra::Vector3<f64>) -> Pose {
     Pose::from_parts(given.translation, nalgebra::UnitQuaternion::from_scaled_axis(*turn) * given.rotation)
 }
 
-/// Wanted sine and cosine load minus those of the joint at a pose. The pose stays in `tree`.
+/// Wanted sine and cosine of the load minus those of the joint at a pose. The pose stays set in `tree`.
 fn load_miss(tree: &mut TwinTree, joint: usize, pose: Pose, wanted: (f64, f64)) -> nalgebra::Vector2<f64> {
     tree.joints[joint].parent_from_joint = pose;
     let load = Plant::of_joint(tree, joint).map(|p| p.load).unwrap_or_default();
@@ -57,12 +58,12 @@ fn load_miss(tree: &mut TwinTree, joint: usize, pose: Pose, wanted: (f64, f64)) 
 }
 
 /// Pose of a joint, turned as little as possible, at which gravity loads it by `sine sin(q) + cosine cos(q)`
-/// less than the twin; `None` without such a turn.
+/// less than in the twin; `None` if there is no such turn.
 #[must_use]
 pub(super) fn tilted(tree: &TwinTree, joint: usize, sine: f64, cosine: f64) -> Option<Pose> {
     let plant = Plant::of_joint(tree, joint).ok()?;
     let wanted = (plant.load.sine - sine, plant.load.cosine - cosine);
-    // The miss is judged against the load, so that light and heavy parts are asked the same.
+    // The miss is relative to the load, so that light and heavy parts are treated alike.
     let scale = wanted.0.hypot(wanted.1).max(plant.load.amplitude());
     let mut tree = tree.clone();
     let given = tree.joints[joint].parent_from_joint;
@@ -73,14 +74,14 @@ pub(super) fn tilted(tree: &TwinTree, joint: usize, sine: f64, cosine: f64) -> O
             return Some(turned(&given, &turn));
         }
         let step = 1e-6;
-        // Derivatives by differences: the load goes through the whole tree below the joint.
+        // Finite differences, as the load depends on the whole tree below the joint.
         let columns = [0, 1, 2].map(|axis| {
             let mut other = turn;
             other[axis] += step;
             (now - load_miss(&mut tree, joint, turned(&given, &other), wanted)) / step
         });
         let j = nalgebra::Matrix2x3::from_columns(&columns);
-        // Two loads, three components of the turn: the pseudoinverse takes the least turn. The step is
+        // Two loads and three components of the turn: the pseudoinverse gives the smallest turn. The step is
         // bounded, as the load is a sine of the turn and a long step overshoots.
         let least = j.transpose() * (j * j.transpose()).try_inverse()? * now;
         turn += least * (0.3 / least.norm().max(0.3));

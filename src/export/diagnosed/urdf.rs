@@ -1,4 +1,5 @@
-//! The named effects in the twin's URDF: natively where it has a place, in a namespaced element elsewhere.
+//! Writes the named effects into the twin's URDF: natively if URDF has a place for them, else in a namespaced
+//! element.
 
 use roxmltree::{Document, Node};
 
@@ -17,11 +18,11 @@ use gap::{
     twin_tree::TwinTree,
 };
 
-/// Namespace of the elements, skipped by other readers.
+/// Namespace of the elements, which other readers skip.
 const NAMESPACE: &str = "xmlns:gap=\"https://artitwin.invalid/gap\"";
 
-/// The URDF with the effects, and the status of each. Damping and friction are changed in place; all other
-/// effects are elements of the joint.
+/// The URDF with the effects, and what became of each. Damping and friction are changed in place; all other
+/// effects become elements of the joint.
 ///
 /// # Errors
 /// [`XmlError`].
@@ -35,7 +36,7 @@ pub fn urdf(
     let document = parse_xml(text)?;
     let mut edits = Vec::new();
     let mut remarks = Vec::new();
-    // A twin diagnosed before holds such elements.
+    // A twin that was diagnosed before may have such elements.
     let mut foreign = text.contains("<gap:");
     for joint in joints {
         let Some(spec) = tree.joints.iter().find(|j| j.name == joint.joint) else { continue };
@@ -46,13 +47,13 @@ pub fn urdf(
         for effect in held(Format::Urdf, joint).into_iter().flat_map(|h| &h.effects) {
             let found = joint.diagnosis.findings.iter().find(|f| Some(f.index) == effect.effect);
             if let Some(finding) = found.filter(|_| effect.fate != Fate::Native) {
-                // A reader of these elements must know the effects already held by the joint's numbers.
+                // A reader of these elements must know which effects the joint's own numbers already include.
                 elements.push_str(&element(finding, &format!(" status=\"{}\"", effect.fate.name())));
             }
         }
         remarks.extend(notes(Format::Urdf, file, joint, catalogue));
         foreign |= !elements.is_empty();
-        // Where no effect changed a number the element stays as it was written.
+        // If no effect changed a number, the element stays as it was written.
         let changed = (dynamics != old).then_some(dynamics);
         edits.extend(
             joint_of(&document, &joint.joint)
@@ -64,7 +65,7 @@ pub fn urdf(
     Ok((edited(text, edits), remarks))
 }
 
-/// An effect as an element skipped by other readers, with further `attributes`.
+/// An effect as an element that other readers skip, with further `attributes`.
 pub fn element(finding: &Finding, attributes: &str) -> String {
     let parameters: String = finding.parameters.iter().map(parameter_element).collect();
     format!("<gap:effect name=\"{}\"{attributes}>{parameters}</gap:effect>", finding.effect)
@@ -74,7 +75,7 @@ fn parameter_element(p: &ParameterEstimate) -> String {
     format!("<gap:parameter name=\"{}\" value=\"{}\" unit=\"{}\"/>", p.name, p.value, p.unit)
 }
 
-/// Declares the namespace of such elements at the root, where it is not.
+/// Declares the namespace of these elements at the root, if it is missing.
 pub fn namespace_edit(text: &str, document: &Document) -> Option<Edit> {
     let root = document.root_element();
     let at = root.range().start
@@ -83,9 +84,9 @@ pub fn namespace_edit(text: &str, document: &Document) -> Option<Edit> {
     (!text.contains(NAMESPACE)).then(|| (at..at, format!(" {NAMESPACE}")))
 }
 
-/// The joint of this name among the children of `<robot>`, where it has content to change.
+/// The joint with this name among the children of `<robot>`, if it has content to change.
 fn joint_of<'a>(document: &'a Document<'a>, name: &str) -> Option<Node<'a, 'a>> {
-    // Children of `<robot>` only: a `<transmission>` has elements with the names of joints, too.
+    // Only children of `<robot>`: a `<transmission>` also has elements with the names of joints.
     let is_it = |n: &Node| n.has_tag_name("joint") && n.attribute("name") == Some(name) && n.has_children();
     document.root_element().children().find(is_it)
 }

@@ -1,7 +1,8 @@
-//! The named effects in the USD text beside the twin: attributes of its joints.
+//! Writes the named effects into the USD text beside the twin, as attributes of its joints.
 //!
-//! UsdPhysics itself has limits and a drive, whose stiffness and target are a spring. Friction and damping of
-//! a joint are attributes of PhysX (`physxJointAxis`, effort) and of Newton (`newton`); angles are degrees.
+//! UsdPhysics itself has limits and a drive, whose stiffness and target act as a spring. Friction and damping
+//! of a joint are attributes of PhysX (`physxJointAxis`, effort) and of Newton (`newton`); angles are in
+//! degrees.
 
 use crate::diagnosed::{
     edits::edited,
@@ -19,7 +20,7 @@ use gap::{
 use geometry::Pose;
 use model::is_plain_name;
 
-/// The USD text with the effects, and the status of each. Notes name a joint missing in the text.
+/// The USD text with the effects, and what became of each. Notes name joints missing in the text.
 #[must_use]
 pub fn usd(
     text: &str,
@@ -50,20 +51,20 @@ pub fn usd(
                 text = turned;
                 all.extend(notes(Format::Usd, file, joint, catalogue));
             }
-            // Without the turn the rest was not proven.
+            // Without the turn, the other effects were not tested.
             None => all.extend(none(UNTURNED)),
         }
     }
     (text, all)
 }
 
-/// Start of a prim. A name invalid in USD is nowhere: it would be found in the middle of something
+/// Start of a prim; `None` for a name that is invalid in USD, which could match in the middle of something
 /// else.
 fn definition(text: &str, kind: &str, name: &str) -> Option<usize> {
     if is_plain_name(name) { text.find(&format!("def {kind} \"{name}\"")) } else { None }
 }
 
-/// The text with a joint's attributes; `None` where it has no such joint.
+/// The text with a joint's attributes; `None` if it has no such joint.
 fn with_joint(text: &str, name: &str, turns: bool, held: &JointNumbers) -> Option<String> {
     let kind = if turns { "PhysicsRevoluteJoint" } else { "PhysicsPrismaticJoint" };
     let start = definition(text, kind, name)?;
@@ -71,7 +72,7 @@ fn with_joint(text: &str, name: &str, turns: bool, held: &JointNumbers) -> Optio
     let open = start + text[start..].find("\n        {\n")? + 11;
     let end = open + text[open..].find("\n        }")? + 1;
     let (drive, per_rad) = if turns { ("angular", 1f64.to_radians()) } else { ("linear", 1.0) };
-    // PhysX alone has a friction of its own for standing still.
+    // Only PhysX has a separate static friction.
     let mut values = vec![
         (format!("physxJointAxis:{drive}:staticFrictionEffort"), held.friction + held.breakaway_excess),
         (format!("physxJointAxis:{drive}:dynamicFrictionEffort"), held.friction),
@@ -99,8 +100,8 @@ fn with_joint(text: &str, name: &str, turns: bool, held: &JointNumbers) -> Optio
     Some(format!("{}{body}{}", &text[..open], &text[end..]))
 }
 
-/// The text with the links of a joint turned, and the frame of the joint in its parent; `None` where one is
-/// not there.
+/// The text with the links of a joint turned, and the frame of the joint in its parent; `None` if one of them
+/// is missing.
 fn with_tilt(text: &str, joint: &str, tilt: &Tilt) -> Option<String> {
     let parent = link_pose(text, &tilt.parent)?.pose;
     let mut edits = Vec::new();
@@ -120,7 +121,7 @@ fn with_tilt(text: &str, joint: &str, tilt: &Tilt) -> Option<String> {
     Some(edited(text, edits))
 }
 
-/// Where a link stands in the model, and where in the text.
+/// Pose of a link in the model, and its position in the text.
 struct LinkPose {
     pose: Pose,
     translate: std::ops::Range<usize>,
@@ -139,7 +140,7 @@ fn link_pose(text: &str, name: &str) -> Option<LinkPose> {
     })
 }
 
-/// Range of the tuple behind an attribute, from `start` on, before the next prim begins.
+/// Range of the tuple after an attribute, between `start` and the next prim.
 fn value_of(text: &str, start: usize, attribute: &str) -> Option<std::ops::Range<usize>> {
     // The next prim may have an attribute of the same name.
     let end = text[start + 4..].find("def ").map_or(text.len(), |i| start + 4 + i);

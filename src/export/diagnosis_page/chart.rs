@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::ticks::{round_ticks, tick_labels};
 
-/// Most points of a curve: more than a printed page resolves.
+/// Largest number of points of a curve: more than a printed page resolves.
 const MAX_POINTS: usize = 1000;
 /// Space for the numbers of the vertical axis. chosen: for the eye
 const LEFT: f64 = 62.0;
@@ -15,17 +15,17 @@ const TOP: f64 = 18.0;
 /// Space for the numbers and the name of the horizontal axis. chosen: for the eye
 const BOTTOM: f64 = 38.0;
 
-/// A range of a quantity; the label is escaped.
+/// An axis with the range of a quantity; its label is escaped.
 #[derive(Clone, Debug)]
 pub(super) struct Axis {
-    /// The quantity with its unit.
+    /// The quantity, with its unit.
     pub label: String,
     /// Its ends.
     pub range: (f64, f64),
 }
 
 impl Axis {
-    /// An axis over all finite values, and a twentieth more on either side.
+    /// An axis over all finite values, extended by a twentieth on either side.
     pub(super) fn over_values<'a>(label: impl Into<String>, values: impl Iterator<Item = &'a f64>) -> Self {
         let (low, high) = finite_extent(values);
         let pad = 0.05 * (high - low);
@@ -33,7 +33,7 @@ impl Axis {
     }
 }
 
-/// Least and largest finite value; a range about zero without any.
+/// Least and largest finite value; a range around zero if there is none.
 pub(super) fn finite_extent<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
     let (low, high) = values
         .filter(|v| v.is_finite())
@@ -62,14 +62,14 @@ pub(super) struct Chart {
     x: Axis,
     y: Axis,
     body: String,
-    /// Texts over the plot.
+    /// Texts drawn over the plot.
     over: String,
 }
 
 // Writing to a string cannot fail: the results below are dropped.
 
 impl Chart {
-    /// An empty one; `title` is escaped, and read in place of the picture.
+    /// An empty chart; `title` is escaped, and read out in place of the picture.
     pub(super) fn new(title: impl Into<String>, size: (f64, f64), x: Axis, y: Axis) -> Self {
         Self { title: title.into(), size, x, y, body: String::new(), over: String::new() }
     }
@@ -82,7 +82,7 @@ impl Chart {
     fn pixel_y(&self, y: f64) -> f64 {
         let (low, high) = self.y.range;
         let height = self.size.1 - TOP - BOTTOM;
-        // Far outside is outside: a diverging motion stays a short number.
+        // Clamped far outside the plot, so that a diverging motion keeps short numbers.
         TOP + (height * (high - y) / (high - low)).clamp(-height, 2.0 * height)
     }
 
@@ -119,7 +119,7 @@ impl Chart {
         writeln!(self.over, "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y}\">{text}</text>").ok();
     }
 
-    /// A curve in stretches from the indices `starts`.
+    /// Draws a curve in pieces that begin at the indices `starts`.
     pub(super) fn push_curve(&mut self, x: &[f64], y: &[f64], starts: &[usize], class: &str) {
         let mut path = String::new();
         let ends = starts.iter().skip(1).copied().chain([x.len()]);
@@ -143,7 +143,7 @@ impl Chart {
         writeln!(self.body, "<path class=\"{class}\" d=\"{path}Z\"/>").ok();
     }
 
-    /// A point with its interval; a square where `is_square`.
+    /// Draws a point with its interval of half width `half`; a square if `is_square`.
     pub(super) fn push_point(&mut self, x: f64, y: f64, half: f64, class: &str, is_square: bool) {
         let px = self.pixel_x(x);
         let py = self.pixel_y(y);
@@ -165,7 +165,7 @@ impl Chart {
         }
     }
 
-    /// The picture.
+    /// The chart as SVG text.
     pub(super) fn svg_text(self) -> String {
         let (width, height) = self.size;
         let right = width - RIGHT;
@@ -226,7 +226,7 @@ fn push_path(path: &mut String, points: impl Iterator<Item = (f64, f64)>) {
     }
 }
 
-/// Indices of about `most` samples: the least and the largest of each of equal parts; peaks stay.
+/// Indices of about `most` samples: the least and the largest in each of equal parts, so that peaks stay.
 fn thinned_indices(y: &[f64], most: usize) -> Vec<usize> {
     let parts = (most / 2).max(2);
     if y.len() <= 2 * parts {

@@ -1,4 +1,4 @@
-//! Found effects in each file.
+//! A table of what became of the found effects in each file.
 
 use std::fmt::Write as _;
 
@@ -7,7 +7,7 @@ use crate::page::{push_table, table_row};
 use gap::judge::report::{ExportNote, Held, JointReport};
 use model::escape_xml;
 
-/// Start of the status of a missing file.
+/// First words of the status of a missing file.
 const NOT_WRITTEN: &str = "not written";
 
 /// The table of all formats.
@@ -20,7 +20,7 @@ pub(super) fn exports_table(joints: &[JointReport], notes: &[ExportNote]) -> Str
     let mut absent = "";
     for note in notes {
         if note.file.is_empty() && note.status.starts_with(NOT_WRITTEN) {
-            // One row says it for all joints and effects.
+            // One row covers all joints and effects.
             let is_new = note.format != last.0 || note.status != absent;
             last = (note.format.clone(), String::new());
             absent = note.status.as_str();
@@ -33,7 +33,7 @@ pub(super) fn exports_table(joints: &[JointReport], notes: &[ExportNote]) -> Str
         }
         let turns = joints.iter().any(|j| j.joint == note.joint && j.turns);
         let own = (note.format.clone(), note.joint.clone());
-        // The residuals are of the joint in the file, with all of its effects.
+        // The residuals are those of the joint in the file, with all its effects.
         let (file, gap) = if own == last {
             (String::new(), String::new())
         } else {

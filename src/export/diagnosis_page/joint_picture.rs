@@ -1,4 +1,4 @@
-//! A drawing of a joint: links, axis, and the recorded range.
+//! Draws a joint: its links, its axis, and the recorded range.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -21,20 +21,22 @@ const SIZE: (f64, f64) = (620.0, 440.0);
 const BORDER: f64 = 50.0;
 /// Points of an arc.
 const ARC: usize = 64;
-/// Side of the block for a parent without a shape, as a share of the moved part.
+/// Side of the block that stands for a parent without a shape, as a share of the moved part.
 /// chosen: for the eye
 const BLOCK: f64 = 0.08;
-/// Length of the axis on either side, as a share of the moved part, and beyond that. chosen: for the eye
+/// Length of the axis on either side, as shares of the moved part: solid, and beyond that. chosen: for the
+/// eye
 const AXIS: (f64, f64) = (0.4, 0.18);
-/// Distance of a slide's way below the part, as a share of the part's height. chosen: for the eye
+/// Distance at which a slide's travel is drawn below the part, as a share of the part's height. chosen: for
+/// the eye
 const BELOW: f64 = 1.2;
 /// Width of a letter of the labels. chosen: the width in usual fonts
 const LETTER: f64 = 6.6;
-/// Extent below which a shape is a point mass on a rod, as a share of its distance from the joint.
+/// A shape smaller than this share of its distance from the joint is drawn as a point mass on a rod.
 /// chosen: for the eye
 const SMALL: f64 = 0.25;
 
-/// Input of the drawing of a joint.
+/// What is needed to draw a joint.
 pub(super) struct DrawnJoint<'a> {
     /// The twin.
     pub tree: &'a TwinTree,
@@ -44,11 +46,11 @@ pub(super) struct DrawnJoint<'a> {
     pub visuals: &'a BTreeMap<String, Vec<Solid>>,
     /// Lowest and highest recorded position.
     pub range: (f64, f64),
-    /// Positions of all joints, in the order of the tree; the joint's own is not read.
+    /// Positions of all joints, in the order of the tree; that of the drawn joint is ignored.
     pub others: &'a [f64],
 }
 
-/// A face on paper.
+/// A face projected on the sheet.
 struct Face {
     corners: Vec<(f64, f64)>,
     depth: f64,
@@ -98,8 +100,8 @@ impl DrawnJoint<'_> {
         (Point3::from(frame.translation.vector), frame.rotation * joint.axis)
     }
 
-    /// The point of the moved part, at position 0, for the drawn way: at the part's farthest reach from the
-    /// axis, at the height of its mass.
+    /// The point of the moved part whose path is drawn, at position 0: as far from the axis as the part
+    /// reaches, at the height of its center of mass.
     fn tracer_point(&self, origin: &Point3<f64>, axis: &Unit<Vector3<f64>>) -> Point3<f64> {
         let poses = self.poses_at(0.0);
         let links: Vec<usize> = (0..poses.len()).filter(|l| self.is_moved(*l)).collect();
@@ -122,7 +124,7 @@ impl DrawnJoint<'_> {
         origin + axis.into_inner() * axis.dot(&(center - origin.coords)) + way * reach
     }
 
-    /// A point of a slide, moved on the sheet to below the part: nothing hides its way there.
+    /// A point of a slide, shifted on the sheet to below the part, where nothing hides its path.
     fn point_below(&self, point: Point3<f64>, axis: &Unit<Vector3<f64>>, view: &View) -> Point3<f64> {
         let down = view.sheet_down() - axis.into_inner() * axis.dot(&view.sheet_down());
         let Some(down) = down.try_normalize(1e-6) else { return point };
@@ -187,7 +189,7 @@ impl DrawnJoint<'_> {
         }
     }
 
-    /// Shapes of the static links, in the root's frame; a block for a parent without any.
+    /// Shapes of the static links, in the root's frame; a block for a parent without shapes.
     fn static_shapes(&self, size: f64) -> Vec<(usize, Solid)> {
         let poses = self.poses_at(0.0);
         let parent = self.tree.joints[self.joint].parent;
@@ -223,7 +225,7 @@ impl DrawnJoint<'_> {
         }
     }
 
-    /// A rod from the joint of a link to a mass away from it.
+    /// Draws a rod from the joint of a link to its mass.
     fn push_rod(&self, svg: &mut String, view: &View, link: usize, poses: &[Pose], shapes: &[Solid]) {
         let center = self.tree.links[link].center_of_mass;
         let extent = shapes
@@ -243,7 +245,7 @@ impl DrawnJoint<'_> {
         }
     }
 
-    /// The outline of the moved part at a position.
+    /// Draws the outline of the moved part at a position.
     fn push_ghost(&self, svg: &mut String, view: &View, q: f64) {
         let poses = self.poses_at(q);
         for link in (0..poses.len()).filter(|l| self.is_moved(*l)) {
@@ -264,7 +266,7 @@ impl DrawnJoint<'_> {
         }
     }
 
-    /// The way of the tracer, its ends and its zero.
+    /// Draws the path of the tracer, its ends and its zero.
     fn push_sweep(&self, svg: &mut String, view: &View, sweep: &[Point3<f64>], tracer: &Point3<f64>) {
         let turns = self.tree.joints[self.joint].motion == Motion::Turn;
         let (low, high) = self.range;
@@ -275,7 +277,7 @@ impl DrawnJoint<'_> {
         let foot = origin + axis.into_inner() * axis.dot(&(sweep[0] - origin));
         let middle = view.point_on_sheet(if turns { &foot } else { &sweep[ARC / 2] });
         let mut named = vec![(low, position_text(low, turns)), (high, position_text(high, turns))];
-        // Close to an end its label would cover the other.
+        // Close to an end, its label would cover the other one.
         if low + 0.12 * (high - low) < 0.0 && high - 0.12 * (high - low) > 0.0 {
             named.push((0.0, "0".into()));
         }
@@ -294,7 +296,7 @@ impl DrawnJoint<'_> {
     }
 }
 
-/// A name at a point of the way, on the side away from its middle.
+/// Writes a name at a point of the path, on the side away from its middle.
 fn push_range_name(svg: &mut String, end: (f64, f64), middle: (f64, f64), text: &str) {
     let away = (end.0 - middle.0, end.1 - middle.1);
     let norm = away.0.hypot(away.1).max(1.0);
@@ -310,7 +312,7 @@ fn push_range_name(svg: &mut String, end: (f64, f64), middle: (f64, f64), text: 
     writeln!(svg, "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\">{text}</text>").ok();
 }
 
-/// The component of a vector across an axis.
+/// The component of a vector perpendicular to an axis.
 fn across_axis(axis: &Unit<Vector3<f64>>, v: &Vector3<f64>) -> Vector3<f64> {
     v - axis.into_inner() * axis.dot(v)
 }
@@ -328,7 +330,7 @@ fn visible_faces(solid: &Solid, view: &View, color: [f64; 3]) -> Vec<Face> {
             view.light_direction().dot(&face_normal(face).try_normalize(0.0).unwrap_or_else(Vector3::zeros));
         let shade = 0.74 + 0.26 * light.max(0.0);
         let [r, g, b] = color.map(|c| (c * shade + 30.0 * light.max(0.0)).min(255.0) as u8);
-        // A round solid shows no edges, and no gaps between its faces either.
+        // A round solid shows neither edges nor gaps between its faces.
         let edge = if solid.has_edges { "#5b6776".to_owned() } else { format!("rgb({r} {g} {b})") };
         faces.push(Face {
             corners: face.iter().map(|p| view.point_on_sheet(p)).collect(),
@@ -361,7 +363,7 @@ fn push_head(svg: &mut String, from: (f64, f64), to: (f64, f64), class: &str) {
     writeln!(svg, "<path class=\"{class}\" d=\"{}Z\"/>", line_path(&[to, corner(1.0), corner(-1.0)])).ok();
 }
 
-/// Where a text of so many letters begins, is centered or ends, to stay on the sheet.
+/// Position at which a text of this many letters stays on the sheet.
 fn text_position(x: f64, anchor: &str, letters: usize) -> f64 {
     let width = LETTER * letters as f64;
     match anchor {
@@ -371,7 +373,7 @@ fn text_position(x: f64, anchor: &str, letters: usize) -> f64 {
     }
 }
 
-/// The axis with its name.
+/// Draws the axis with its name.
 fn push_axis(svg: &mut String, view: &View, ends: [Point3<f64>; 2], name: &str) {
     let [from, to] = ends.map(|p| view.point_on_sheet(&p));
     writeln!(svg, "<path class=\"axis-of\" d=\"{}\"/>", line_path(&[from, to])).ok();

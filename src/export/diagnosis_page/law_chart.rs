@@ -1,4 +1,4 @@
-//! The found law, drawn through the effort lacking in the twin.
+//! Draws the found law through the effort that the twin lacks.
 
 use super::{
     chart::{Axis, Chart, keys_of},
@@ -9,12 +9,12 @@ use gap::judge::{
     report::JointReport,
 };
 
-/// Share of the points' range by which intervals may widen the axis. chosen: for the eye
+/// Largest share of the points' range by which intervals widen the axis. chosen: for the eye
 const ROOM: f64 = 0.25;
-/// Least half range of the efforts, as a share of those recorded. chosen: for the eye
+/// Least half range of the effort axis, as a share of the recorded efforts. chosen: for the eye
 const LEAST: f64 = 0.05;
 
-/// A law of a joint; dashed where it is not `is_named`.
+/// The chart of a law of a joint; the law is dashed unless `is_named`.
 #[must_use]
 pub(super) fn law_chart(joint: &JointReport, law: &Law, is_named: bool) -> String {
     let unit = law.variable.unit(joint.turns);
@@ -36,7 +36,7 @@ pub(super) fn law_chart(joint: &JointReport, law: &Law, is_named: bool) -> Strin
         });
         chart.push_area(&curve.x, &low, &high, &format!("interval {}", way_class(curve.way)));
     }
-    // Friction at rest is anything between its two sides.
+    // At rest, friction can be anything between its two sides.
     if let [a, b] = &law.curves[..]
         && a.way == Way::Both
     {
@@ -59,7 +59,7 @@ fn way_class(way: Way) -> &'static str {
     }
 }
 
-/// The range of points and law; a far wider interval is cut off.
+/// The range of the points and the law; a much wider interval is cut off.
 fn effort_axis(joint: &JointReport, law: &Law) -> Axis {
     let middle: Vec<f64> = law
         .points
@@ -76,7 +76,7 @@ fn effort_axis(joint: &JointReport, law: &Law) -> Axis {
         .iter()
         .map(|p| (p.effort, p.half))
         .chain(law.curves.iter().flat_map(|c| c.effort.iter().copied().zip(c.half.iter().copied())));
-    // Efforts next to nothing beside the recorded ones look like it.
+    // Efforts that are tiny relative to the recorded ones should look tiny.
     let least = LEAST * joint.coverage.effort_rms;
     let all: Vec<f64> =
         ends.flat_map(|(y, h)| [bound(y - h), bound(y + h)]).chain([low, high, -least, least]).collect();

@@ -1,5 +1,5 @@
-//! The diagnosis by motion as one self-contained page: found effects, their evidence and proof, the next
-//! recording.
+//! The diagnosis by motion as one self-contained page: found effects, the evidence and proof for them, and
+//! the next recording to make.
 
 mod chart;
 mod exports;
@@ -36,13 +36,13 @@ use gap::{
 use model::escape_xml;
 
 const STYLE: &str = include_str!("diagnosis.css");
-/// Most joints shown in full.
+/// Largest number of joints shown in full.
 const MAX_JOINTS: usize = 12;
 
-/// Most laws of a joint.
+/// Largest number of laws shown of a joint.
 const MAX_LAWS: usize = 7;
 
-/// Input of a page.
+/// What a page is made from.
 pub struct DiagnosisFacts<'a> {
     /// Joints with their findings.
     pub joints: &'a [JointReport],
@@ -52,9 +52,9 @@ pub struct DiagnosisFacts<'a> {
     pub tree: &'a TwinTree,
     /// Its URDF.
     pub urdf: &'a str,
-    /// The fate of each effect in each format.
+    /// What became of each effect in each format.
     pub exports: &'a [ExportNote],
-    /// Oddities of the input.
+    /// Warnings about the input.
     pub warnings: &'a [Note],
 }
 
@@ -68,7 +68,7 @@ pub fn diagnosis_page(facts: &DiagnosisFacts) -> String {
     push_list(&mut out, "warnings", "Warnings", &warnings);
     let shapes = visual_solids(facts.urdf);
     let middles = range_middles(facts);
-    // Joints with findings come first, else the order of the twin.
+    // Joints with findings come first, otherwise in the order of the twin.
     let mut order: Vec<&JointReport> = facts.joints.iter().collect();
     order.sort_by_key(|j| matches!(j.diagnosis.verdict, Verdict::None | Verdict::Insufficient));
     for joint in order.iter().take(MAX_JOINTS) {
@@ -133,7 +133,7 @@ fn verdict_sentence(joint: &JointReport, effects: &Catalogue) -> String {
     }
 }
 
-/// Middles of the joints' recorded ranges, in the order of the tree; zero where nothing was recorded.
+/// Middles of the joints' recorded ranges, in the order of the tree; zero for joints without a recording.
 fn range_middles(facts: &DiagnosisFacts) -> Vec<f64> {
     let mut middles = Vec::with_capacity(facts.tree.joints.len());
     for joint in &facts.tree.joints {
@@ -144,7 +144,7 @@ fn range_middles(facts: &DiagnosisFacts) -> Vec<f64> {
     middles
 }
 
-/// The range of all runs.
+/// Least and largest position over all runs.
 fn recorded_range(joint: &JointReport) -> (f64, f64) {
     chart::finite_extent(joint.tracks.iter().flat_map(|t| &t.position))
 }
@@ -192,7 +192,7 @@ fn push_joint(
     cards.extend(joint.laws.iter().take(MAX_LAWS).map(|law| law_chart::law_chart(joint, law, is_named)));
     let gap = joint.nearest.as_ref().or(joint.gap.as_ref());
     let gap = gap.map_or(String::new(), |gap| values::gap_table(joint, gap, names.updated));
-    // Two cards a row: the gap takes a free place.
+    // Two cards a row: with an odd number, the gap takes the free place.
     let (beside, below) = if cards.len() % 2 == 1 { (gap, String::new()) } else { (String::new(), gap) };
     writeln!(out, "<div class=\"pair\">\n{}{beside}</div>\n{below}", cards.concat()).ok();
     out.push_str(&motion::motion_sections(joint, &names));
@@ -224,8 +224,7 @@ fn joint_figure(
     )
 }
 
-/// Remarks beside the values: alternatives, the unexplained rest, failures of the twin, the range of the
-/// runs.
+/// Remarks below the values: alternatives, the unexplained rest, failures of the twin, the range of the runs.
 fn remarks(joint: &JointReport) -> String {
     let d = &joint.diagnosis;
     let mut said = Vec::new();

@@ -1,4 +1,5 @@
-//! Positions over time: all runs, and the held-out ones as measured, as the twin and as the updated twin.
+//! Charts of positions over time: all runs, and the held-out ones as measured, by the twin and by the updated
+//! twin.
 
 use std::fmt::Write as _;
 
@@ -12,25 +13,25 @@ use gap::judge::{
 };
 use model::escape_xml;
 
-/// Most runs in the picture of all runs.
+/// Largest number of runs in the chart of all runs.
 const MAX_RUNS: usize = 12;
-/// Most drawn held-out runs.
+/// Largest number of held-out runs with charts.
 const MAX_HELD_OUT: usize = 3;
-/// Most windows shaded one by one.
+/// Largest number of windows shaded one by one.
 const MAX_WINDOWS: usize = 120;
 /// Space between runs, as a share of all of them. chosen: for the eye
 const SPACE: f64 = 0.012;
 /// Width of the charts. chosen: for the eye
 const WIDTH: f64 = 1180.0;
 
-/// Names of the motions.
+/// Names of the compared motions.
 #[derive(Clone, Copy)]
 pub(super) struct Names {
-    /// Name of the updated twin; `None` if it is the twin.
+    /// Name of the updated twin; `None` if it equals the twin.
     pub updated: Option<&'static str>,
 }
 
-/// The sections of a joint.
+/// The sections of the page on a joint's motion.
 #[must_use]
 pub(super) fn motion_sections(joint: &JointReport, names: &Names) -> String {
     let mut out = all_runs(joint);
@@ -50,10 +51,10 @@ fn position_unit(joint: &JointReport) -> &'static str {
     if joint.turns { "rad" } else { "m" }
 }
 
-/// All runs one after the other, the held-out ones shaded.
+/// A chart of all runs one after the other, with the held-out ones shaded.
 fn all_runs(joint: &JointReport) -> String {
     let tracks: Vec<_> = joint.tracks.iter().filter(|t| t.time_s.len() > 1).collect();
-    // Held-out runs first where there are too many: the proof rests on them.
+    // If there are too many, held-out runs come first: the proof rests on them.
     let mut shown: Vec<usize> = (0..tracks.len()).collect();
     shown.sort_by_key(|i| !tracks[*i].is_held_out);
     shown.truncate(MAX_RUNS);
@@ -80,7 +81,7 @@ fn all_runs(joint: &JointReport) -> String {
         let time: Vec<f64> = track.time_s.iter().map(|t| from + t - track.time_s[0]).collect();
         chart.push_curve(&time, &track.position, &[0], "measured");
         let word = if track.is_held_out { "held out: " } else { "" };
-        // As many letters as the run is long.
+        // As many letters as fit the length of the run.
         let room = (WIDTH * 0.9 * (to - from) / end / 6.5) as usize;
         let text: String = format!("{word}{}", track.run).chars().take(room.max(1)).collect();
         chart.push_note(from, &escape_xml(&text), "over");
@@ -143,7 +144,7 @@ fn held_out(joint: &JointReport, series: &RunSeries, run: &RunGap, noise: f64, n
     out
 }
 
-/// A legend with the twins between other marks; class and text of each mark.
+/// A legend with the twins between other marks, given by class and text of each.
 fn motion_legend(first: &[(&str, &str)], updated: Option<(&str, &str)>, last: &[(&str, &str)]) -> String {
     let mut marks = first.to_vec();
     marks.push(("key twin", "twin"));
@@ -173,7 +174,7 @@ fn curves(chart: &mut Chart, s: &ResidualSeries, is_updated: bool) {
     }
 }
 
-/// The range of the measured positions, with room for a diverging twin.
+/// The range of the measured positions, extended for a twin that diverges.
 fn position_axis(unit: &str, s: &ResidualSeries) -> Axis {
     let (low, high) = finite_extent(s.position.iter());
     let all = [predicted(s, &s.before), predicted(s, &s.after)].concat();
@@ -190,7 +191,7 @@ fn shade(chart: &mut Chart, s: &ResidualSeries) {
     let spans = s.starts.iter().copied().zip(ends).filter(|(a, b)| b > a);
     let spans: Vec<(f64, f64)> = spans.map(|(a, b)| (s.time_s[a], s.time_s[b - 1])).collect();
     if spans.len() > MAX_WINDOWS {
-        // Too many to be seen one by one: from the first to the last.
+        // Too many to be seen one by one: shaded from the first to the last.
         chart.push_band(spans[0].0, spans[spans.len() - 1].1, "window");
     } else {
         spans.iter().for_each(|(a, b)| chart.push_band(*a, *b, "window"));

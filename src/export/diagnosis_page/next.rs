@@ -1,4 +1,4 @@
-//! The next recording, in one line, and the failures of the twin.
+//! Advice in one line on the next recording, and the failures of the twin.
 
 use super::words::{decimal_places, escaped_words, fixed_text, position_text, variable_name, with_unit};
 use gap::{
@@ -13,18 +13,18 @@ use gap::{
 };
 use model::escape_xml;
 
-/// Level at which a dependence is named. derived: the level of the report (`gap::judge::report`)
+/// Significance level at which a dependence is named. derived: the level of the report (`gap::judge::report`)
 const LEVEL: f64 = 0.05;
-/// Most listed dependences.
+/// Largest number of dependences listed.
 const MAX_PLACES: usize = 3;
-/// Least share of the largest effort in a bin of the same place. chosen: a little less than half
+/// Share of the largest effort from which a bin belongs to the same place. chosen: a little less than half
 const ALIKE: f64 = 0.4;
-/// Largest share of the range for a place. chosen: most of the range is no place
+/// Largest share of the range that is still a place. chosen: most of the range is no place
 const LOCAL: f64 = 0.7;
-/// Least share of a joint's range for the runs to cover it. chosen: most of it
+/// Share of a joint's range from which the runs cover it. chosen: most of it
 const COVERED: f64 = 0.8;
 
-/// A sentence on the next experiment; `range` has the ends of all recorded positions.
+/// A sentence on the next experiment; `range` is the interval of all recorded positions.
 #[must_use]
 pub(super) fn next_experiment(joint: &JointReport, spec: Option<&TwinJoint>, range: (f64, f64)) -> String {
     let d = &joint.diagnosis;
@@ -73,7 +73,7 @@ fn relative_half_width(f: &Finding) -> f64 {
     f.parameters.first().map_or(0.0, |p| 0.5 * (p.interval.1 - p.interval.0) / p.value.abs().max(1e-300))
 }
 
-/// A sentence on the next recording if something unknown acts at a place: the place of the largest lack.
+/// A sentence on the next recording if something unknown acts at a place: where the twin lacks most effort.
 fn place_advice(joint: &JointReport) -> Option<String> {
     let law = joint.laws.iter().find(|l| l.variable == Variable::Position && l.effects.is_empty())?;
     let [rising, falling]: [Vec<&Point>; 2] = [Way::Rising, Way::Falling]
@@ -103,7 +103,7 @@ fn place_advice(joint: &JointReport) -> Option<String> {
     ))
 }
 
-/// Lower end of the interval of a point's effort, without its sign.
+/// Lower end of the interval of a point's absolute effort.
 fn least_effort(p: &Point) -> f64 {
     p.effort.abs() - p.half
 }
@@ -138,7 +138,7 @@ fn region(w: &Dependence, turns: bool) -> String {
     with_unit(&format!("{} to {}", fixed_text(low, places), fixed_text(high, places)), w.variable.unit(turns))
 }
 
-/// A sentence on ranges and efforts beyond these runs, if nothing is missing.
+/// A sentence on ranges and efforts not covered by these runs, if nothing is missing.
 fn further(joint: &JointReport, spec: Option<&TwinJoint>, range: (f64, f64)) -> String {
     let (low, high) = range;
     let speed =

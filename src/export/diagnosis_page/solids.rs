@@ -1,5 +1,5 @@
-//! Shapes of links for a drawing: boxes, cylinders and balls of the URDF, or the box of the same mass and
-//! inertia.
+//! Shapes of links for a drawing: boxes, cylinders and spheres of the URDF, or the box with the link's mass
+//! and inertia.
 
 use std::collections::BTreeMap;
 
@@ -22,11 +22,11 @@ const LEAST_SIDE: f64 = 0.02;
 pub(super) struct Solid {
     /// Faces.
     pub faces: Vec<Vec<Point3<f64>>>,
-    /// Edges between faces are drawn; a round solid has none.
+    /// Whether edges between faces are drawn; not for a round solid.
     pub has_edges: bool,
 }
 
-/// Visual shapes of all links, by name; meshes are not read. Nothing of a text that is no URDF.
+/// Visual shapes of all links, by name; meshes are not read. Empty for a text that is not a URDF.
 #[must_use]
 pub(super) fn visual_solids(urdf: &str) -> BTreeMap<String, Vec<Solid>> {
     let Ok(description) = Description::parse(urdf) else { return BTreeMap::new() };
@@ -48,7 +48,7 @@ fn solid(shape: &ShapeText) -> Option<Solid> {
     for p in solid.faces.iter_mut().flatten() {
         *p = shape.link_from_shape * *p;
     }
-    // What is no number was read as NaN.
+    // What is not a number was read as NaN.
     solid.faces.iter().flatten().all(|p| p.iter().all(|x| x.is_finite())).then_some(solid)
 }
 
@@ -103,7 +103,7 @@ pub(super) fn cuboid(sides: Vector3<f64>) -> Solid {
     Solid { faces, has_edges: true }
 }
 
-/// Along z.
+/// A cylinder along z.
 fn cylinder(radius: f64, length: f64) -> Solid {
     let [low, high] = [-0.5 * length, 0.5 * length].map(|z| circle_points(radius, z));
     let mut faces = Vec::with_capacity(SIDES + 2);
@@ -139,10 +139,10 @@ fn ball(radius: f64) -> Solid {
     Solid { faces, has_edges: false }
 }
 
-/// Normal of a face, longer for a larger face.
+/// Normal of a face, with twice its area as length.
 #[must_use]
 pub(super) fn face_normal(face: &[Point3<f64>]) -> Vector3<f64> {
-    // Newell's sum: a doubled corner does not spoil it.
+    // Newell's sum: repeated corners do no harm.
     (0..face.len()).map(|i| face[i].coords.cross(&face[(i + 1) % face.len()].coords)).sum()
 }
 

@@ -6,18 +6,18 @@ use crate::page::with_true_minus;
 #[must_use]
 pub(super) fn round_ticks(low: f64, high: f64, about: usize) -> Vec<f64> {
     let width = high - low;
-    // Negated: a range of NaN has none.
+    // Negated, so that a range of NaN has no ticks.
     if !(width > 0.0 && width.is_finite()) {
         return Vec::new();
     }
     let step = round_step(width / about.max(1) as f64);
     let first = (low / step - 1e-9).ceil();
     let last = (high / step + 1e-9).floor();
-    // Adding 0 takes the sign off a minus zero.
+    // Adding 0 removes the sign of minus zero.
     (0..=(last - first).max(0.0) as usize).map(|i| (first + i as f64) * step + 0.0).collect()
 }
 
-/// The least round step of at least four fifths of a wanted one.
+/// The smallest round step that is at least four fifths of the wanted one.
 fn round_step(wanted: f64) -> f64 {
     let power = 10f64.powf(wanted.log10().floor());
     let steps = [1.0, 2.0, 5.0, 10.0].map(|factor| factor * power);

@@ -1,4 +1,4 @@
-//! Values as twin + found = updated, and the gap before and after.
+//! Tables of values as twin + found = updated, and of the gap before and after.
 
 use std::fmt::Write as _;
 
@@ -13,14 +13,15 @@ use gap::{
 };
 use model::escape_xml;
 
-/// Multiple of the noise up to which a gap is none. derived: the bound of the verdict (`gap::judge::assess`)
+/// Multiple of the noise up to which there is no gap. derived: the bound of the verdict
+/// (`gap::judge::assess`)
 const AT_NOISE: f64 = 1.5;
 
-/// A parameter as the twin has it, as it was found, and as the updated twin has it.
+/// A parameter's value in the twin, as found, and in the updated twin.
 struct Value {
-    /// Twin, sign between, found, updated.
+    /// Twin, sign between, found, updated, as text.
     parts: Option<[String; 4]>,
-    /// The found value, for a twin without one.
+    /// The found value, if the twin has none.
     alone: String,
     interval: String,
     unit: String,
@@ -118,8 +119,7 @@ pub(super) fn values_table(
     )
 }
 
-/// The residuals of held-out runs under the twin and, if there is one, the updated twin or the nearest
-/// explanation.
+/// The residuals of held-out runs under the twin and, if given, the updated twin or the nearest explanation.
 #[must_use]
 pub(super) fn gap_table(joint: &JointReport, gap: &Gap, updated: Option<&str>) -> String {
     let mut rows = String::new();
@@ -164,7 +164,7 @@ pub(super) fn gap_table(joint: &JointReport, gap: &Gap, updated: Option<&str>) -
     )
 }
 
-/// Share of the gap closed by the updated twin, as text; a dash for a twin at its noise, without a gap.
+/// Share of the gap that the updated twin closes, as text; a dash if the twin is within its noise.
 fn closed_share(before: f64, after: f64, noise_floor: f64) -> String {
     if before <= AT_NOISE * noise_floor {
         return "\u{2013}".to_owned();
@@ -190,7 +190,7 @@ fn push_gap_row(
     writeln!(rows, "<tr><td>{name}</td>{cells}</tr>").ok();
 }
 
-/// With a capital.
+/// The text with a capital first letter.
 fn with_capital(text: &str) -> String {
     let mut letters = text.chars();
     letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())

@@ -1,25 +1,27 @@
-//! From where a joint is drawn: orthographic, gravity down, the axis and the motion both in sight.
+//! Chooses the direction from which a joint is drawn: orthographic, gravity down, with axis and motion in
+//! sight.
 
 use nalgebra::{Point3, Unit, Vector3};
 
 use gap::twin_tree::Motion;
 
-/// Angle between the line of sight and the axis of a turning joint, degrees: its motion is an open arc.
+/// Angle between the line of sight and the axis of a turning joint, degrees: its motion appears as an open
+/// arc.
 /// chosen: for the eye
 const TURN_DEG: f64 = 48.0;
-/// The same for a sliding joint: its way is long. chosen: for the eye
+/// The same for a sliding joint: its travel appears long. chosen: for the eye
 const SLIDE_DEG: f64 = 68.0;
-/// Heights of the viewer, degrees. chosen: for the eye
+/// Elevations of the viewer, degrees. chosen: for the eye
 const HEIGHTS_DEG: [f64; 3] = [18.0, 28.0, 40.0];
-/// Candidate places around the joint.
+/// Number of candidate directions around the joint.
 const PLACES: usize = 24;
-/// Cost of a part pointing at the viewer, in radians of the axis. chosen: for the eye
+/// Cost of a part that points at the viewer, in radians of the axis angle. chosen: for the eye
 const POINTING: f64 = 0.35;
 
 /// A line of sight and a scale.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct View {
-    /// To the viewer.
+    /// Unit vector to the viewer.
     pub toward: Vector3<f64>,
     right: Vector3<f64>,
     up: Vector3<f64>,
@@ -28,7 +30,7 @@ pub(super) struct View {
 }
 
 impl View {
-    /// The best of some views for an axis and a part reaching from it by `arm`.
+    /// The best of some views for an axis and a part that extends from it by `arm`.
     #[must_use]
     pub(super) fn best_view(
         motion: Motion,
@@ -50,7 +52,7 @@ impl View {
                 let (rise, flat) = height.to_radians().sin_cos();
                 let toward = (ahead * c + left * s) * flat + up * rise;
                 let angle = axis.dot(&toward).abs().min(1.0).acos();
-                // A little for height: equal views have one answer.
+                // A small preference for height makes the choice between equal views unique.
                 let cost = (angle - wanted).abs()
                     + POINTING * arm.dot(&toward).abs()
                     + 1e-3 * height
@@ -65,7 +67,7 @@ impl View {
         Self { toward, right, up: toward.cross(&right), scale: 1.0, shift: (0.0, 0.0) }
     }
 
-    /// The same with all points on a sheet of this size, within its border.
+    /// The view scaled and shifted so that all points fit on a sheet of this size, within its border.
     #[must_use]
     pub(super) fn fitted_to(self, points: &[Point3<f64>], size: (f64, f64), border: f64) -> Self {
         let flat = Self { scale: 1.0, shift: (0.0, 0.0), ..self };
@@ -96,13 +98,13 @@ impl View {
         (self.right.dot(v), -self.up.dot(v))
     }
 
-    /// Down on the sheet.
+    /// Unit vector that points down on the sheet.
     #[must_use]
     pub(super) fn sheet_down(&self) -> Vector3<f64> {
         -self.up
     }
 
-    /// To the light: the viewer's upper left.
+    /// Unit vector to the light, at the viewer's upper left.
     #[must_use]
     pub(super) fn light_direction(&self) -> Vector3<f64> {
         (self.toward + 0.9 * self.up - 0.6 * self.right).normalize()

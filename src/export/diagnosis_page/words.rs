@@ -1,4 +1,4 @@
-//! Numbers and names of a diagnosis as a page shows them.
+//! Numbers and names of a diagnosis as shown on a page.
 
 use crate::page::with_true_minus;
 use gap::judge::locate::Variable;
@@ -10,7 +10,7 @@ pub(super) fn escaped_words(name: &str) -> String {
     escape_xml(&name.replace('_', " "))
 }
 
-/// A unit with its powers set high; nothing for a plain number.
+/// A unit with superscript powers; empty for a plain number.
 #[must_use]
 pub(super) fn unit_text(unit: &str) -> String {
     if unit == "1" {
@@ -19,9 +19,9 @@ pub(super) fn unit_text(unit: &str) -> String {
     escape_xml(&unit.replace("^2", "\u{b2}").replace("^3", "\u{b3}").replace(' ', "\u{a0}"))
 }
 
-/// Digits after the point of a number with an interval of this half width: two of the half width if it begins
-/// with 1 to 3, else one; three of the number without an interval. Negative if digits before the point mean
-/// nothing.
+/// Number of decimals for a number with an interval of this half width: two significant digits of the half
+/// width if it begins with 1 to 3, else one; three digits of the number without an interval. Negative if
+/// digits before the point carry no meaning.
 #[must_use]
 pub(super) fn decimal_places(value: f64, half: f64) -> i32 {
     let digits = if half / 10f64.powf(half.log10().floor()) < 3.55 { 2 } else { 1 };
@@ -34,12 +34,12 @@ pub(super) fn decimal_places(value: f64, half: f64) -> i32 {
     }
 }
 
-/// Digits after the point of `x` with so many significant digits.
+/// Number of decimals that shows `x` with this many significant digits.
 fn digits_after_point(x: f64, significant: i32) -> i32 {
     (significant - 1 - x.abs().log10().floor() as i32).clamp(-9, 12)
 }
 
-/// A number rounded to so many digits after the point; with an exponent where these are too many to read.
+/// A number rounded to this many decimals; with an exponent if these are too many to read.
 #[must_use]
 pub(super) fn fixed_text(value: f64, places: i32) -> String {
     if !value.is_finite() {
@@ -56,7 +56,7 @@ pub(super) fn fixed_text(value: f64, places: i32) -> String {
         return with_true_minus(&format!("{mantissa}\u{b7}10<sup>{power}</sup>"));
     }
     let last = 10f64.powi(-places.min(0));
-    // Of a point, text rounds exactly.
+    // With decimals, formatting rounds exactly.
     let value = if places < 0 { (value / last).round() * last } else { value };
     let text = format!("{value:.0$}", places.max(0) as usize);
     // The sign of a rounded zero is noise.
@@ -64,7 +64,7 @@ pub(super) fn fixed_text(value: f64, places: i32) -> String {
     with_true_minus(if is_zero { text.trim_start_matches('-') } else { &text })
 }
 
-/// A residual of a position with three digits, in thousandths of the unit.
+/// A position residual with three digits, in thousandths of the unit.
 #[must_use]
 pub(super) fn residual_text(value: f64, turns: bool) -> String {
     let unit = if turns { "mrad" } else { "mm" };
@@ -77,7 +77,7 @@ pub(super) fn residual_text(value: f64, turns: bool) -> String {
     )
 }
 
-/// A position; angles in degrees too.
+/// A position; angles also in degrees.
 #[must_use]
 pub(super) fn position_text(value: f64, turns: bool) -> String {
     if turns {
@@ -87,7 +87,7 @@ pub(super) fn position_text(value: f64, turns: bool) -> String {
     }
 }
 
-/// A number with its unit, where it has one.
+/// A number with its unit, if any.
 #[must_use]
 pub(super) fn with_unit(number: &str, unit: &str) -> String {
     let unit = unit_text(unit);

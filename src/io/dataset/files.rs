@@ -20,14 +20,14 @@ use geometry::{Intrinsics, Pose};
 
 /// Names of the states in the layouts with a folder a state.
 pub const STATES: [&str; 2] = ["start", "end"];
-/// Depth and masks may have so many times the pixels of their color image.
+/// Largest ratio of the pixels of depth and masks to those of their color image ...
 const MOST_LARGER: usize = 16;
-/// ... or so many pixels.
+/// ... unless they have at most this many pixels.
 const SMALL_IMAGE: usize = 1 << 20;
 /// Most frames of one dataset.
 pub const MAX_FRAMES: usize = 100_000;
-/// Most steps of the search for the rotation nearest to a matrix. Measured: 100,000 random rotations, rounded
-/// to 4 to 17 digits, settle within 54.
+/// Largest number of steps in the search for the rotation nearest to a matrix. Measured: 100,000 random
+/// rotations, rounded to 4 to 17 digits, settle within 54.
 const MAX_STEPS: usize = 1000;
 
 pub fn refuse<T>(path: &Path, reason: impl Into<String>) -> Result<T, CaptureError> {
@@ -36,7 +36,7 @@ pub fn refuse<T>(path: &Path, reason: impl Into<String>) -> Result<T, CaptureErr
 
 pub fn read(path: &Path) -> Result<Vec<u8>, CaptureError> {
     files::read_limited(path, DATASET).or_else(|source| match source.kind() {
-        // Too large is a fault of the dataset, not of the disk.
+        // A file too large is a fault of the dataset, not of the disk.
         ErrorKind::FileTooLarge => refuse(path, source.to_string()),
         _ => Err(CaptureError::Read { path: path.to_owned(), source }),
     })
@@ -47,8 +47,8 @@ pub fn image_size(path: &Path) -> Result<(usize, usize), CaptureError> {
     stated_size(&read(path)?).map_or_else(|| refuse(path, "neither JPEG nor PNG by its first bytes"), Ok)
 }
 
-/// An image file of allowed size: those of a dataset have one size, and masks and depth may
-/// be larger or smaller, but not without measure.
+/// Reads an image file of allowed size: those of a dataset have one size; masks and depth may be larger or
+/// smaller within limits.
 pub fn read_image(
     path: &Path,
     (width, height): (usize, usize),
@@ -82,8 +82,8 @@ pub fn image_error(path: &Path, error: ImageError) -> CaptureError {
     CaptureError::Dataset { path: path.to_owned(), reason: error.to_string() }
 }
 
-/// Camera of a row-major 3x3 matrix; width and height follow from the images. `half_pixel`: the matrix puts
-/// pixel centers at half integers.
+/// Camera from a row-major 3x3 matrix; width and height are those of the images. With `half_pixel`, the
+/// matrix puts pixel centers at half integers.
 pub fn camera(
     path: &Path,
     k: &[f64],
@@ -125,9 +125,9 @@ pub fn pose_from_opengl(path: &Path, name: &str, matrix: &[f64]) -> Result<Pose,
     Ok(Pose::from_parts(Translation3::new(m.m14, m.m24, m.m34), rotation))
 }
 
-/// The rotation nearest to a matrix that is nearly one. The search may stay at half a turn from it for ever,
-/// where the matrix is half a turn from the start but for its last digits: it then starts again from the
-/// matrix itself.
+/// The rotation nearest to a matrix that is nearly a rotation. The search may stay forever at half a turn
+/// from it, if the matrix is almost exactly half a turn from the start; then it starts again from the matrix
+/// itself.
 fn nearest_rotation(m: &Matrix3<f64>) -> Rotation3<f64> {
     let from = |start| Rotation3::from_matrix_eps(m, f64::EPSILON, MAX_STEPS, start);
     let found = from(Rotation3::identity());
@@ -151,7 +151,7 @@ pub struct Entry {
     pub world_from_camera: Pose,
 }
 
-/// The entries kept of one state, by the spread of their views, with a note.
+/// The entries of one state that are kept, chosen by the spread of their views, with a note.
 pub fn spread(
     entries: Vec<Entry>,
     state: usize,

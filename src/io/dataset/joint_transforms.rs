@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// The file.
+/// Contents of the file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct JointTransforms {
     /// The object's source.
@@ -12,7 +12,7 @@ pub struct JointTransforms {
     trans_info: OneOrMany,
 }
 
-/// An object of two parts may have its one joint, others have a list.
+/// Objects of two parts may have a single joint instead of a list.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(untagged)]
 enum OneOrMany {
@@ -49,19 +49,19 @@ pub struct TransformAxis {
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Ends {
-    /// As most files have them.
+    /// In the form of most files.
     Named {
         /// In the start state.
         l: f64,
         /// In the end state.
         r: f64,
     },
-    /// As some have them.
+    /// In the form of some files: start and end.
     Pair([f64; 2]),
 }
 
 impl Ends {
-    /// From the start to the end state.
+    /// Motion from the start to the end state.
     #[must_use]
     pub fn motion(self) -> f64 {
         match self {
@@ -71,7 +71,7 @@ impl Ends {
 }
 
 impl JointTransforms {
-    /// The file of some joints.
+    /// The file's contents for some joints.
     #[must_use]
     pub fn of(input: String, joints: Vec<JointTransform>) -> Self {
         Self { input: input.into(), trans_info: OneOrMany::Many(joints) }

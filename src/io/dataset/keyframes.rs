@@ -98,7 +98,7 @@ fn keyframes(path: &Path) -> Result<[Vec<Entry>; 2], CaptureError> {
         if !id.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_' || b == b'-') {
             return refuse(path, format!("`{}` is no frame name", id.escape_debug()));
         }
-        // Two places say the state; where they differ, either may be wrong.
+        // The state is given twice; if the two differ, either may be wrong.
         if frame.time.is_some_and(|t| t != state as f64) {
             return refuse(
                 path,
@@ -143,7 +143,8 @@ fn read_frame(
     let depth_file = image_path(folder, "depth_filtered", entry);
     let depth = codec::depth_file(&read_image(&depth_file, size, false)?, 0.001)
         .map_err(|e| image_error(&depth_file, e))?;
-    // Depth may be coarser than color. Nearest: a mean across an edge is an unseen surface.
+    // Depth may be coarser than color. Resized to the nearest pixel: a mean across an edge would be a surface
+    // nobody saw.
     let mut depth_m = depth.resized_nearest(width, height).pixels;
     limit_depth(&mut depth_m, config);
     let mask = match optional(image_path(folder, "mask", entry)) {

@@ -19,37 +19,37 @@ const MAX_MATCHES: usize = 40_000_000;
 /// Why the matches of a file are not used.
 #[derive(Debug, thiserror::Error)]
 enum MatchesError {
-    /// The archive.
+    /// The archive cannot be read.
     #[error(transparent)]
     Archive(#[from] NpzError),
-    /// The array in it.
+    /// The array in it cannot be read.
     #[error(transparent)]
     Array(#[from] NpyFault),
-    /// The pickle in it.
+    /// The pickle in it cannot be read.
     #[error(transparent)]
     Pickle(#[from] PickleError),
-    /// An array of a type.
+    /// The array has another type.
     #[error("an array of `{0}`, not of dictionaries")]
     Type(String),
-    /// The array is something else.
+    /// The array is not a list of dictionaries.
     #[error("no list of dictionaries")]
     NoList,
-    /// One of its entries is something else.
+    /// An entry is not a dictionary.
     #[error("an entry that is no dictionary")]
     NoDictionary,
-    /// Other than two images.
+    /// A dictionary does not have two images.
     #[error("a dictionary with {0} entries, not 2")]
     Entries(usize),
-    /// A frame id of another type.
+    /// A frame id is not text.
     #[error("a frame id that is no text")]
     NoId,
-    /// Pixels of another form.
+    /// Pixels are not an N x 2 array.
     #[error("pixels that are no N x 2 array")]
     NoPixels,
-    /// More than are looked at.
+    /// There are more pixels than the limit.
     #[error("more than {MAX_MATCHES} pixels")]
     Large,
-    /// Arrays of two lengths.
+    /// The two arrays have different lengths.
     #[error("{0} pixels match {1}")]
     Lengths(usize, usize),
 }
@@ -110,8 +110,8 @@ pub fn import_matches(folder: &Path, capture: &mut Capture, stop: &Stop) -> Resu
 /// By frame id: state, index, width, height.
 type Places = BTreeMap<String, (usize, usize, usize, usize)>;
 
-/// Adds the matches of one file; the number of those outside their images. `left`: matches still to be
-/// looked at.
+/// Adds the matches of one file; returns the number of those outside their images. `left` is the number of
+/// matches that may still be read.
 fn read_matches(
     archive: &[u8],
     places: &Places,
@@ -177,7 +177,7 @@ fn frame_pixels<'a>(
 ) -> Result<(&'a str, Vec<[f64; 2]>), MatchesError> {
     let Node::Str(id) = &pickle.nodes[key] else { return Err(MatchesError::NoId) };
     let pixels = pickle.pairs(value).ok_or(MatchesError::NoPixels)?;
-    // One array may be mentioned often.
+    // Counted at every mention, as one array may be mentioned often.
     *left = left.checked_sub(pixels.len()).ok_or(MatchesError::Large)?;
     // Keys come with and without the prefix, as those of the keyframes.
     Ok((id.strip_prefix("frame_").unwrap_or(id), pixels))

@@ -22,25 +22,25 @@ pub enum NpzError {
     /// Another kind of file.
     #[error("it is no zip archive")]
     NoZip,
-    /// Its directory leads nowhere.
+    /// Its directory is invalid.
     #[error("the zip archive is broken")]
     Broken,
-    /// An unsupported member.
+    /// A member is encrypted or too large.
     #[error("member `{0}` is encrypted or too large")]
     Member(String),
-    /// Two members in one place.
+    /// Two members overlap.
     #[error("members `{0}` and `{1}` share bytes")]
     Shared(String, String),
-    /// More bytes than are taken.
+    /// The members unpack to more bytes than the limit.
     #[error("its members unpack to {0} bytes; {ARCHIVE} are the limit")]
     Large(u64),
-    /// Another compression than deflate.
+    /// The compression is not deflate.
     #[error("compression method {0} is not supported")]
     Compression(usize),
     /// A member cannot be unpacked.
     #[error(transparent)]
     Unpack(#[from] std::io::Error),
-    /// A member unpacks to more or less.
+    /// A member unpacks to another size than stated.
     #[error("a member has another size than the directory says")]
     Size,
 }
@@ -55,9 +55,8 @@ pub struct Member<'a> {
 
 /// Members of a zip archive, in the order of its directory.
 ///
-/// # Errors
-/// Broken or unsupported parts: encryption, members over 4 GiB, members with shared bytes (a
-/// directory that names one of them twice), more than [`ARCHIVE`] bytes in all.
+/// If the archive is broken or has unsupported parts: encryption, members over 4 GiB, members that share
+/// bytes (a directory that names one of them twice), more than [`ARCHIVE`] bytes in all.
 pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, NpzError> {
     // The end record has 22 bytes and up to 65,535 of a comment behind it.
     let search = archive.len().saturating_sub(22 + 65_535);
@@ -113,8 +112,7 @@ pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, NpzError> {
 impl Member<'_> {
     /// Its content.
     ///
-    /// # Errors
-    /// Where the compression is broken or not supported, or the size is another than the directory says.
+    /// If the compression is broken or not supported, or the size differs from that in the directory.
     pub fn unpack(&self) -> Result<Vec<u8>, NpzError> {
         let mut content = Vec::new();
         match self.method {

@@ -14,10 +14,10 @@ pub enum PickleError {
     /// It ends early.
     #[error("the pickle is cut")]
     Cut,
-    /// A long name of a type or function.
+    /// The name of a type or function is too long.
     #[error("a name of {0} characters; {PICKLE_NAME} are the limit")]
     Name(usize),
-    /// More than is taken.
+    /// It mentions more values than the limit.
     #[error("the pickle mentions more than {PICKLE_VALUES} values")]
     Large,
     /// An unknown or unsafe instruction.
@@ -42,7 +42,7 @@ pub type Id = usize;
 /// A value.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Node {
-    /// None, and irrelevant objects.
+    /// None, and objects that are not needed.
     None,
     /// A truth value or whole number.
     Int(i64),
@@ -58,7 +58,7 @@ pub enum Node {
     Tuple(Vec<Id>),
     /// Dictionary, in its order.
     Dict(Vec<(Id, Id)>),
-    /// A name of a module.
+    /// A name in a module.
     Global(String),
     /// NumPy type, e.g. `<i8`.
     Dtype(String),
@@ -68,28 +68,27 @@ pub enum Node {
         shape: Vec<usize>,
         /// Type, e.g. `<i8`.
         dtype: String,
-        /// Bytes or list.
+        /// Index of its bytes or list.
         data: Id,
-        /// Column-major.
+        /// Whether it is column-major.
         fortran: bool,
     },
     Mark,
 }
 
-/// All values of a file; `root` is the outermost.
+/// All values of a file.
 #[derive(Debug)]
 pub struct Pickle {
     /// Values by index.
     pub nodes: Vec<Node>,
-    /// Index of the outermost.
+    /// Index of the outermost value.
     pub root: Id,
 }
 
 impl Pickle {
     /// Reads a pickle (protocols 2 to 5).
     ///
-    /// # Errors
-    /// The unsupported part.
+    /// The first part that is not supported.
     pub fn read(data: &[u8]) -> Result<Self, PickleError> {
         let mut machine =
             Machine { data, at: 0, nodes: Vec::new(), stack: Vec::new(), memo: BTreeMap::new(), mentions: 0 };
@@ -141,7 +140,7 @@ fn number(kind: u8, bytes: &[u8]) -> Option<f64> {
     }
 }
 
-/// A name or type, copied wherever it is used.
+/// A name or type of limited length, as it is copied wherever it is used.
 fn short(text: &str) -> Result<&str, PickleError> {
     if text.len() > PICKLE_NAME { Err(PickleError::Name(text.len())) } else { Ok(text) }
 }
@@ -151,7 +150,7 @@ struct Machine<'a> {
     at: usize,
     nodes: Vec<Node>,
     stack: Vec<Id>,
-    // A map: a key may be any number, and a vector as long as that would be for the file to size.
+    // A map, because a key may be any number and would let the file decide the size of a vector.
     memo: BTreeMap<usize, Id>,
     /// Values put on the stack.
     mentions: usize,
@@ -160,7 +159,8 @@ struct Machine<'a> {
 impl Machine<'_> {
     fn run(&mut self) -> Result<Id, PickleError> {
         loop {
-            // Mentions count, not values: by the memo a short file can mention one array a million times.
+            // Counts mentions, not values: through the memo a short file can mention one array a million
+            // times.
             if self.mentions > PICKLE_VALUES {
                 return Err(PickleError::Large);
             }

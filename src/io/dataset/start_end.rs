@@ -21,8 +21,7 @@ use common::stop::Stop;
 
 /// Opens a folder in this layout. Frame ids become `<state>_<number>`.
 ///
-/// # Errors
-/// [`CaptureError::NoTopic`]-like [`CaptureError::Dataset`] where there is no depth; [`CaptureError::Read`].
+/// [`CaptureError::Dataset`], also if there is no depth; [`CaptureError::Read`].
 pub fn open_start_end(folder: &Path, config: &CaptureConfig, stop: &Stop) -> Result<Capture, CaptureError> {
     let mut capture = Capture::of_states(2);
     capture.notes.push(Note::new(
@@ -67,7 +66,7 @@ pub fn open_start_end(folder: &Path, config: &CaptureConfig, stop: &Stop) -> Res
     Ok(capture)
 }
 
-/// Numbers of a matrix row by row; NaN where an entry is no number.
+/// Numbers of a matrix row by row; NaN for an entry that is not a number.
 fn matrix_numbers(v: &Value) -> Vec<f64> {
     let rows = v.as_array().into_iter().flatten();
     rows.flat_map(|row| row.as_array().into_iter().flatten())
@@ -130,7 +129,8 @@ impl Part {
         }
         let depth = codec::depth_file(&read_image(&depth_file, size, false)?, 0.001)
             .map_err(|e| image_error(&depth_file, e))?;
-        // Depth may be coarser than color. Nearest: a mean across an edge is an unseen surface.
+        // Depth may be coarser than color. Resized to the nearest pixel: a mean across an edge would be a
+        // surface nobody saw.
         let mut depth_m = depth.resized_nearest(color.width, color.height).pixels;
         limit_depth(&mut depth_m, config);
         Ok(RgbdFrame {

@@ -35,7 +35,7 @@ macro_rules! definitions {
         $(impl RosMessage for $message {
             const TYPE: &'static str = concat!($package, "/msg/", $name);
         })*
-        // Built in: a bag holds the definition of each of its types, and no ROS installation is asked for it.
+        // Built in, as a bag contains the definition of each of its types, and no ROS installation is needed.
         const FILES: &[(&str, &str)] =
             &[$((<$message>::TYPE, include_str!(concat!("definitions/", $package, "-", $name, ".msg")))),*];
     };

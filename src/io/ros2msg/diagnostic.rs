@@ -9,7 +9,7 @@ use super::Header;
 pub struct KeyValue {
     /// Key.
     pub key: String,
-    /// How much, as text.
+    /// Value, as text.
     pub value: String,
 }
 
@@ -24,15 +24,15 @@ pub struct DiagnosticStatus {
     pub message: String,
     /// The device.
     pub hardware_id: String,
-    /// Figures.
+    /// Details as keys and values.
     pub values: Vec<KeyValue>,
 }
 
 /// `diagnostic_msgs/msg/DiagnosticArray`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DiagnosticArray {
-    /// When.
+    /// Stamp of the statuses.
     pub header: Header,
-    /// One status a part.
+    /// One status per part.
     pub status: Vec<DiagnosticStatus>,
 }

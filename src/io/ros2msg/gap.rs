@@ -15,18 +15,18 @@ pub struct GapParameter {
     pub lower: f64,
     /// Upper end of the 95 % interval.
     pub upper: f64,
-    /// Of the three.
+    /// Unit of these three numbers.
     pub unit: String,
 }
 
 /// `artitwin_msgs/msg/GapFinding`: a missing effect of a twin.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct GapFinding {
-    /// Where.
+    /// Name of the joint.
     pub joint: String,
-    /// Its name.
+    /// Name of the effect.
     pub effect: String,
-    /// Against its alternatives, 0 to 1.
+    /// Weight relative to its alternatives, 0 to 1.
     pub weight: f64,
     /// Its parameters.
     pub parameters: Vec<GapParameter>,
@@ -35,7 +35,7 @@ pub struct GapFinding {
 /// `artitwin_msgs/msg/GapReport`: the findings of a diagnosis.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct GapReport {
-    /// When.
+    /// Stamp of the report.
     pub header: Header,
     /// The diagnosed URDF.
     pub twin: String,
@@ -47,14 +47,14 @@ pub struct GapReport {
     pub findings: Vec<GapFinding>,
     /// Root mean square residual on held-out runs, NaN where there are none.
     pub gap_before: f64,
-    /// The same of the updated twin.
+    /// The same for the updated twin.
     pub gap_after: f64,
-    /// The residual explained by the recording's noise.
+    /// The residual that the recording's noise explains.
     pub noise_floor: f64,
-    /// Of the three, `rad` or `m`.
+    /// Unit of these three numbers, `rad` or `m`.
     pub unit: String,
-    /// For people.
+    /// A summary for people.
     pub summary: String,
-    /// `report.json`.
+    /// Text of `report.json`.
     pub report: String,
 }

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Header, Quaternion, Vector3};
 
-/// Accelerations beyond this do not occur at a hand-held camera, m/s².
+/// Accelerations larger than this do not occur in a hand-held camera, m/s².
 /// derived: 16 g, the largest range of the sensors in depth cameras
 const MOST: f64 = 160.0;
 
@@ -21,14 +21,14 @@ pub struct Imu {
     pub angular_velocity: Vector3,
     /// Its covariance.
     pub angular_velocity_covariance: [f64; 9],
-    /// Acceleration, m/s², with that of what holds it: at rest it reads upwards.
+    /// Specific force, m/s²: acceleration minus gravity; at rest it points upwards.
     pub linear_acceleration: Vector3,
     /// Its covariance.
     pub linear_acceleration_covariance: [f64; 9],
 }
 
 impl Imu {
-    /// The measured acceleration, m/s²; `None` without one: drivers fill the messages of their
+    /// The measured acceleration, m/s²; `None` if there is none: drivers fill the messages of their
     /// gyroscopes with zeros.
     #[must_use]
     pub fn acceleration(&self) -> Option<nalgebra::Vector3<f64>> {

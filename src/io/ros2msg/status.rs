@@ -7,13 +7,13 @@ use super::Header;
 /// `artitwin_msgs/msg/CollectionStatus`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CollectionStatus {
-    /// When.
+    /// Stamp of the status.
     pub header: Header,
     /// 0 idle, 1 collecting, 2 moving, 3 ready, 4 reconstructing, 5 done.
     pub phase: u8,
     /// State being collected, or collected last.
     pub state: u8,
-    /// Kept in each state.
+    /// Number of keyframes kept in each state.
     pub keyframes: [u32; 2],
     /// Matched sets of images since the last reset.
     pub matched: u64,
@@ -23,12 +23,12 @@ pub struct CollectionStatus {
     pub session: String,
     /// Whether the camera is tracked by its images.
     pub tracked: bool,
-    /// Placed by tracking.
+    /// Number of views per second that tracking places.
     pub views_per_second: f32,
-    /// Share of the surface that the last view and the map see alike; 0: lost.
+    /// Share of the surface on which the last view and the map agree; 0 if tracking is lost.
     pub inliers: f32,
-    /// Standard deviation of the last view's place, meters; infinite: lost.
+    /// Standard deviation of the last view's position, meters; infinite if tracking is lost.
     pub position_error: f32,
-    /// Advice to the user; empty: go on.
+    /// Advice to the user; empty if all is well.
     pub hint: String,
 }

@@ -1,4 +1,4 @@
-//! Work for a run on recordings while they grow.
+//! Does work for a run while its recordings still grow.
 
 use std::{sync::Arc, time::Instant};
 
@@ -8,12 +8,10 @@ use ::capture::{CaptureConfig, CaptureError, look_at};
 use common::ahead::Ahead;
 use io::{GrowingState, Grown};
 
-/// Does a run's work on new views: features of the images for the run, and of
-/// a closed recording without poses the camera's way. `None` where nothing is new, or it was read just
-/// now.
+/// Does a run's work on new views: image features and, for a closed recording without poses, camera tracking.
+/// `None` if nothing is new, or the recording was read just now.
 ///
-/// # Errors
-/// [`CaptureError`]: not serious for a recording that has only begun.
+/// [`CaptureError`]; it is not serious if the recording has only just begun.
 pub fn work_ahead(
     growing: &mut GrowingState,
     config: &CaptureConfig,

@@ -1,4 +1,4 @@
-//! The world of a tracked recording with views of a printed board of tags.
+//! The world frame of a tracked recording that shows a printed board of tags.
 
 use std::cmp::Reverse;
 
@@ -11,25 +11,25 @@ use common::note::{Note, NoteCode};
 use common::stop::{Stop, Stopped};
 use geometry::Pose;
 
-/// Largest trusted error of the printed size by depth, as a share; beyond it lengths are those of depth.
-/// chosen: the tolerance of stereo cameras in data sheets at 2 m; a page fitted to the margins is 3 to
-/// 6 % smaller
+/// Largest accepted relative difference between the board's printed size and its size by depth; beyond it,
+/// depth gives the lengths. chosen: the tolerance of stereo cameras in data sheets at 2 m; a page fitted to
+/// the margins is 3 to 6 % smaller
 const LARGEST_OFF: f64 = 0.02;
-/// Largest motion of a resting board against still surfaces between states: meters, and radians.
-/// tuned: still surfaces brought states together within 3 mm in shared/bags, and errors up to
-/// as much are corrected afterwards (docs/method.md 2.8)
+/// Largest motion of a resting board relative to still surfaces between states: meters, and radians.
+/// tuned: still surfaces brought states together within 3 mm in shared/bags, and errors up to as much are
+/// corrected afterwards (docs/method.md 2.8)
 const MOVED: [f64; 2] = [0.010, 0.02];
-/// Tilt of a board against the plane under the object from which there is a warning, radians.
+/// Tilt of a board relative to the plane under the object from which there is a warning, radians.
 /// chosen: normals of a plane by depth with a warp of 0.4 % of the range, over a third of it
 const TILTED_RAD: f64 = 0.035;
-/// ... and tilt from which the board stands on its own, against a wall or on a slope, radians.
+/// Tilt from which the board does not lie on that plane, but against a wall or on a slope, radians.
 /// chosen: nobody calls 20 deg level
 const STANDS_RAD: f64 = 0.35;
-/// The same against the upward direction by images, held level to tens of degrees; radians.
+/// The same relative to the up direction from images, which is uncertain by tens of degrees; radians.
 /// chosen: about two deviations of this direction
 const STANDS_BY_IMAGES_RAD: f64 = 1.0;
 
-/// Where the maps of states lie on boards; `None` where no state shows one often enough.
+/// Poses of the states' maps on boards; `None` if no state shows a board often enough.
 pub(super) fn places(tracked: &[TrackedState], stop: &Stop) -> Result<Option<Places>, Stopped> {
     let views: Vec<Vec<BoardInView<'_>>> = tracked.iter().map(in_view).collect();
     let ratios: Vec<f64> = views.iter().flatten().filter_map(|v| v.sighting.depth_ratio).collect();
@@ -42,7 +42,7 @@ pub(super) fn places(tracked: &[TrackedState], stop: &Stop) -> Result<Option<Pla
     Ok(of_state.iter().any(Option::is_some).then_some(Places { of_state, scale }))
 }
 
-/// The views of a state with its most frequent paper.
+/// The views of a state that show its most frequent board.
 fn in_view(state: &TrackedState) -> Vec<BoardInView<'_>> {
     let posed = state.track.poses.iter().zip(&state.boards);
     let views: Vec<BoardInView<'_>> = posed
@@ -55,22 +55,22 @@ fn in_view(state: &TrackedState) -> Vec<BoardInView<'_>> {
     views.into_iter().filter(|v| Some(v.sighting.paper) == most).collect()
 }
 
-/// Where the maps of states lie on a board.
+/// Poses of the states' maps on a board.
 pub(super) struct Places {
-    /// Of every state; `None` where it shows no board often enough.
+    /// Pose in every state; `None` if it does not show the board often enough.
     of_state: Vec<Option<BoardPlace>>,
-    /// Lengths on the board over those of the maps, and the standard deviation of this ratio.
+    /// Ratio of lengths on the board to those in the maps, and its standard deviation.
     scale: [f64; 2],
 }
 
 impl Places {
-    /// Takes the map of a state, stretched by `scale`, onto the board; `None` where the state shows no board.
+    /// Pose of a state's map, scaled by `scale`, on the board; `None` if the state shows no board.
     fn board_from_map(&self, state: usize, scale: f64) -> Option<Pose> {
         Some(pose_scaled(&self.of_state[state].as_ref()?.board_from_map, scale / self.scale[0]))
     }
 }
 
-/// Takes the map of a later state, stretched by `scale`, into the first one's map.
+/// Pose of a later state's map, scaled by `scale`, in the first state's map.
 fn first_from_map(
     aligned: &[Result<(Pose, f64), Unaligned>],
     state: usize,
@@ -82,8 +82,8 @@ fn first_from_map(
     }
 }
 
-/// The world of the board, or one upright with its length; adds notes and warnings. `aligned` holds of every
-/// state but the first its pose in the first one's map.
+/// The world frame of the board, or an upright one with the board's scale; adds notes and warnings. For every
+/// state but the first, `aligned` is its pose in the first one's map.
 ///
 /// # Errors
 /// [`CaptureError::StatesUnaligned`] where a state shows neither a board nor still surfaces.
@@ -94,7 +94,7 @@ pub(super) fn board_worlds(
     [notes, warnings]: [&mut Vec<Note>; 2],
 ) -> Result<Worlds, CaptureError> {
     let trusted = (places.scale[0] - 1.0).abs() <= LARGEST_OFF;
-    // Lengths of the world over those of the maps.
+    // Ratio of lengths in the world to those in the maps.
     let scale = if trusted { places.scale[0] } else { 1.0 };
     for (state, place) in places.of_state.iter().enumerate() {
         notes.extend(place.as_ref().map(|p| seen(state, p, tracked[state].boards.len())));

@@ -1,8 +1,8 @@
 //! The stage `capture`: from paths to frames of the object in one world.
 //!
-//! Its steps, a file each: `read` the recordings, `track` the camera where they hold no poses, `place` its
-//! ways in one world, correct the `poses`, isolate and put right the `object`. Every step asks whether to
-//! stop and counts its finished views.
+//! Its steps, each in a file: `read` the recordings, `track` the camera if they have no poses, `place` its
+//! trajectories in one world, correct the `poses`, isolate and clean up the `object`. Every step checks
+//! whether to stop and counts its finished views.
 
 mod ahead;
 mod board_world;
@@ -32,16 +32,15 @@ use io::{Source, open_keyframes, open_start_end};
 
 pub use ahead::work_ahead;
 
-/// Steps of kept frames after decoding.
+/// Number of steps that kept frames pass after decoding.
 const STEPS_OF_FRAMES: usize = 4;
 
-/// Opens paths: a bag a state, a folder with `state0`, `state1`, ..., one bag with both states, or a dataset
-/// folder. Every frame of the result has a mask, and each state has at least one frame with depth on the
-/// object. `seed` is the run's; the search for background planes draws from it. Work done
-/// `ahead` changes the time alone.
+/// Opens paths: a bag per state, a folder with `state0`, `state1`, ..., one bag with both states, or a
+/// dataset folder. Every frame of the result has a mask, and each state has at least one frame with depth on
+/// the object. `seed` is the run's, from which the search for background planes draws. Work done `ahead` only
+/// makes it faster.
 ///
-/// # Errors
-/// [`CaptureError`]; see its variants. Degradations stand in [`Capture::warnings`].
+/// # Errors [`CaptureError`]; see its variants. Degradations are in [`Capture::warnings`].
 pub fn open(
     sources: &[PathBuf],
     config: &CaptureConfig,
@@ -69,9 +68,9 @@ pub fn open(
     read::check_states_differ(&capture)?;
     let frames = capture.states.iter().map(Vec::len).sum();
     steps.expects(STEPS_OF_FRAMES * frames);
-    // The noise first (2.8): all gates behind it are multiples of it.
+    // Noise comes first (2.8): all later gates are multiples of it.
     measure_noise(&mut capture, config, &steps.stop)?;
-    // Poses before isolation: it puts the points of all frames together.
+    // Poses before isolation, which combines the points of all frames.
     if config.refine_poses == RefinePoses::Auto {
         corrected(&mut capture, ahead, &steps.stop)?;
     }
@@ -95,11 +94,10 @@ pub fn open(
 /// Poses of the optical frame by stamp, nanoseconds, in the order of time.
 pub type Trajectory = Vec<(i64, Pose)>;
 
-/// The camera's way through each state, tracked by its images, whether or not poses were
-/// recorded; and notes, then warnings, about it. Of bags, one a state.
+/// The camera's trajectory through each state, tracked by its images whether or not poses were recorded; and
+/// notes, then warnings, about it. The paths must be bags, one per state.
 ///
-/// # Errors
-/// Those of [`open`].
+/// # Errors Those of [`open`].
 pub fn track_camera(
     sources: &[PathBuf],
     config: &CaptureConfig,
@@ -110,7 +108,7 @@ pub fn track_camera(
     let config = &CaptureConfig { tracking: TrackCamera::Always, ..config.clone() };
     let paths = match Source::of(sources)? {
         Source::States(paths) => paths,
-        // A way of its own, whatever states it shows.
+        // One trajectory, whatever states it shows.
         Source::Both(path) => vec![path],
         _ => {
             let why = "bags are tracked, one a state";

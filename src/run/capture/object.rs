@@ -1,4 +1,4 @@
-//! The object isolated, its depth denoised, holes in it filled by color.
+//! Isolates the object, denoises its depth, and fills holes in it from color.
 
 use rayon::prelude::*;
 
@@ -17,7 +17,7 @@ pub(super) fn isolated(
     isolate(capture, config, &mut stage_rng(seed, "capture/isolate", 0), stop)
 }
 
-/// Takes the noise off the object's depth.
+/// Removes noise from the object's depth.
 pub(super) fn denoised(capture: &mut Capture, stop: &Stop) -> Result<(), CaptureError> {
     let noise = capture.noise;
     let frames = capture.states.par_iter_mut().flat_map(|frames| frames.par_iter_mut());

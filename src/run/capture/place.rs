@@ -1,5 +1,4 @@
-//! The views of all states with their poses in one world: the recorded ones, or those of a tracked
-//! camera.
+//! Gives the views of all states poses in one world: the recorded ones, or those of a tracked camera.
 
 use std::collections::BTreeMap;
 
@@ -19,7 +18,7 @@ use common::stop::{Stop, Stopped};
 use geometry::Pose;
 use io::Views;
 
-/// Tracks the camera where recordings hold no poses, and places its views in one world.
+/// Tracks the camera if the recordings have no poses, and places its views in one world.
 ///
 /// # Errors
 /// [`CaptureError::NotTracked`] and [`CaptureError::StatesUnaligned`]; those of the decoding.
@@ -67,7 +66,7 @@ pub(super) fn posed(
     Ok(())
 }
 
-/// Gives tracked views of a state their poses in the world, and their depth its length.
+/// Gives tracked views of a state their poses in the world, and scales their depth to it.
 fn give_poses(
     capture: &mut Capture,
     views: &mut Views,
@@ -91,18 +90,18 @@ fn give_poses(
     capture.warnings.extend(warnings);
 }
 
-/// Where the maps of states lie in the world of the twin.
+/// Poses of the states' maps in the world of the twin.
 pub(super) struct Worlds {
-    /// From every state's map at its length in the world.
+    /// Pose of every state's map, at its scale, in the world.
     pub from_maps: Vec<Pose>,
-    /// Lengths in the world over those of the maps, and over those of depth.
+    /// Ratio of lengths in the world to those in the maps and those of depth.
     pub scale: f64,
-    /// The board of this world.
+    /// The board that defines this world, if any.
     pub board: Option<BoardInWorld>,
 }
 
 impl Worlds {
-    /// At the lengths of depth, and of no board.
+    /// Worlds at the scale of depth, without a board.
     pub fn of_maps(from_maps: Vec<Pose>) -> Self {
         Self { from_maps, scale: 1.0, board: None }
     }
@@ -119,7 +118,7 @@ pub(super) fn unaligned(state: usize, why: &Unaligned) -> CaptureError {
     CaptureError::StatesUnaligned { state, reason }
 }
 
-/// The world of the twin: a board's, where one is seen often enough, or state 0's, upright.
+/// The world of the twin: that of a board, if one is seen often enough, else that of state 0, upright.
 ///
 /// # Errors
 /// [`CaptureError::StatesUnaligned`] where nothing stands still between states.

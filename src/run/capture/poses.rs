@@ -1,4 +1,4 @@
-//! Camera poses corrected, with the errors of the depth sensor.
+//! Corrects camera poses together with the errors of the depth sensor.
 
 use std::fmt::Display;
 
@@ -30,7 +30,7 @@ pub(super) fn corrected(capture: &mut Capture, ahead: &Ahead, stop: &Stop) -> Re
     Ok(())
 }
 
-/// Warnings about more than the expected errors of poses and sensors.
+/// Warnings about errors of poses and sensors that exceed the expected ones.
 fn beyond_expected(poses: &PoseFindings) -> Vec<Note> {
     let mut notes = Vec::new();
     for (state, found) in poses.agreement.iter().enumerate() {
@@ -68,7 +68,7 @@ fn beyond_expected(poses: &PoseFindings) -> Vec<Note> {
     notes
 }
 
-/// The note of a state with poses as far off as the search for their correction goes.
+/// The note on a state whose poses are as far off as the search for corrections reaches.
 fn far_off(state: usize) -> Note {
     Note::new(
         NoteCode::PosesFarOff,
@@ -79,7 +79,7 @@ fn far_off(state: usize) -> Note {
     )
 }
 
-/// The note of a state with poses of another time or another scene than its images; `None` where they agree.
+/// The note on a state whose poses belong to another time or scene than its images; `None` if they agree.
 fn disagreement(state: usize, found: &PoseAgreement) -> Option<Note> {
     let share = 100.0 * found.share;
     if let Some([delay_s, with_delay]) = found.delay {
@@ -116,7 +116,7 @@ fn older(delay_s: f64) -> &'static str {
     if delay_s > 0.0 { "older" } else { "younger" }
 }
 
-/// A warning about frames of several cameras: these share no errors.
+/// A warning about frames from several cameras, which share no errors.
 fn several_sensors(states: &[Vec<RgbdFrame>]) -> Option<Note> {
     let cameras = cameras(states.iter().flatten());
     (cameras.len() > 1).then(|| {

@@ -1,4 +1,4 @@
-//! Recordings read: from paths to views, and from views to frames.
+//! Reads recordings: from paths to views, and from views to frames.
 
 use std::path::PathBuf;
 
@@ -8,7 +8,7 @@ use common::note::{Note, NoteCode};
 use common::stop::Stop;
 use io::{Decoded, Recording, Source, views_kept};
 
-/// A recording with its states: their numbers, and the numbers of their views.
+/// A recording with the indices of its states, and of the views of each.
 pub(super) struct RecordedStates {
     pub recording: Recording,
     pub states: Vec<(usize, Vec<usize>)>,
@@ -25,7 +25,7 @@ pub(super) fn of_sources(
 ) -> Result<Vec<RecordedStates>, CaptureError> {
     match source {
         Source::States(paths) => {
-            // Refused, not ignored: somebody meant one of the two.
+            // Refused, not ignored: the user must have meant one of the two.
             if !config.split_secs.is_empty() || config.topics.marker.is_some() {
                 return Err(CaptureError::Split {
                     reason: format!(
@@ -54,7 +54,7 @@ pub(super) fn each_a_state(
     for (state, path) in paths.iter().enumerate() {
         recordings.push(Recording::open(path, config, state, stop)?);
     }
-    // All states or none: poses of one say nothing of another state's map.
+    // All states are tracked or none: recorded poses do not relate to another state's map.
     let is_tracked = recordings.iter().any(|r| r.views.are_untracked());
     let mut recorded = Vec::new();
     for (state, mut recording) in recordings.into_iter().enumerate() {
@@ -141,7 +141,7 @@ fn push_frame(capture: &mut Capture, state: usize, mut frame: RgbdFrame) {
     capture.states[state].push(frame);
 }
 
-/// Refuses one recording given for two states: noise makes images of two recordings differ. Tracked
+/// Refuses one recording given for two states: because of noise, the images of two recordings differ. Tracked
 /// poses differ by the motion between the states.
 pub(super) fn check_states_differ(capture: &Capture) -> Result<(), CaptureError> {
     let tracked = !capture.tracking.is_empty();

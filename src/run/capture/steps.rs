@@ -1,4 +1,4 @@
-//! How far the stage is, and whether it is to stop.
+//! Progress of the stage, and whether it should stop.
 
 use crate::{Event, Monitor};
 use common::stop::Stop;
@@ -16,12 +16,12 @@ impl<'a> Steps<'a> {
         Self { monitor, stop: monitor.stop(), done: 0, total: 0 }
     }
 
-    /// So many are to come, whatever was expected before.
+    /// Sets how many views are still to come, whatever was expected before.
     pub fn expects(&mut self, views: usize) {
         self.total = self.done + views;
     }
 
-    /// Views went through a step.
+    /// Counts views that passed a step.
     pub fn did(&mut self, views: usize) {
         self.done += views;
         let total = self.total.max(self.done);

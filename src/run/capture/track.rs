@@ -1,4 +1,4 @@
-//! The camera tracked through recordings without poses: their views go through a tracker, some at a time.
+//! Tracks the camera through recordings without poses: their views go through a tracker, some at a time.
 
 use std::{fs, path::PathBuf};
 
@@ -15,8 +15,8 @@ use common::note::{Note, NoteCode};
 use common::stop::{Stop, Stopped};
 use io::Recording;
 
-/// Key of the camera's way through a state, from the files of its recording as they are now; `None` where one
-/// is gone.
+/// Key of the camera's trajectory through a state, from the files of its recording as they are now; `None` if
+/// one is gone.
 pub(super) fn tracked_key(files: &[PathBuf], config: &CaptureConfig, state: usize, seed: u64) -> Option<Key> {
     let mut facts = Fingerprint::default().with("seed", seed).with_settings("capture", config).ok()?;
     for path in files {
@@ -28,7 +28,7 @@ pub(super) fn tracked_key(files: &[PathBuf], config: &CaptureConfig, state: usiz
     Some(facts.key(&format!("track/state{state}")))
 }
 
-/// A state with the seed of the run.
+/// A state, with the seed of the run.
 #[derive(Clone, Copy)]
 pub(super) struct StateSeed {
     /// Number of the state.
@@ -37,10 +37,10 @@ pub(super) struct StateSeed {
     pub seed: u64,
 }
 
-/// Tracks the camera through some views of a recording, in the order of time; `passed` hears of every view.
+/// Tracks the camera through some views of a recording, in the order of time; `passed` is called with every
+/// view.
 ///
-/// # Errors
-/// Those of the decoding; [`CaptureError::NotTracked`] where no two views hang together.
+/// # Errors Those of decoding; [`CaptureError::NotTracked`] if no two views can be connected.
 pub(super) fn track(
     recording: &Recording,
     of_state: &[usize],
@@ -103,7 +103,7 @@ pub(super) fn track(
     Ok(TrackedState { track, views: seen, boards, notes, warnings })
 }
 
-/// A view as the tracker sees it.
+/// A view prepared for the tracker.
 struct LookedAt {
     view: usize,
     board: Option<BoardSighting>,

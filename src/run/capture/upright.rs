@@ -1,9 +1,9 @@
-//! Notes on the direction upwards of a tracked recording.
+//! Notes on the up direction of a tracked recording.
 
 use ::capture::{Track, UpBy, Upright};
 use common::note::{Note, NoteCode};
 
-/// The world of a tracked state, with notes, then warnings, about its direction upwards.
+/// The world of a tracked state; adds notes and warnings about its up direction.
 pub(super) fn upright_of(track: &Track, notes: &mut Vec<Note>, warnings: &mut Vec<Note>) -> Upright {
     let upright = track.upright_world();
     match &track.measured_up {

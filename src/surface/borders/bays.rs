@@ -7,31 +7,31 @@ use crate::TriangleMesh;
 /// A bay's mouth is no wider than this, voxels.
 /// tuned: made and recorded objects (docs/method.md 16): teeth and lace leave such bays
 const MAX_MOUTH: f64 = 4.0;
-/// A bay's rim is at least so many times as long as its mouth.
-/// derived: the least of a bay half as deep as wide
+/// A bay's rim is at least this many times as long as its mouth. derived: the ratio of a bay half as deep as
+/// wide
 const LEAST_RIM: f64 = 2.0;
 /// The rim of a bay is no longer than this, voxels.
 /// tuned: made and recorded objects (docs/method.md 16): the rim of a bay twice as deep as the widest hole
 const MAX_RIM: f64 = 30.0;
-/// Cost of a mouth per length, to set against the length of its rim.
-/// tuned: made and recorded objects (docs/method.md 16); more than 1: it spans no straight rim
+/// Cost of a mouth per length, to set against the length of its rim. tuned: made and recorded objects
+/// (docs/method.md 16); above 1, so that no mouth spans a straight rim
 const COST: f64 = 1.5;
-/// So far behind the mouth, along the rim at both sides, the rim must stand apart by as much more, voxels.
-/// tuned: made and recorded objects (docs/method.md 16). The end of a slot, such as a gap beside a door, does
-/// not open and is no bay
+/// Distance behind the mouth, along the rim at both sides, after which the two sides of a bay must have
+/// opened by as much more, voxels. tuned: made and recorded objects (docs/method.md 16). The end of a slot,
+/// such as a gap beside a door, does not open and is no bay
 const OPENING: f64 = 3.0;
 
 /// A narrow bay of a rim.
 pub(super) struct Bay {
     /// Length of its rim less the cost of its mouth, meters.
     saved_m: f64,
-    /// Place in the rim of its first vertex.
+    /// Index in the rim of its first vertex.
     pub from: usize,
-    /// Sides of its rim.
+    /// Number of sides of its rim.
     pub sides: usize,
 }
 
-/// The deepest bay from each vertex of a rim; those with the longest saved rim come first. `normals` are
+/// The deepest bay from each vertex of a rim, sorted by the saved length of rim, largest first. `normals` are
 /// those of the mesh's vertices.
 pub(super) fn bays_of_rim(
     mesh: &TriangleMesh,
@@ -56,7 +56,7 @@ fn deepest_bay(points: &[Point3<f64>], normals: &[Vector3<f64>], from: usize, vo
     // Twice the area within the rim so far.
     let mut area = Vector3::zeros();
     let mut best: Option<Bay> = None;
-    // A bay leaves one side of the rim at least.
+    // A bay leaves at least one side of the rim.
     while sides + 2 < n {
         let p = points[(from + sides) % n];
         let q = points[(from + sides + 1) % n];
@@ -73,7 +73,7 @@ fn deepest_bay(points: &[Point3<f64>], normals: &[Vector3<f64>], from: usize, vo
             && mouth <= MAX_MOUTH * voxel_m
             && length >= LEAST_RIM * mouth
             && area.dot(&normal) < 0.0;
-        // A mouth is no gain where it grows along a straight rim.
+        // A mouth that grows along a straight rim must gain nothing.
         let saved_m = length - COST * mouth;
         let is_deeper = best.as_ref().is_none_or(|least| saved_m > least.saved_m);
         if is_bay && is_deeper && opens_behind(points, from, sides, OPENING * voxel_m) {
@@ -83,7 +83,7 @@ fn deepest_bay(points: &[Point3<f64>], normals: &[Vector3<f64>], from: usize, vo
     best
 }
 
-/// Whether a rim behind the mouth of a bay stands apart by `opening_m` more than there, as far along it.
+/// Whether the two sides of a rim, `opening_m` behind the mouth of a bay, are farther apart by as much.
 fn opens_behind(points: &[Point3<f64>], from: usize, sides: usize, opening_m: f64) -> bool {
     let n = points.len();
     let to = (from + sides) % n;
@@ -93,8 +93,8 @@ fn opens_behind(points: &[Point3<f64>], from: usize, sides: usize, opening_m: f6
     (a - b).norm() >= (points[from] - points[to]).norm() + opening_m
 }
 
-/// The first point at least `length_m` along a closed rim from `start`, in strides of `step` places; `None`
-/// where it takes `most_sides` or more.
+/// The first point at least `length_m` from `start` along a closed rim, in strides of `step` vertices; `None`
+/// where this takes `most_sides` or more.
 fn point_along(
     points: &[Point3<f64>],
     start: usize,

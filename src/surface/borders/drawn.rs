@@ -1,4 +1,4 @@
-//! Rims drawn out to where the depth readings of a surface end.
+//! Moves rims to where the depth readings of a surface end.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -8,24 +8,23 @@ use crate::TriangleMesh;
 use capture::{NoiseConfig, RgbdFrame};
 use geometry::Pose;
 
-/// A rim is looked for from here within the surface to there beyond it, voxels.
+/// Range of the search for a rim along the way out of the surface, voxels: from within it to beyond it.
 /// chosen: marching cubes want eight known corners: a surface ends up to two voxels before its readings, and
 /// a node is known up to one beyond them
 pub(super) const SEARCH: [f64; 2] = [-1.5, 3.0];
-/// Steps of that, voxels.
-/// chosen: finer than half a pixel of usual recordings
+/// Step of the search, voxels. chosen: finer than half a pixel of usual recordings
 const STEP: f64 = 0.25;
-/// Radius of the surface for a vertex's outward direction, voxels.
-/// tuned: made and recorded objects (docs/method.md 16); more than a tooth
+/// Radius of the surface that gives a vertex its outward direction, voxels. tuned: made and recorded objects
+/// (docs/method.md 16); more than a tooth
 const AROUND: f64 = 3.0;
-/// Readings at a smaller cosine tell little about the end of a surface.
-/// chosen: their pixels are twice as long on the surface
+/// Readings at a smaller cosine of incidence tell little about the end of a surface. chosen: their pixels are
+/// twice as long on the surface
 const MIN_COSINE: f64 = 0.5;
-/// Most deviations of a reading from the surface.
-/// chosen: one in 370 of a normal distribution is farther
+/// A reading is of the surface within this many standard deviations. chosen: one in 370 of a normal
+/// distribution is farther
 const OF_SURFACE: f64 = 3.0;
 
-/// Depth of a state, and where the mesh stood in it.
+/// A depth frame of a state, and the pose of the mesh in it.
 #[derive(Clone, Copy)]
 pub struct DepthView<'a> {
     /// Depth, mask and camera.
@@ -36,7 +35,7 @@ pub struct DepthView<'a> {
     pub state: usize,
 }
 
-/// Evidence of a recording about places around a mesh.
+/// What a recording shows of the places around a mesh.
 pub struct Readings<'a> {
     /// Frames of all states, those of a state together.
     pub views: &'a [DepthView<'a>],
@@ -46,8 +45,8 @@ pub struct Readings<'a> {
     pub is_seen_empty: &'a (dyn Fn(&Point3<f64>) -> bool + Sync),
 }
 
-/// Moves of the vertices of all loops to where the readings end, within the surface; `None` where no reading
-/// shows an end.
+/// Displacements, within the surface, of the vertices of all loops to where the readings end; `None` where no
+/// reading shows an end.
 pub(super) fn drawn_out(
     mesh: &TriangleMesh,
     normals: &[Vector3<f64>],
@@ -73,7 +72,7 @@ pub(super) fn drawn_out(
     moves
 }
 
-/// A way out of a surface, within its plane.
+/// A direction out of a surface at its border, within the surface's plane.
 struct Way {
     place: Point3<f64>,
     outward: Vector3<f64>,
@@ -82,7 +81,7 @@ struct Way {
 }
 
 impl Way {
-    /// The way from a border vertex away from the surface around it; `None` where it has no direction.
+    /// The way from a border vertex away from the surface around it; `None` where no direction is defined.
     fn out_of(
         mesh: &TriangleMesh,
         normals: &[Vector3<f64>],
@@ -106,8 +105,8 @@ impl Way {
 }
 
 impl Readings<'_> {
-    /// Distance along the way to the end of the surface, meters: the middle of a state's views, the nearest
-    /// of the states with an end.
+    /// Distance along the way to the end of the surface, meters: the median over the views of a state, and
+    /// the nearest over the states that saw an end.
     fn end_m(&self, way: &Way) -> Option<f64> {
         let mut end_m = f64::INFINITY;
         for state in self.views.chunk_by(|a, b| a.state == b.state) {
@@ -117,7 +116,7 @@ impl Readings<'_> {
                 end_m = end_m.min(ends[ends.len() / 2]);
             }
         }
-        // A surface that goes on into empty space or another part is not the rim of this one.
+        // A surface that continues into empty space or another part has no rim here.
         let step_m = STEP * way.voxel_m;
         let slack_m = 0.5 * way.voxel_m;
         let mut steps = (1..)
@@ -127,7 +126,7 @@ impl Readings<'_> {
         (end_m.is_finite() && is_open).then_some(end_m)
     }
 
-    /// The same in one view: infinite where its readings go on, `None` where it does not show the surface.
+    /// The same in one view: infinite where its readings continue, `None` where it does not show the surface.
     fn end_of_view_m(&self, view: &DepthView, way: &Way) -> Option<f64> {
         let frame = view.frame;
         let camera_from_mesh = frame.world_from_camera.inverse() * view.world_from_mesh;
@@ -153,7 +152,7 @@ impl Readings<'_> {
         }
     }
 
-    /// Whether a frame's reading is of the surface at a point of its camera.
+    /// Whether a frame's readings at a point (optical frame) are of the surface there.
     fn show_surface(&self, frame: &RgbdFrame, p: &Point3<f64>, voxel_m: f64) -> bool {
         let Some(pixel) = frame.intrinsics.pixel_of(p) else { return false };
         let measured_m = f64::from(frame.depth_m[pixel]);

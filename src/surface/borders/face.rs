@@ -10,17 +10,16 @@ use crate::TriangleMesh;
 /// A gap is no wider than this, voxels.
 /// tuned: made and recorded objects (docs/method.md 16); a twentieth of the object at the default resolution
 const MAX_WIDTH: f64 = 12.0;
-/// The surface around is examined up to half of the gap's width, and at least up to here, voxels.
-/// tuned: made and recorded objects (docs/method.md 16)
+/// The surface around is examined up to half the gap's width from it, and at least this far, voxels. tuned:
+/// made and recorded objects (docs/method.md 16)
 const LEAST_MARGIN: f64 = 2.0;
-/// Root mean square distance of the surface around from its plane, voxels.
-/// chosen: half a voxel is the error of a rim's place anyway, and a surface with an even bend lies as near
-/// inside
+/// Largest root mean square distance of the surface around from its plane, voxels. chosen: a rim's place is
+/// uncertain by half a voxel anyway, and an evenly bent surface deviates as little inside the gap
 const MAX_RMS: f64 = 0.5;
-/// The vertices of the rim itself are no farther from the plane, voxels. chosen: three times [`MAX_RMS`]
+/// Largest distance of the rim's own vertices from the plane, voxels. chosen: three times [`MAX_RMS`]
 const MAX_STEP: f64 = 1.5;
-/// Length of the mean of unit normals around, weighted by area.
-/// tuned: made and recorded objects (docs/method.md 16); about a right angle it is 0.71
+/// Least length of the area-weighted mean of the unit normals around. tuned: made and recorded objects
+/// (docs/method.md 16); at a right angle it is 0.71
 const MIN_AGREEMENT: f64 = 0.75;
 
 /// The plane of a face around a gap.
@@ -31,9 +30,10 @@ pub(super) struct Face {
 }
 
 impl Face {
-    /// The face around a rim of vertices with the surface on its left; the side from its last vertex to the
-    /// first may be missing. `triangles` are those at each vertex. `None` where the rim is too wide or goes
-    /// around surface in place of a gap, and where the surface around it is not flat or less than the gap.
+    /// The plane of the face around a rim, given as vertices with the surface on their left; the side from
+    /// the last vertex to the first may be missing. `triangles` are those at each vertex. `None` where the
+    /// rim is too wide, encloses surface instead of a gap, or the surface around it is not flat or smaller
+    /// than the gap.
     pub(super) fn around_rim(
         mesh: &TriangleMesh,
         rim: &[u32],
@@ -73,7 +73,7 @@ impl Face {
         (gap_m2 > 0.0 && gap_m2 <= area_m2).then_some(face)
     }
 
-    /// A point in the plane.
+    /// A point's coordinates in the plane.
     pub(super) fn in_plane(&self, p: &Point3<f64>) -> Point2<f64> {
         let d = p - self.middle;
         Point2::new(d.dot(&self.along[0]), d.dot(&self.along[1]))

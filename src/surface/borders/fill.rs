@@ -1,4 +1,4 @@
-//! Gaps in flat faces, filled where nothing was seen through them.
+//! Fills gaps in flat faces where no view saw through them.
 
 use std::collections::BTreeSet;
 
@@ -11,10 +11,10 @@ use super::{
 };
 use crate::TriangleMesh;
 
-/// A fill is examined at points no farther apart, voxels. derived: half of a grid's resolution
+/// Largest distance between the examined points of a fill, voxels. derived: half of a grid's resolution
 const SAMPLE_STEP: f64 = 0.5;
 
-/// Whether views saw an empty place at a point (meters).
+/// Whether views saw empty space at a point (meters).
 pub(super) type SeenEmpty<'a> = &'a dyn Fn(&Point3<f64>) -> bool;
 
 /// New triangles in gaps of a mesh.
@@ -49,9 +49,9 @@ impl<'a> Fill<'a> {
         Self { mesh, neighbors, reach, around, voxel_m, is_seen_empty, taken, triangles }
     }
 
-    /// Fills the gap within a rim with the surface on its left; from its last vertex to the first goes a side
-    /// of the border or, with `is_bay`, a new one. Whether it was filled: not where `others`, vertices of the
-    /// border, lie in it, where the face is not flat, or where a point of it was seen empty.
+    /// Fills the gap within a rim with the surface on its left. From its last vertex to the first runs a side
+    /// of the border or, with `is_bay`, a new one. Returns whether it was filled: not where `others`,
+    /// vertices of the border, lie in it, where the face is not flat, or where a point of it was seen empty.
     pub(super) fn fill_gap(&mut self, rim: &[u32], is_bay: bool, others: impl Iterator<Item = u32>) -> bool {
         let mesh = self.mesh;
         if is_bay && self.has_side(rim[0], rim[rim.len() - 1]) {
@@ -60,7 +60,7 @@ impl<'a> Fill<'a> {
         let Some(face) = Face::around_rim(mesh, rim, &mut self.reach, &self.around, self.voxel_m) else {
             return false;
         };
-        // Turned around: the new triangles lie on the other side.
+        // Reversed: the new triangles lie on the other side of the rim.
         let at = |k: usize| rim[rim.len() - 1 - k];
         let position = |v: u32| mesh.vertices[v as usize].cast::<f64>();
         let flat: Vec<Point2<f64>> = (0..rim.len()).map(|k| face.in_plane(&position(at(k)))).collect();
@@ -91,7 +91,7 @@ impl<'a> Fill<'a> {
 fn points_of_triangle(corners: &[Point3<f64>; 3], step_m: f64) -> impl Iterator<Item = Point3<f64>> + use<> {
     let [a, b, c] = *corners;
     let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
-    // No gap is wider than some voxels.
+    // No gap is wider than a few voxels.
     let n = ((longest / step_m).ceil() as usize).clamp(1, 64);
     (0..n).flat_map(move |i| {
         (0..n - i).map(move |j| {

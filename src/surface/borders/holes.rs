@@ -1,4 +1,4 @@
-//! Holes in flat faces and narrow bays of their borders.
+//! Closes holes in flat faces and narrow bays of their borders.
 
 use nalgebra::Vector3;
 
@@ -11,7 +11,7 @@ use super::{
 };
 use crate::vertex_normals;
 
-/// Closes the holes and bays of a sheet; how many.
+/// Closes the holes and bays of a sheet; returns their number.
 pub(super) fn close_holes(sheet: &mut Sheet, voxel_m: f64, is_seen_empty: SeenEmpty<'_>) -> usize {
     let mesh = &sheet.mesh;
     let Some(loops) = border_loops(mesh) else { return 0 };

@@ -4,7 +4,7 @@ use crate::{TriangleMesh, edges::sides_by_vertex};
 
 /// The border as closed loops, each with the surface on its left seen from outside; no loop passes a vertex
 /// twice. `None` where two triangles have the same side in the same direction: such a mesh has no clear
-/// border. Loops stand in the order of their ends along the walk, which begins at the lowest vertex.
+/// border. Loops are in the order in which the walk, begun at the lowest vertex, closes them.
 #[must_use]
 pub(super) fn border_loops(mesh: &TriangleMesh) -> Option<Vec<Vec<u32>>> {
     let sides = sides_by_vertex(mesh);
@@ -13,8 +13,8 @@ pub(super) fn border_loops(mesh: &TriangleMesh) -> Option<Vec<Vec<u32>>> {
     }
     let all = sides.all().flat_map(|(p, ends)| ends.iter().map(move |q| (p, *q)));
     let open: Vec<(u32, u32)> = all.filter(|&(p, q)| !sides.list_at(q).contains(&p)).collect();
-    // As many open sides begin at a vertex as end there: every triangle brings one of each, and so does every
-    // pair taken away. So every walk along unused ones comes back.
+    // As many open sides begin at a vertex as end there: every triangle contributes one of each, and every
+    // removed pair takes one of each away. So every walk along unused sides returns to its start.
     let mut used = vec![false; open.len()];
     let mut place = vec![usize::MAX; mesh.vertices.len()];
     let mut loops = Vec::new();
@@ -35,7 +35,7 @@ pub(super) fn border_loops(mesh: &TriangleMesh) -> Option<Vec<Vec<u32>>> {
                 place[to as usize] = path.len();
                 path.push(to);
             } else {
-                // Back at a vertex of the path: the vertices between are a loop of their own.
+                // Back at a vertex of the path: the vertices since then are a loop of their own.
                 let closed = path.split_off(back);
                 closed.iter().for_each(|&v| place[v as usize] = usize::MAX);
                 loops.push(closed);

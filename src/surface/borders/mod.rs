@@ -1,5 +1,5 @@
-//! Borders of an open mesh mended: shreds taken off, small holes closed, rims drawn out to where the readings
-//! end and straightened. See docs/method.md 9.1.
+//! Mends the borders of an open mesh: takes shreds off, closes small holes, moves rims to where the readings
+//! end and straightens them. See docs/method.md 9.1.
 
 mod bays;
 mod drawn;
@@ -36,18 +36,18 @@ pub struct Mended {
     pub mesh: TriangleMesh,
     /// Number of closed holes.
     pub holes: usize,
-    /// Unseen area, square meters.
+    /// Area of the closed holes, which no reading supports, square meters.
     pub assumed_m2: f64,
 }
 
-/// Rounds of closing and taking off: tuned. The first takes off shreds; then the second closes holes between
-/// them.
+/// Rounds of closing and taking off: tuned. The first removes shreds; the second can then close the holes
+/// between them.
 const ROUNDS: usize = 2;
 
-/// The mesh with mended borders: loose triangles and strips are taken off, with `close` small holes in flat
-/// faces are closed unless views saw through them, rims become straight or smooth where the `readings` end.
-/// `voxel_m` is the spacing of the mesh's grid, meters. A mesh without a border, or without a clear one,
-/// comes back as it is.
+/// The mesh with mended borders: loose triangles and strips are removed and rims become straight or smooth
+/// where the `readings` end. With `close`, small holes in flat faces are closed unless views saw through
+/// them. `voxel_m` is the spacing of the mesh's grid, meters. A mesh without a border, or without a clear
+/// one, is returned as it is.
 #[must_use]
 pub fn mend_borders(mesh: &TriangleMesh, voxel_m: f64, close: bool, readings: &Readings<'_>) -> Mended {
     if border_loops(mesh).is_none_or(|loops| loops.is_empty()) {

@@ -4,8 +4,8 @@ use nalgebra::Point3;
 
 use crate::{TriangleMesh, drop_unused_vertices};
 
-/// A flat plate normal to z of the cells that `has` says, each of side 1 m and cut in two; its origin is a
-/// corner of cell (0, 0).
+/// A flat plate normal to z, made of the cells for which `has` is true; each has sides of 1 m and two
+/// triangles. The origin is a corner of cell (0, 0).
 pub(super) fn plate(nx: u32, ny: u32, has: impl Fn(u32, u32) -> bool) -> TriangleMesh {
     let mut mesh = TriangleMesh::default();
     for y in 0..=ny {

@@ -1,12 +1,12 @@
-//! Polygons in a plane cut into triangles.
+//! Triangulates polygons in a plane.
 
 use nalgebra::Point2;
 
-/// More corners than this are refused: the cut takes time by their third power.
+/// Polygons with more corners are refused: the time grows with the third power of their number.
 const MAX_CORNERS: usize = 256;
 
-/// Triangles of a simple counter-clockwise polygon by its corners' indices, without sides between two corners
-/// with `is_taken`. `None` where sides cross or there is no such cut. Of all cuts it is the one with the
+/// Triangles of a simple counter-clockwise polygon as indices of its corners; no side joins two corners for
+/// which `is_taken` holds. `None` where sides cross or there is no such triangulation. Of all it has the
 /// least sum of longest side squared per area (dynamic programming, Klincsek 1980). Its triangles turn as the
 /// polygon does, and cover it once.
 pub(super) fn triangulate(
@@ -17,7 +17,8 @@ pub(super) fn triangulate(
     if !(3..=MAX_CORNERS).contains(&n) || sides_cross(corners) {
         return None;
     }
-    // Of the chain from corner i to corner j: the cost of cutting it off, and the third corner at its end.
+    // For the chain from corner i to corner j: the cost of cutting it off, and the third corner of its last
+    // triangle.
     let mut best = vec![(0.0, 0); n * n];
     for span in 2..n {
         for i in 0..n - span {
@@ -51,7 +52,7 @@ pub(super) fn triangulate(
 fn sliver_cost(a: &Point2<f64>, b: &Point2<f64>, c: &Point2<f64>) -> f64 {
     let longest2 = (b - a).norm_squared().max((c - b).norm_squared()).max((a - c).norm_squared());
     let area2 = twice_area(a, b, c);
-    // A height of less than 1/1000 of the longest side may turn over by rounding.
+    // Rounding may turn over a triangle with a height below 1/1000 of its longest side.
     if area2 > 1e-3 * longest2 { longest2 / area2 } else { f64::INFINITY }
 }
 

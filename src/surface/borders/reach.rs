@@ -1,4 +1,4 @@
-//! Distances along a surface, short ones.
+//! Short distances along a surface.
 
 use std::{cmp::Ordering, collections::BinaryHeap};
 
@@ -23,11 +23,11 @@ impl Neighbors {
     }
 }
 
-/// A search along the surface from some vertices; its memory serves many searches.
+/// A search along the surface from some vertices; its buffers serve many searches.
 pub(super) struct Reach<'a> {
     mesh: &'a TriangleMesh,
     neighbors: &'a Neighbors,
-    /// Distance of every vertex, infinite where the search did not come.
+    /// Distance of every vertex, meters; infinite where the search did not arrive.
     distance_m: Vec<f64>,
     reached: Vec<u32>,
 }
@@ -38,10 +38,10 @@ impl<'a> Reach<'a> {
         Self { mesh, neighbors, distance_m, reached: Vec::new() }
     }
 
-    /// Vertices with a distance of at most `limit_m` in the order of their distance. `sources` are vertices
-    /// with a start value each; a vertex takes the least start value plus straight distance of the sources
-    /// connected to it from vertex to vertex. On short ways over a smooth surface this is the way along it,
-    /// without the zigzag of the sides.
+    /// Vertices with a distance of at most `limit_m`, in the order of distance. `sources` are vertices with a
+    /// start value each. A vertex gets the least sum of a start value and the straight distance to its
+    /// source, among the sources connected to it from vertex to vertex. Over short ways on a smooth surface
+    /// this is close to the distance along it, without the zigzag of edges.
     pub(super) fn vertices_within(&mut self, sources: &[(u32, f64)], limit_m: f64) -> &[u32] {
         for v in self.reached.drain(..) {
             self.distance_m[v as usize] = f64::INFINITY;
@@ -52,7 +52,7 @@ impl<'a> Reach<'a> {
             .map(|&source| QueuedVertex { distance_m: source.1, vertex: source.0, source })
             .collect();
         while let Some(QueuedVertex { distance_m, vertex, source }) = queue.pop() {
-            // They come in the order of distance: the first one has the vertex.
+            // Entries come in the order of distance: the first one settles the vertex.
             if self.distance_m[vertex as usize].is_finite() || distance_m > limit_m {
                 continue;
             }
@@ -72,7 +72,7 @@ impl<'a> Reach<'a> {
         &self.reached
     }
 
-    /// Distance of a vertex in the last search, meters; infinite where it did not come.
+    /// Distance of a vertex in the last search, meters; infinite where the search did not arrive.
     pub(super) fn distance_m(&self, vertex: u32) -> f64 {
         self.distance_m[vertex as usize]
     }
@@ -83,12 +83,12 @@ impl<'a> Reach<'a> {
 struct QueuedVertex {
     distance_m: f64,
     vertex: u32,
-    /// Where the way began, and the start value there.
+    /// The source vertex of the way, and its start value.
     source: (u32, f64),
 }
 
 impl Ord for QueuedVertex {
-    /// The nearest is the greatest, of equally near ones the vertex with the lowest number.
+    /// The nearest is the greatest; of equally near ones, the vertex with the lowest number.
     fn cmp(&self, other: &Self) -> Ordering {
         let by_distance = other.distance_m.total_cmp(&self.distance_m);
         by_distance.then_with(|| (other.vertex, other.source.0).cmp(&(self.vertex, self.source.0)))

@@ -1,13 +1,13 @@
-//! Where the vertices of a border belong: on lines between corners, else on a smooth curve.
+//! Finds the places of border vertices: on lines between corners, else on a smooth curve.
 
 use nalgebra::{Matrix3, Point3, SMatrix, SVector, Vector3};
 
 /// A closed rim with positions along it.
 pub(super) struct Rim<'a> {
     points: &'a [Point3<f64>],
-    /// Whether each counts: others follow.
+    /// Whether each point counts in fits; the others follow.
     counts: Vec<bool>,
-    /// Length along the rim up to each point, and the whole one at the end.
+    /// Length along the rim up to each point, meters, and the total length at the end.
     length_m: Vec<f64>,
     voxel_m: f64,
 }
@@ -15,15 +15,15 @@ pub(super) struct Rim<'a> {
 /// Half the length of the fitted rim about a vertex, voxels.
 /// tuned: made and recorded objects (docs/method.md 16); three teeth of two voxels
 const WINDOW: f64 = 6.0;
-/// A corner has a smaller cosine of its change of direction.
-/// tuned: made and recorded objects (docs/method.md 16); 40 degrees
+/// At a corner the cosine of the change of direction is smaller than this. tuned: made and recorded objects
+/// (docs/method.md 16); 40 degrees
 const CORNER_COSINE: f64 = 0.77;
-/// A piece is a line if no point of it is farther from its line, voxels.
-/// tuned: made and recorded objects (docs/method.md 16); teeth of one voxel and the error of a corner
+/// A piece is a line if no point is farther from the fitted one, voxels. tuned: made and recorded objects
+/// (docs/method.md 16); teeth of one voxel and the error of a corner
 const LINE: f64 = 1.25;
 
 impl<'a> Rim<'a> {
-    /// Rim of points, some of which count.
+    /// A rim of points; `counts` says which count in fits.
     pub(super) fn new(points: &'a [Point3<f64>], counts: Vec<bool>, voxel_m: f64) -> Self {
         let mut length_m = vec![0.0];
         let mut sum = 0.0;
@@ -38,7 +38,7 @@ impl<'a> Rim<'a> {
         self.length_m[self.points.len()]
     }
 
-    /// The place of every point: `None` for a rim too short to have a direction.
+    /// The new place of every point; `None` for a rim too short to have a direction.
     pub(super) fn places_of_points(&self) -> Option<Vec<Point3<f64>>> {
         let n = self.points.len();
         if self.whole_m() < 4.0 * WINDOW * self.voxel_m {
@@ -52,7 +52,7 @@ impl<'a> Rim<'a> {
         let mut lines = Vec::with_capacity(corners.len());
         for (i, &from) in corners.iter().enumerate() {
             let to = corners[(i + 1) % corners.len()];
-            // A single corner's piece goes round.
+            // With a single corner, the piece goes all the way round.
             let count = (to + n - from - 1) % n + 1;
             let line = self.line_of_piece(from, count);
             for k in (1..count).map(|k| (from + k) % n) {
@@ -72,8 +72,8 @@ impl<'a> Rim<'a> {
         Some(places)
     }
 
-    /// Points with the greatest change of the rim's direction, from a window before to a window behind, and
-    /// by enough.
+    /// Points where the rim's direction changes enough, and most, from the window before to the window
+    /// behind.
     fn corner_points(&self) -> Vec<usize> {
         let n = self.points.len();
         let cosines: Vec<f64> = (0..n).map(|k| self.turn_cosine(k)).collect();
@@ -88,13 +88,13 @@ impl<'a> Rim<'a> {
         }
     }
 
-    /// Whether a point turns by enough, and most within its windows.
+    /// Whether the direction changes enough at a point, and nowhere more within its windows.
     fn is_corner(&self, cosines: &[f64], k: usize) -> bool {
         let rivals = self.points_in_window(k, false).chain(self.points_in_window(k, true));
         cosines[k] < CORNER_COSINE && rivals.filter(|&j| j != k).all(|j| (cosines[k], k) < (cosines[j], j))
     }
 
-    /// The points within a window before or behind a point, from it on.
+    /// The points within the window before or behind a point, from the point on.
     fn points_in_window(&self, k: usize, forward: bool) -> impl Iterator<Item = usize> {
         let n = self.points.len();
         let points = (0..n).map(move |i| if forward { (k + i) % n } else { (k + n - i) % n });
@@ -104,13 +104,13 @@ impl<'a> Rim<'a> {
         })
     }
 
-    /// Length of the rim from one point forward to another, less than all of it.
+    /// Length of the rim from one point forward to another, less than a full round, meters.
     fn length_between_m(&self, from: usize, to: usize) -> f64 {
         let d = self.length_m[to] - self.length_m[from];
         if d < 0.0 { d + self.whole_m() } else { d }
     }
 
-    /// Direction of the rim before or behind a point: the slope of a line fitted by length.
+    /// Direction of the rim before or behind a point: the slope of a line fitted over its length.
     fn direction_at(&self, k: usize, forward: bool) -> Option<Vector3<f64>> {
         let mut sums = [0.0; 2];
         let mut weight = 0.0;
@@ -139,7 +139,7 @@ impl<'a> Rim<'a> {
         2 * known > all
     }
 
-    /// Half the length of both sides at a point, its weight; 0 where it does not count.
+    /// Weight of a point: half the length of its two sides, meters; 0 where it does not count.
     fn share_m(&self, k: usize) -> f64 {
         let n = self.points.len();
         if !self.counts[k] {
@@ -149,7 +149,7 @@ impl<'a> Rim<'a> {
         0.5 * (before + (self.points[(k + 1) % n] - self.points[k]).norm())
     }
 
-    /// The line of a piece of `count` sides from a corner, if it is one.
+    /// The line fitted to a piece of `count` sides from a corner; `None` if it is not straight.
     fn line_of_piece(&self, from: usize, count: usize) -> Option<RimLine> {
         let n = self.points.len();
         let inner = || (1..count).map(|k| (from + k) % n).filter(|&k| self.counts[k]);
@@ -171,8 +171,8 @@ impl<'a> Rim<'a> {
         is_line.then_some(line)
     }
 
-    /// The place of a point on a parabola fitted to the window around it, cut at the ends of its piece (first
-    /// corner and number of sides).
+    /// The place of a point on a parabola fitted to the window around it; the window ends at the ends of its
+    /// piece (first corner and number of sides).
     fn place_on_curve(&self, k: usize, piece: Option<(usize, usize)>) -> Point3<f64> {
         let n = self.points.len();
         let mut normal = SMatrix::<f64, 3, 3>::zeros();
@@ -212,7 +212,7 @@ impl RimLine {
         self.middle + self.direction * self.direction.dot(&(p - self.middle))
     }
 
-    /// The middle between two lines where they are nearest; `None` for almost parallel lines.
+    /// The midpoint between two lines where they are nearest; `None` for almost parallel lines.
     fn meeting_point(&self, other: &Self) -> Option<Point3<f64>> {
         let u = self.direction;
         let v = other.direction;

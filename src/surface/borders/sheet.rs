@@ -2,7 +2,7 @@
 
 use crate::{TriangleMesh, drop_unused_vertices};
 
-/// A mesh without colors, with marks of its unseen triangles.
+/// A mesh without colors; its assumed triangles are marked.
 #[derive(Clone, Debug)]
 pub(super) struct Sheet {
     pub mesh: TriangleMesh,

@@ -1,4 +1,4 @@
-//! Rims straightened: border vertices move within the surface, those near them follow.
+//! Straightens rims: border vertices move within the surface, and those near them follow.
 
 use nalgebra::{Point3, Vector3};
 
@@ -11,8 +11,7 @@ use super::{
 };
 use crate::{TriangleMesh, vertex_normals};
 
-/// A vertex moves no farther than this from where the readings end, voxels.
-/// chosen: a rim's place is known to a voxel
+/// Largest move of a vertex from where the readings end, voxels. chosen: a rim's place is known to a voxel
 pub(super) const MAX_MOVE: f64 = 1.0;
 /// Vertices up to here from a rim follow it, voxels.
 /// tuned: made and recorded objects (docs/method.md 16); moves of one voxel spread over four compress
@@ -20,15 +19,15 @@ pub(super) const MAX_MOVE: f64 = 1.0;
 const FOLLOWING: f64 = 4.0;
 /// Rounds to settle the moves of vertices near a rim: tuned.
 const ROUNDS: usize = 20;
-/// Most halvings of the moves of a triangle that turns too much; then they are given up.
+/// Largest number of halvings of the moves of a triangle that turns too much; after it, they are dropped.
 const HALVINGS: usize = 6;
 
-/// A triangle turns by no more than this cosine, and keeps so much of its area: tuned.
-/// tuned: made and recorded objects (docs/method.md 16)
+/// Least cosine of a triangle's turn, and least share of its area that it keeps. tuned: made and recorded
+/// objects (docs/method.md 16)
 const MIN_COSINE: f32 = 0.5;
 const MIN_AREA: f32 = 0.1;
 
-/// The mesh with straight rims where the readings end. No triangle turns over.
+/// The mesh with its rims moved to where the readings end and straightened. No triangle turns over.
 pub(super) fn straightened_mesh(mesh: &TriangleMesh, voxel_m: f64, readings: &Readings<'_>) -> TriangleMesh {
     let Some(loops) = border_loops(mesh) else { return mesh.clone() };
     let normals: Vec<Vector3<f64>> = vertex_normals(mesh).iter().map(|n| n.cast()).collect();
@@ -37,7 +36,7 @@ pub(super) fn straightened_mesh(mesh: &TriangleMesh, voxel_m: f64, readings: &Re
     loops.iter().flatten().for_each(|&v| passes[v as usize] = passes[v as usize].saturating_add(1));
     let drawn = drawn_out(mesh, &normals, &loops, voxel_m, readings);
     for (rim, drawn) in loops.iter().zip(drawn) {
-        // Where most of a rim is known by readings, the rest follows it; else all of it counts as it is.
+        // Where readings place most of a rim, the rest follows; else all of the rim counts as it is.
         let is_drawn = 2 * drawn.iter().flatten().count() > rim.len();
         let drawn = drawn.iter().map(|d| d.filter(|_| is_drawn));
         let counts: Vec<bool> = drawn.clone().map(|d| d.is_some() || !is_drawn).collect();
@@ -46,9 +45,9 @@ pub(super) fn straightened_mesh(mesh: &TriangleMesh, voxel_m: f64, readings: &Re
             rim.iter().zip(&drawn).map(|(&v, d)| mesh.vertices[v as usize].cast::<f64>() + d).collect();
         let Some(places) = Rim::new(&points, counts.clone(), voxel_m).places_of_points() else { continue };
         for (k, (&v, place)) in rim.iter().zip(places).enumerate() {
-            // Where loops touch, a move right for one is wrong for the other.
+            // Where loops touch, the right move for one is wrong for the other.
             if passes[v as usize] == 1 {
-                // A vertex without an end in the readings follows as far as ends are looked for.
+                // A vertex whose end no reading shows may follow as far as ends are looked for.
                 let most_m = if counts[k] { MAX_MOVE } else { SEARCH[1] } * voxel_m;
                 let d = tangential_part(&(place - points[k]), &normals[v as usize]);
                 moves[v as usize] = drawn[k] + d * (most_m / d.norm()).min(1.0);
@@ -64,7 +63,7 @@ pub(super) fn straightened_mesh(mesh: &TriangleMesh, voxel_m: f64, readings: &Re
     let mut inner = reach.vertices_within(&border, FOLLOWING * voxel_m).to_vec();
     inner.retain(|&v| passes[v as usize] == 0);
     for _ in 0..ROUNDS {
-        // In the order of distance, with the moves of this round: they run inward.
+        // In the order of distance and with the moves of this round, so that moves spread inward.
         for &v in &inner {
             let around = neighbors.of_vertex(v);
             let sum: Vector3<f64> = around.iter().map(|&n| moves[n as usize]).sum();
@@ -74,12 +73,12 @@ pub(super) fn straightened_mesh(mesh: &TriangleMesh, voxel_m: f64, readings: &Re
     moved_mesh(mesh, moves)
 }
 
-/// A vector without its part along a unit normal.
+/// A vector without its component along a unit normal.
 fn tangential_part(d: &Vector3<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
     d - normal * normal.dot(d)
 }
 
-/// The mesh with its vertices moved, less where a triangle would turn or shrink too much.
+/// The mesh with its vertices moved; moves are reduced where a triangle would turn or shrink too much.
 fn moved_mesh(mesh: &TriangleMesh, mut moves: Vec<Vector3<f64>>) -> TriangleMesh {
     let mut halvings = vec![0; mesh.vertices.len()];
     loop {

@@ -1,4 +1,4 @@
-//! Teeth and shreds of a border: surface outside every disk.
+//! Teeth and shreds of a border: surface that no disk on the surface covers.
 
 use super::{
     loops::border_loops,
@@ -8,22 +8,21 @@ use super::{
 };
 use crate::{components::connected_components, edges::sides_by_vertex};
 
-/// Disks smaller than this do not hold a strip, voxels.
-/// tuned: made and recorded objects (docs/method.md 16); strips narrower than two voxels hold less surface
-/// than noise
+/// Least radius of a disk, voxels. tuned: made and recorded objects (docs/method.md 16); strips narrower than
+/// two voxels hold less surface than noise
 const LEAST_RADIUS: f64 = 1.0;
-/// Disks larger than this show nothing more, voxels.
-/// derived: a rim of 8 voxels bends by one, [`SLACK`], from such a disk
+/// Largest radius of a disk, voxels; larger ones show nothing more. derived: a rim of 8 voxels bends by one,
+/// [`SLACK`], from such a disk
 const LARGEST_RADIUS: f64 = 8.0;
-/// A vertex may lie this far out of a disk, voxels.
-/// derived: so far it can be moved into line; it also makes up for disks on vertices only
+/// Largest distance of a vertex outside a disk, voxels. derived: it can still be moved into line from there;
+/// the slack also makes up for disks being on vertices only
 const SLACK: f64 = MAX_MOVE;
 
-/// A piece by itself is a shred if its area is less than a disk's of this radius, voxels.
-/// tuned: made and recorded objects (docs/method.md 16)
+/// A loose piece is a shred if its area is less than that of a disk of this radius, voxels. tuned: made and
+/// recorded objects (docs/method.md 16)
 const SHRED_RADIUS: f64 = 4.0;
 
-/// Takes off shreds; the largest piece stays.
+/// Removes shreds; the largest piece stays.
 pub(super) fn drop_shreds(sheet: &mut Sheet, voxel_m: f64) {
     let (labels, sizes) = connected_components(&sheet.mesh);
     let mut areas_m2 = vec![0.0; sizes.len()];
@@ -36,7 +35,7 @@ pub(super) fn drop_shreds(sheet: &mut Sheet, voxel_m: f64) {
     sheet.keep_marked(&kept);
 }
 
-/// Takes off triangles joined by one side only, until there is none.
+/// Removes triangles joined by one side only, until there are none.
 pub(super) fn drop_hanging(sheet: &mut Sheet) {
     loop {
         let sides = sides_by_vertex(&sheet.mesh);
@@ -52,8 +51,9 @@ pub(super) fn drop_hanging(sheet: &mut Sheet) {
     }
 }
 
-/// Takes off the triangles with a corner outside every disk: a disk lies on the surface around a vertex, up
-/// to the border, and is one voxel or more in radius. This is the opening of mathematical morphology.
+/// Removes the triangles with a corner outside every disk. A disk lies on the surface around a vertex,
+/// reaches to the border, and has a radius of at least one voxel. This is the opening of mathematical
+/// morphology.
 pub(super) fn drop_teeth(sheet: &mut Sheet, voxel_m: f64) {
     let Some(loops) = border_loops(&sheet.mesh) else { return };
     let kept: Vec<bool> = {
@@ -61,7 +61,7 @@ pub(super) fn drop_teeth(sheet: &mut Sheet, voxel_m: f64) {
         let mut reach = Reach::new(&sheet.mesh, &neighbors);
         let border: Vec<(u32, f64)> = loops.iter().flatten().map(|&v| (v, 0.0)).collect();
         let near = reach.vertices_within(&border, LARGEST_RADIUS * voxel_m).to_vec();
-        // How far a point lies out of a disk is its distance from the middle less the radius.
+        // A point lies outside a disk by its distance from the center less the radius.
         let middles: Vec<(u32, f64)> = near
             .into_iter()
             .map(|v| (v, -reach.distance_m(v)))

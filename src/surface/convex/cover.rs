@@ -1,5 +1,5 @@
-//! A surface covered by few convex solids: cells are cut in two where a cut takes most of the error away,
-//! then the pair with the least added error is joined until they are few enough.
+//! Covers a surface with few convex solids: cells are cut in two where a cut removes most of the error, then
+//! the pair whose union adds the least error is joined until there are few enough.
 
 use std::sync::Arc;
 
@@ -13,24 +13,24 @@ use super::{
     sample_columns::SampleColumns,
 };
 
-/// A cell is cut along so many of its faces, those with the most error.
+/// Number of a cell's faces along which cuts are tried, those with the most error.
 const CUT_FACES: usize = 12;
-/// Shares of a cell's surface at which it is cut across its axes. chosen: quarters
+/// Shares of a cell's surface at which cuts across its axes are tried. chosen: quarters
 const CUT_SHARES: [f64; 3] = [0.25, 0.5, 0.75];
-/// Share of a cell's error hoped for from cuts after a first cut, where the first takes less.
-/// tuned: made and recorded objects (docs/method.md 16)
+/// Share of a cell's error that later cuts may remove where the first one removes less. tuned: made and
+/// recorded objects (docs/method.md 16)
 const HOPE: f64 = 0.1;
-/// Surface along a cut and within so many tolerances of it is not cut: noise.
-/// tuned: made and recorded objects (docs/method.md 16)
+/// Surface along a cut and this near it, in tolerances, is not cut: the difference is noise. tuned: made and
+/// recorded objects (docs/method.md 16)
 const SLACK: f64 = 1.5;
-/// A solid must take away the error of so large a share of the surface.
-/// tuned: made and recorded objects (docs/method.md 16)
+/// A solid must remove the error of at least this share of the surface. tuned: made and recorded objects
+/// (docs/method.md 16)
 const WORTH: f64 = 1e-3;
-/// Samples for the ranking of a cell's cutting planes, and about the number of samples for the error of a
-/// solid before others' surface.
+/// Number of samples for ranking a cell's cutting planes, and about that for the error of a solid in front of
+/// surface outside its cell.
 const RANKED: usize = 400;
 const FOREIGN: usize = 1000;
-/// Cells made for each kept cell: cells joined again were cut for the sake of others.
+/// Cells made for each kept cell: some cuts only help others and are joined again.
 const SPARE: usize = 2;
 
 /// Requirements of a cover.
@@ -40,7 +40,7 @@ pub(super) struct Wanted {
     pub solids: usize,
     /// Tolerated stand-off, meters.
     pub tolerance_m: f64,
-    /// Least thickness of a solid, meters.
+    /// Thickness of a wall, meters: the error of surface without a solid.
     pub thin_m: f64,
     /// Thickness of a wall, meters: the error where a surface has none.
     pub wall_m: f64,
@@ -51,11 +51,11 @@ struct CoverCell {
     pieces: Vec<Arc<Piece>>,
     samples: Vec<u32>,
     fit: Fit,
-    /// Error over area, square meters.
+    /// Error integrated over the area, square meters.
     loss: f64,
 }
 
-/// Convex solids around the pieces of a surface, those with most of it first.
+/// Convex solids around the pieces of a surface, those with the most surface first.
 pub(super) fn covering_solids(seen: &SeenSurface, wanted: &Wanted) -> Vec<ConvexSolid> {
     if seen.samples.is_empty() {
         return Vec::new();
@@ -75,15 +75,15 @@ struct Cover<'a> {
     frame: Vec<Vector3<f64>>,
 }
 
-/// Two halves of a cell and the error taken away by the cut.
+/// Two halves of a cell, and the error that the cut removes.
 struct Cut {
     gain: f64,
     halves: [CoverCell; 2],
 }
 
 impl Cover<'_> {
-    /// The cell of some pieces and samples; its solid and error by every `step`-th sample and, with `step`
-    /// above one, by a part of the pieces.
+    /// The cell of some pieces and samples; its solid and error are computed from every `step`-th sample and,
+    /// with `step` above one, from some of the pieces.
     fn cell_of_samples(&self, pieces: Vec<Arc<Piece>>, samples: Vec<u32>, step: usize) -> CoverCell {
         let of = self.sample_columns(samples.iter().step_by(step).copied());
         let tolerance_m = self.wanted.tolerance_m;
@@ -100,7 +100,8 @@ impl Cover<'_> {
         SampleColumns::of_samples(samples.map(|i| &self.seen.samples[i as usize]))
     }
 
-    /// The error of a solid before samples of others, by a part of all; `own` are its samples, sorted.
+    /// The error of a solid in front of the samples of other cells, estimated from some of them; `own` are
+    /// its samples, sorted.
     fn error_before_others(&self, fit: &Fit, own: &[u32]) -> f64 {
         let count = self.seen.samples.len();
         let step = count.div_ceil(FOREIGN).max(1);
@@ -111,7 +112,7 @@ impl Cover<'_> {
         fit.weighed_errors(&foreign, self.wanted.tolerance_m).iter().sum::<f64>() * step as f64
     }
 
-    /// Cells cut where it helps most, until no cut is worth a solid or there are enough to join.
+    /// Cuts cells where it helps most, until no cut is worth a solid or there are enough cells to join.
     fn cut_up(&self, whole: CoverCell) -> Vec<CoverCell> {
         let least = WORTH * self.seen.area_m2;
         let mut done = Vec::new();
@@ -128,7 +129,7 @@ impl Cover<'_> {
             if done.len() + open.len() >= SPARE * self.wanted.solids {
                 break;
             }
-            // Much error may take more than one cut to go.
+            // It may take more than one cut to remove a large error.
             let hopes: Vec<f64> = open.iter().map(|(cell, cut)| cut.gain.max(HOPE * cell.loss)).collect();
             let most = (0..open.len()).max_by(|&a, &b| hopes[a].total_cmp(&hopes[b]).then(b.cmp(&a)));
             let Some(i) = most else { break };
@@ -143,7 +144,7 @@ impl Cover<'_> {
         if cell.loss <= WORTH * self.seen.area_m2 {
             return None;
         }
-        // All planes by a part of the samples, the best by all.
+        // All planes are ranked by some of the samples, the best by all.
         let step = (cell.samples.len() / RANKED).max(1);
         let halves: Vec<Option<[CoverCell; 2]>> =
             self.cutting_planes(cell).par_iter().map(|plane| self.halves_at(cell, plane, step)).collect();
@@ -236,8 +237,8 @@ impl Cover<'_> {
         Some([self.cell_of_samples(behind, back, step), self.cell_of_samples(before, front, step)])
     }
 
-    /// Cells joined, the pair with the least added error first, while there are too many or the pair adds no
-    /// more than a solid is worth. A cell may be left out instead, where this costs least.
+    /// Joins cells, the pair whose union adds the least error first, while there are too many or the pair
+    /// adds no more than a solid is worth. A cell may be left out instead where this costs least.
     fn joined_cells(&self, cells: Vec<CoverCell>) -> Vec<CoverCell> {
         let free = WORTH * self.seen.area_m2;
         let mut cells: Vec<Option<CoverCell>> = cells.into_iter().map(Some).collect();
@@ -276,7 +277,7 @@ impl Cover<'_> {
         self.cell_of_samples(pieces, samples, 1)
     }
 
-    /// Error added by the union of each pair of cells near each other, with the pair.
+    /// Error added by joining each pair of neighboring cells, with the pair.
     fn added_errors(
         &self,
         cells: &[Option<CoverCell>],
@@ -291,7 +292,7 @@ impl Cover<'_> {
         near_pairs.collect()
     }
 
-    /// The cell that costs least to leave out, after its cost.
+    /// The cost and index of the cell whose removal costs least.
     fn cheapest_to_drop(&self, cells: &[Option<CoverCell>]) -> (f64, usize) {
         let nothing = distance_error(2.0 * self.wanted.wall_m, self.wanted.tolerance_m);
         let mut costs = Vec::with_capacity(cells.len());
@@ -306,12 +307,12 @@ impl Cover<'_> {
     }
 }
 
-/// Whether some face of either keeps the other more than a gap away.
+/// Whether no face of either cell's solid separates them by more than a gap.
 fn are_near(a: &CoverCell, b: &CoverCell, gap_m: f64) -> bool {
     !is_apart(&a.fit, b, gap_m) && !is_apart(&b.fit, a, gap_m)
 }
 
-/// Whether all pieces of a cell lie more than a gap before one plane of another's solid.
+/// Whether all pieces of a cell lie more than a gap in front of one plane of another's solid.
 fn is_apart(fit: &Fit, other: &CoverCell, gap_m: f64) -> bool {
     fit.planes.iter().any(|p| other.pieces.iter().all(|piece| lowest_m(piece, p) > p.offset_m + gap_m))
 }
@@ -322,7 +323,8 @@ fn lowest_m(piece: &Piece, plane: &Plane) -> f64 {
         + plane.normal.dot(&piece.back).min(0.0)
 }
 
-/// Directions both ways along three square axes: the normal of most area, and of the most area across it.
+/// Both directions of three orthogonal axes: the normal with the most area, that with the most area
+/// perpendicular to it, and their cross product.
 fn square_directions(seen: &SeenSurface) -> Vec<Vector3<f64>> {
     let mut areas = vec![0.0; seen.faces.len()];
     seen.samples.iter().for_each(|s| areas[s.face as usize] += s.area_m2);

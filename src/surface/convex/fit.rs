@@ -1,4 +1,4 @@
-//! One solid around pieces of a surface, and its distance before the seen surface.
+//! Fits one solid around pieces of a surface, and measures its distance before the seen surface.
 
 use nalgebra::{Point3, Vector3};
 
@@ -9,24 +9,26 @@ use super::{
 };
 use numeric::vectorized;
 
-/// Most faces of the surface for the directions of a solid's faces.
+/// Largest number of surface faces that give directions to a solid's faces.
 const OWN_FACES: usize = 20;
-/// Least cosines of equal directions: of two seen faces, and of an unseen one and another.
-/// chosen: 0.5 and 8 degrees
+/// Cosine above which two directions are one: of two seen faces, and of an unseen and any other face. chosen:
+/// 0.5 and 8 degrees
 const SAME_SEEN: f64 = 0.999_96;
 const SAME_ASSUMED: f64 = 0.99;
-/// Shares of the surface along a face that may lie behind it. chosen: from a third to all
+/// Shares of the surface along a face that may lie behind it; each gives an offset to try. chosen: from a
+/// third to all
 const OFFSET_SHARES: [f64; 5] = [0.3, 0.5, 0.7, 0.9, 1.0];
-/// Offsets nearer to each other than this share of the tolerance are one. chosen: too little to matter
+/// Offsets closer together than this share of the tolerance are one. chosen: too little to matter
 const NEXT_SHARE: f64 = 0.1;
 
 /// The error per area of a distance between a solid and the surface: about the base-two logarithm of one plus
-/// its square in tolerances. So a fitting place counts more than many almost fitting ones, and a place far
-/// off still has a gradient. It is `rho` of docs/method.md (10.2).
+/// its square in tolerances. So a place that fits counts more than many that almost fit, and a place far off
+/// still has a gradient. It is `rho` of docs/method.md (10.2).
 #[inline(always)]
 pub(super) fn distance_error(distance_m: f64, tolerance_m: f64) -> f64 {
     let x = 1.0 + (distance_m / tolerance_m).powi(2);
-    // Linear between powers of two: a hundred times as often asked for as anything else here.
+    // Linear between powers of two: this is the innermost function, evaluated a hundred times as often as any
+    // other.
     let bits = x.to_bits();
     let exponent = (bits >> 52) as f64 - 1023.0;
     exponent + (bits & ((1 << 52) - 1)) as f64 / (1u64 << 52) as f64
@@ -39,9 +41,9 @@ pub(super) struct Fit {
 }
 
 impl Fit {
-    /// A solid around pieces: faces along those of its samples, their opposites and `frame`. A seen face lies
-    /// where the error is least, of surface outside the solid and of solid before the surface; others lie
-    /// behind all pieces.
+    /// A solid around pieces, with faces along those of its samples, along their opposites and along `frame`.
+    /// A seen face lies where the error is least, of surface outside the solid and of solid in front of the
+    /// surface; other faces lie behind all pieces.
     pub(super) fn new<'a>(
         seen: &SeenSurface,
         pieces: impl Iterator<Item = &'a Piece> + Clone,
@@ -77,17 +79,17 @@ impl Fit {
         self.planes.iter().all(|p| p.normal.dot(place) < p.offset_m)
     }
 
-    /// Errors of samples against the solid by a tolerance, weighed by their areas.
+    /// Errors of samples against the solid by a tolerance, weighted by their areas.
     pub(super) fn weighed_errors(&self, samples: &SampleColumns, tolerance_m: f64) -> Vec<f64> {
         let mut errors = samples.distances_m(&self.planes);
         weigh(&mut errors, &samples.areas_m2, tolerance_m);
         errors
     }
 
-    /// The solid, at least `thin_m` thick, without faces for cuts of less than `least_m`; `None` where it has
-    /// no volume.
+    /// The solid, at least `thin_m` thick, without the faces that cut off less than `least_m`; `None` where
+    /// it has no volume.
     pub(super) fn solid(&self, least_m: f64, thin_m: f64) -> Option<ConvexSolid> {
-        // Oblique faces may leave a sliver or nothing: it grows until it is a solid.
+        // Oblique faces may leave a sliver or nothing: the planes move out until there is a solid.
         let grown =
             (0..6).map(|k| self.grown_by(0.5 * thin_m * f64::from((1 << k) - 1)).bounded_solid(least_m));
         grown.flatten().find(|s| s.thickness_m() >= 0.99 * thin_m)
@@ -100,14 +102,14 @@ impl Fit {
 
     /// The solid behind all planes.
     fn bounded_solid(&self, least_m: f64) -> Option<ConvexSolid> {
-        // A box around it, along its own first directions, to be cut by all faces.
+        // A box around it, along its own first directions, which all faces then cut.
         let axes = axes_along_first(&self.planes);
         let size = self.planes.iter().map(|p| p.offset_m.abs()).fold(0.0, f64::max);
         let span = 4.0 * size + 1.0;
         let at = |x: f64, y: f64| Point3::from(axes[0] * x + axes[1] * y);
         let square = [at(-span, -span), at(span, -span), at(span, span), at(-span, span)];
         let mut solid = ConvexSolid::prism(&square, &axes[2], -span, span);
-        // The faces with the deepest cuts come first; those with shallow cuts by then are left out.
+        // The faces with the deepest cuts come first; those with only shallow cuts left are dropped.
         let mut left = self.planes.clone();
         loop {
             let cuts = left.iter().enumerate().map(|(i, plane)| {
@@ -121,15 +123,15 @@ impl Fit {
     }
 }
 
-/// Right-handed axes along the first direction.
+/// Right-handed axes, the first along the first plane's normal.
 fn axes_along_first(planes: &[Plane]) -> [Vector3<f64>; 3] {
     let z = planes.first().map_or_else(Vector3::z, |p| p.normal);
     let x = z.cross(&if z.x.abs() < 0.8 { Vector3::x() } else { Vector3::y() }).normalize();
     [x, z.cross(&x), z]
 }
 
-/// Moves faces back until the solid is `thin_m` thick behind each of the first `own`, seen ones: unseen faces
-/// wholly, two seen ones by half each.
+/// Moves faces back until the solid is `thin_m` thick behind each of the first `own` (seen) ones: an unseen
+/// face moves by all that is missing, two seen ones by half each.
 fn thicken_behind(planes: &mut [Plane], own: usize, thin_m: f64) {
     for k in 0..own {
         for i in 0..planes.len() {
@@ -144,7 +146,7 @@ fn thicken_behind(planes: &mut [Plane], own: usize, thin_m: f64) {
 }
 
 vectorized! {
-    /// Makes errors of distances, meters.
+    /// Turns distances, meters, into weighted errors.
     fn weigh(distances: &mut [f64], areas_m2: &[f64], tolerance_m: f64) = weigh_all
 }
 
@@ -155,13 +157,13 @@ fn weigh_all(distances: &mut [f64], areas_m2: &[f64], tolerance_m: f64) {
     }
 }
 
-/// The samples' distances to the planes so far.
+/// The samples' distances to the planes added so far.
 struct States {
-    /// The two nearest planes along each sample's normal: distances, meters, and the number of the first.
+    /// The two nearest planes along each sample's normal: distances, meters, and the index of the nearest.
     first: Vec<f64>,
     second: Vec<f64>,
     by: Vec<u64>,
-    /// How far each stands out of the solid, meters.
+    /// How far each sample lies outside the solid, meters.
     outside_m: Vec<f64>,
 }
 
@@ -188,7 +190,7 @@ impl States {
 }
 
 vectorized! {
-    /// Updates the nearest planes by one at an offset, meters; it may have been farther away before.
+    /// Updates the nearest planes with one at an offset, meters; it may have been farther away before.
     fn meet(slopes: &Slopes, offset_m: f64, plane: u64, states: &mut States) = meet_all
 }
 
@@ -225,11 +227,11 @@ fn raise_all(normals: &[Vec<f64>; 3], place: &Vector3<f64>, highest: &mut [f64])
     }
 }
 
-/// Samples with an error by a plane: their heights along it, meters, the cosines of their normals to it,
-/// distances to the nearest of the other planes, distances outside these, meters, and areas.
+/// Samples whose error depends on a plane: their heights along it, meters, the cosines of their normals to
+/// it, distances to the nearest of the other planes, distances outside these, meters, and areas.
 #[derive(Default)]
 struct Felt {
-    /// Their numbers, ascending.
+    /// Indices of the samples, ascending.
     of: Vec<u32>,
     heights: Vec<f64>,
     speeds: Vec<f64>,
@@ -239,7 +241,7 @@ struct Felt {
 }
 
 impl Felt {
-    /// The samples with an error by plane `k` where it lies at a height of `lowest_m` or more.
+    /// Takes the samples whose error depends on plane `k` where it lies at a height of `lowest_m` or more.
     fn take(&mut self, k: usize, lowest_m: f64, slopes: &Slopes, states: &States, areas_m2: &[f64]) {
         let Slopes { heights, speeds } = slopes;
         let Self { of, heights: high, speeds: fast, without, outside, areas } = self;
@@ -254,14 +256,14 @@ impl Felt {
     }
 }
 
-/// A column of the samples of these numbers.
+/// Gathers a column of the samples with these indices.
 fn gather_column(column: &mut Vec<f64>, of: &[u32], value: impl Fn(usize) -> f64) {
     column.clear();
     column.extend(of.iter().map(|&i| value(i as usize)));
 }
 
 vectorized! {
-    /// Errors of samples with a plane at an offset, by a tolerance, both meters.
+    /// Errors of samples with a plane at an offset; offset and tolerance in meters.
     fn errors_at(felt: &Felt, offset_and_tolerance: [f64; 2], errors: &mut [f64]) = errors_of
 }
 
@@ -278,7 +280,8 @@ fn errors_of(felt: &Felt, [offset_m, tolerance_m]: [f64; 2], errors: &mut [f64])
     }
 }
 
-/// Moves the first `own` planes, one after the other, from behind all pieces to the offset of least error.
+/// Moves the first `own` planes, one after the other, from behind all pieces to the offset with the least
+/// error.
 fn settle_planes(planes: &mut [Plane], own: usize, samples: &SampleColumns, tolerance_m: f64) {
     let mut states = States::of_planes(planes, samples);
     let mut slopes = Slopes::default();
@@ -291,7 +294,7 @@ fn settle_planes(planes: &mut [Plane], own: usize, samples: &SampleColumns, tole
         let along = along.map(|i| (heights[i], samples.areas_m2[i])).collect();
         let tried = tried_offsets(along, offset_m, tolerance_m);
         let (Some(lowest), true) = (tried.last().copied(), tried.len() > 1) else { continue };
-        // Others feel none of the offsets.
+        // The other samples do not depend on any of the offsets.
         felt.take(k, lowest, &slopes, &states, &samples.areas_m2);
         let mut errors = vec![0.0; felt.heights.len()];
         let mut costs = Vec::with_capacity(tried.len());
@@ -299,7 +302,7 @@ fn settle_planes(planes: &mut [Plane], own: usize, samples: &SampleColumns, tole
             errors_at(&felt, [tried_m, tolerance_m], &mut errors);
             costs.push((errors.iter().sum::<f64>(), tried_m));
         }
-        // The outermost of equals.
+        // Of equals the outermost.
         let best = costs.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).map_or(offset_m, |c| c.1);
         if best < offset_m {
             plane.offset_m = best;
@@ -312,7 +315,7 @@ fn settle_planes(planes: &mut [Plane], own: usize, samples: &SampleColumns, tole
 }
 
 /// Offsets to try for a face, the outermost first: behind all pieces, and at shares of the surface along it
-/// (heights with areas).
+/// (given as heights with areas).
 fn tried_offsets(mut along: Vec<(f64, f64)>, offset_m: f64, tolerance_m: f64) -> Vec<f64> {
     along.sort_by(|a, b| a.0.total_cmp(&b.0));
     let total: f64 = along.iter().map(|h| h.1).sum();
@@ -330,7 +333,7 @@ fn tried_offsets(mut along: Vec<(f64, f64)>, offset_m: f64, tolerance_m: f64) ->
     tried
 }
 
-/// Directions of the seen faces, and of the faces to close the solid.
+/// Directions of the seen faces, and of the faces that close the solid.
 fn face_directions(
     seen: &SeenSurface,
     samples: &SampleColumns,

@@ -1,5 +1,5 @@
-//! A mesh cut into flat patches by joining neighbors (hierarchical face clustering, Garland, Willmott and
-//! Heckbert 2001): noise leaves a wall one patch, and a round wall becomes as few as the error allows.
+//! Cuts a mesh into flat patches by joining neighbors (hierarchical face clustering, Garland, Willmott and
+//! Heckbert 2001): a noisy wall stays one patch, and a round wall becomes as few as the error allows.
 
 use std::{
     cmp::Reverse,
@@ -10,11 +10,11 @@ use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
 use crate::{TriangleMesh, edges::Edges, patches::Patch};
 
-/// Least length of the sum of a patch's normals over its area: beyond, it bends.
-/// tuned: made and recorded objects (docs/method.md 16)
+/// Least ratio of the length of the sum of a patch's normals to its area; below it, the patch bends. tuned:
+/// made and recorded objects (docs/method.md 16)
 const LEAST_STRAIGHT: f64 = 0.85;
-/// A patch so many times wider than thick, as variances, has a plane by its corners; another by its
-/// triangles' normals. chosen: five times, as lengths
+/// Ratio of the variances across and along a patch from which its plane is fitted to its corners; a less flat
+/// one takes the mean of its triangles' normals. chosen: five times, as lengths
 const WIDE: f64 = 25.0;
 
 /// Moments of the triangles of a patch.
@@ -74,7 +74,7 @@ impl Moments {
     }
 }
 
-/// Mean squared distance of two patches from their common plane; `None` where they are not flat together.
+/// Mean squared distance of two patches from their common plane; `None` where together they are not flat.
 fn joint_mean_square(a: &Moments, b: &Moments, flat_m: f64) -> Option<f64> {
     let both = a.joined_with(b);
     let FittedPlane { mean_square, .. } = both.fitted_plane();
@@ -82,9 +82,9 @@ fn joint_mean_square(a: &Moments, b: &Moments, flat_m: f64) -> Option<f64> {
     (straight && mean_square <= flat_m * flat_m).then_some(mean_square)
 }
 
-/// Patches within `flat_m` (root mean square) of their planes; largest area first.
+/// Patches within `flat_m` (root mean square, meters) of their planes; largest area first.
 pub(super) fn flat_patches(mesh: &TriangleMesh, flat_m: f64) -> Vec<Patch> {
-    // About a corner of the mesh: far from the origin the moments would lose digits.
+    // Relative to a corner of the mesh: far from the origin the moments would lose digits.
     let origin = mesh.vertices.first().map(|p| p.coords.cast::<f64>()).unwrap_or_default();
     let mut moments: Vec<Moments> = (0..mesh.triangles.len())
         .map(|t| Moments::of_triangle(&mesh.corners(t).map(|p| p.coords.cast::<f64>() - origin)))
@@ -92,7 +92,7 @@ pub(super) fn flat_patches(mesh: &TriangleMesh, flat_m: f64) -> Vec<Patch> {
     let mut members: Vec<Vec<u32>> = (0..moments.len() as u32).map(|t| vec![t]).collect();
     let near = Edges::of_mesh(mesh).neighbors(moments.len(), |t| moments[t as usize].area > 0.0);
     let mut near: Vec<BTreeSet<u32>> = near.into_iter().map(BTreeSet::from_iter).collect();
-    // Mean squares are not negative: their bits are in their order.
+    // Mean squares are not negative, so their bits sort like their values.
     let mut queue: BinaryHeap<Reverse<(u64, u32, u32)>> = BinaryHeap::new();
     for (a, all) in near.iter().enumerate() {
         for &b in all.iter().filter(|b| **b as usize > a) {
@@ -100,7 +100,7 @@ pub(super) fn flat_patches(mesh: &TriangleMesh, flat_m: f64) -> Vec<Patch> {
             queue.extend(cost.map(|c| Reverse((c.to_bits(), a as u32, b))));
         }
     }
-    // A joined patch takes a new number: entries of the queue with old ones are known to be stale.
+    // A joined patch takes a new number: queue entries with old numbers are stale.
     let mut alive: Vec<bool> = moments.iter().map(|m| m.area > 0.0).collect();
     while let Some(Reverse((_, a, b))) = queue.pop() {
         let a = a as usize;

@@ -1,26 +1,28 @@
-//! Walls in hidden places.
+//! Walls assumed in hidden places.
 
 use nalgebra::{Matrix3, Point2, Point3, Vector3};
 
 use super::{ConvexConfig, Hidden, pieces::Piece, raster::Raster};
 use crate::{TriangleMesh, outline::hull_2d, patches::Patch};
 
-/// Most samples along an edge of a face near a patch, and across three patches.
+/// Largest number of samples along an edge of a face near a patch, across three patch sizes.
 const MAX_STEPS: usize = 300;
-/// Most rectangles in the gaps of a patch.
+/// Largest number of rectangles in the gaps of a patch.
 const RECTANGLES: usize = 10;
-/// Least share of a patch in the surface to go on. tuned: made and recorded objects (docs/method.md 16)
+/// Patches below this share of the surface are not continued. tuned: made and recorded objects
+/// (docs/method.md 16)
 const LEAST_SHARE: f64 = 0.005;
 
 /// An unseen wall.
 pub(super) struct HiddenWall {
-    /// Its rectangle and the wall behind.
+    /// Its rectangle, with the wall behind it.
     pub piece: Piece,
-    /// Mean color of the seen face beside it, where the mesh has colors.
+    /// Mean color of the adjacent seen face, where the mesh has colors.
     pub color: Option<[u8; 3]>,
 }
 
-/// Flat walls in hidden places, between the seen surface of a wall and that of the same or another one.
+/// Flat walls in hidden places: each continues the seen surface of a wall to another seen part of it or to
+/// another wall.
 pub(super) fn hidden_walls(
     mesh: &TriangleMesh,
     patches: &[Patch],
@@ -33,7 +35,7 @@ pub(super) fn hidden_walls(
     large.flat_map(|patch| walls_in_gaps(mesh, patch, wall_m, hidden, config)).collect()
 }
 
-/// The fronts of unseen walls, each counterclockwise as seen from before it.
+/// The fronts of unseen walls, counter-clockwise seen from in front.
 pub(super) fn front_mesh(walls: &[HiddenWall]) -> TriangleMesh {
     let mut mesh = TriangleMesh::default();
     for HiddenWall { piece, color } in walls {
@@ -74,7 +76,7 @@ fn walls_in_gaps(
     if hull.len() < 3 {
         return Vec::new();
     }
-    // Walls may end a little before or behind the plane.
+    // Walls may end a little in front of or behind the plane.
     let walls = walls_across(mesh, &flat, &hull, [-2.0 * wall_m, wall_m], config.min_thickness_m);
     let mut raster = Raster::new(&flat.triangles, &hull, &walls, config.min_thickness_m);
     if !raster.close_gaps(&walls, |p| hidden(&flat.place_at_height(p, -0.5 * wall_m))) {
@@ -122,7 +124,8 @@ impl Flat {
     }
 }
 
-/// Points of a mesh's steep faces near a patch and its plane, in its frame: there a wall meets it.
+/// Points, in a patch's frame, of the mesh's steep faces near the patch and its plane: there another wall
+/// meets it.
 fn walls_across(
     mesh: &TriangleMesh,
     flat: &Flat,
@@ -132,7 +135,7 @@ fn walls_across(
 ) -> Vec<Point2<f64>> {
     let start = (hull[0], hull[0]);
     let (lower, upper) = hull.iter().fold(start, |(lo, hi), p| (lo.inf(p), hi.sup(p)));
-    // A gap is never longer than the seen surface.
+    // A gap is never longer than the seen surface beside it.
     let (lower, upper) = (lower - (upper - lower), upper + (upper - lower));
     let spacing_m = spacing_m.max((upper - lower).max() / MAX_STEPS as f64);
     let near = |p: &Point2<f64>| (0..2).all(|k| (lower[k]..=upper[k]).contains(&p[k]));

@@ -6,12 +6,13 @@ use nalgebra::{Point3, Vector3};
 
 use super::{ConvexSolid, Plane};
 
-/// Least distance outside a face to count, as a share of the extent. chosen: above the rounding of a double
+/// Least distance outside a face that counts, as a share of the extent. chosen: above the rounding of a
+/// double
 const OUTSIDE_SHARE: f64 = 1e-9;
-/// Points are moved by up to this share of the extent, out of common planes: thin faces between corners of
-/// one plane would have any normal. chosen: above rounding, below any tolerance
+/// Points are moved out of common planes by up to this share of the extent: thin faces between corners of
+/// one plane would have arbitrary normals. chosen: above rounding, below any tolerance
 const JITTER_SHARE: f64 = 1e-5;
-/// Flatter sets of points have no hull, as a share of the extent. chosen: ten times [`JITTER_SHARE`]
+/// Point sets flatter than this share of their extent have no hull. chosen: ten times [`JITTER_SHARE`]
 const FLAT_SHARE: f64 = 1e-4;
 
 /// A face of the growing hull.
@@ -28,8 +29,8 @@ impl HullFace {
 }
 
 /// The convex hull; `None` for points in a plane, on a line or in a point. Faces are triangles; corners are
-/// those of the points to within a hundred-thousandth of their extent. Points are added one by one, the
-/// farthest first (quadratic in the corners of the hull).
+/// given points, exact to a hundred-thousandth of their extent. Points are added one by one, the farthest
+/// first (quadratic in the corners of the hull).
 #[must_use]
 pub fn convex_hull(points: &[Point3<f64>]) -> Option<ConvexSolid> {
     let first = points.first()?;
@@ -41,7 +42,7 @@ pub fn convex_hull(points: &[Point3<f64>]) -> Option<ConvexSolid> {
     let points = &jittered_points(points, JITTER_SHARE * extent_m)[..];
     let mut faces = tetrahedron(points, FLAT_SHARE * extent_m)?;
     let slack_m = OUTSIDE_SHARE * extent_m;
-    // Rounding can leave a point outside the faces joined to it; no point is joined twice, so this ends.
+    // Rounding can leave a joined point outside its faces; as no point is joined twice, the loop ends.
     let mut joined = vec![false; points.len()];
     while let Some((_, apex)) = farthest_outside(points, &joined, &faces, slack_m) {
         joined[apex as usize] = true;
@@ -68,10 +69,10 @@ pub fn convex_hull(points: &[Point3<f64>]) -> Option<ConvexSolid> {
     Some(ConvexSolid { vertices: used.iter().map(|&i| points[i as usize]).collect(), faces })
 }
 
-/// Points moved by up to `by_m` along every axis, always in the same way.
+/// Points moved by up to `by_m` along every axis; deterministic.
 fn jittered_points(points: &[Point3<f64>], by_m: f64) -> Vec<Point3<f64>> {
-    // The generalised golden ratio of three dimensions (Roberts 2018).
-    // derived: the real root of x^4 = x + 1, and powers of one over it
+    // The generalised golden ratio of three dimensions (Roberts 2018). derived: 1/x, 1/x^2 and 1/x^3 with x
+    // the real root of x^4 = x + 1
     const STEPS: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_970_3];
     let numbered = points.iter().zip(1_u32..);
     numbered
@@ -79,7 +80,7 @@ fn jittered_points(points: &[Point3<f64>], by_m: f64) -> Vec<Point3<f64>> {
         .collect()
 }
 
-/// The point farthest outside any face, among those not `joined` yet, after its distance.
+/// Distance and index of the point farthest outside any face, among those not `joined` yet.
 fn farthest_outside(
     points: &[Point3<f64>],
     joined: &[bool],
@@ -99,7 +100,7 @@ fn face_of_corners(points: &[Point3<f64>], corners: [u32; 3]) -> Option<HullFace
     Some(HullFace { corners, plane: Plane { normal, offset_m: normal.dot(&a) } })
 }
 
-/// The first of the points with the largest measure, after its index; `None` where it is `least` or less.
+/// Index and measure of the first point with the largest measure; `None` where it is `least` or less.
 fn largest_by(
     points: &[Point3<f64>],
     least: f64,
@@ -110,7 +111,7 @@ fn largest_by(
     (measure(p) > least).then_some((i as u32, *p))
 }
 
-/// Four points with a volume, as outward faces.
+/// Four points that span a volume, as outward faces.
 fn tetrahedron(points: &[Point3<f64>], flat_m: f64) -> Option<Vec<HullFace>> {
     let a = 0;
     let pa = points[0];
@@ -119,7 +120,7 @@ fn tetrahedron(points: &[Point3<f64>], flat_m: f64) -> Option<Vec<HullFace>> {
     let (c, pc) = largest_by(points, flat_m, |p| (p - pa).cross(&line).norm())?;
     let normal: Vector3<f64> = (pb - pa).cross(&(pc - pa)).normalize();
     let (d, pd) = largest_by(points, flat_m, |p| (p - pa).dot(&normal).abs())?;
-    // The four faces point outward whichever side the last point is on.
+    // Orients the four faces outward whichever side the last point is on.
     let [b, c] = if (pd - pa).dot(&normal) > 0.0 { [c, b] } else { [b, c] };
     [[a, b, c], [a, c, d], [c, b, d], [b, a, d]].into_iter().map(|f| face_of_corners(points, f)).collect()
 }

@@ -1,4 +1,4 @@
-//! The seen surface as flat pieces with the wall behind each, and samples on it, for the fit of solids.
+//! The seen surface as flat pieces with the wall behind each, and samples on it, for fitting solids.
 
 use std::collections::BTreeMap;
 
@@ -10,18 +10,17 @@ use crate::{TriangleMesh, patches::Patch};
 
 /// Samples over a part's surface. chosen: time against detail
 const SAMPLES: f64 = 3000.0;
-/// Cosine of the largest angle between sides of a patch with one direction. chosen: 20 degrees
+/// Cosine of the largest angle between sides of a patch that count as one direction. chosen: 20 degrees
 const ONE_SIDE: f64 = 0.94;
-/// A wall thicker than this many assumed walls is taken for two.
-/// tuned: made and recorded objects (docs/method.md 16)
+/// Ratio of a wall's thickness to the assumed one from which it is taken for two walls. tuned: made and
+/// recorded objects (docs/method.md 16)
 const MAX_WALLS: f64 = 4.0;
-/// A gap of a surface narrower than this many walls is a hole of the recording.
-/// tuned: made and recorded objects (docs/method.md 16)
+/// Width in walls below which a gap of the surface is a hole of the recording. tuned: made and recorded
+/// objects (docs/method.md 16)
 const NARROW_WALLS: f64 = 3.0;
-/// Least cosine between a plane, or a face of a solid, and surface along it.
-/// chosen: 26 degrees
+/// Least cosine between a plane, or a face of a solid, and surface that runs along it. chosen: 26 degrees
 pub(super) const ALONG: f64 = 0.9;
-/// Nearer points lie in a plane, meters. chosen: above rounding, below any reading
+/// Points nearer to a plane than this lie in it, meters. chosen: above rounding, below any reading
 const ON_PLANE_M: f64 = 1e-7;
 
 /// A convex flat piece of the surface and the wall behind it.
@@ -29,11 +28,11 @@ const ON_PLANE_M: f64 = 1e-7;
 pub(super) struct Piece {
     /// Corners, in the plane of its patch, meters.
     pub front: Vec<Vector3<f64>>,
-    /// From the front to the back of the wall, or as far into it as a wall is assumed to be thick.
+    /// Vector from the front to the back of the wall, or as far into it as a wall is assumed to be thick.
     pub back: Vector3<f64>,
     /// This side's share of the wall, meters: half of it where its other side was seen.
     pub share_m: f64,
-    /// Its other side was not seen.
+    /// Whether its other side was not seen, so that its thickness is assumed.
     pub is_assumed: bool,
 }
 
@@ -44,15 +43,15 @@ impl Piece {
         heights.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], h| [lo.min(h), hi.max(h)])
     }
 
-    /// Its triangles, half of its wall's thickness below the front, with that thickness, meters.
+    /// Its triangles, half the wall's thickness below the front, and that thickness, meters.
     pub(super) fn wall_plates(&self) -> impl Iterator<Item = ([Vector3<f64>; 3], f64)> + '_ {
         let middle = self.back.try_normalize(0.0).unwrap_or_default() * (0.5 * self.share_m);
         let corner = move |k: usize| self.front[k] + middle;
         (1..self.front.len().max(1) - 1).map(move |k| ([corner(0), corner(k), corner(k + 1)], self.share_m))
     }
 
-    /// Its parts behind and before a plane. A piece in the plane, give or take `slack_m`, is not cut: its
-    /// wall lies behind the plane, or before it if it looks the other way.
+    /// Its parts behind and in front of a plane. A piece within `slack_m` of the plane is not cut: it counts
+    /// as behind the plane, or as in front of it if it faces the other way.
     pub(super) fn cut_at(&self, plane: &Plane, slack_m: f64) -> [Option<Self>; 2] {
         let [lo, hi] = self.height_range_m(plane);
         let along = -plane.normal.dot(&self.back) / self.back.norm();
@@ -69,7 +68,7 @@ impl Piece {
     }
 }
 
-/// The corners of a convex polygon cut at a plane (Sutherland and Hodgman 1974).
+/// Cuts a convex polygon at a plane (Sutherland and Hodgman 1974); returns the corners that are left.
 fn clipped_polygon(polygon: &[Vector3<f64>], normal: &Vector3<f64>, offset_m: f64) -> Vec<Vector3<f64>> {
     let mut kept = Vec::with_capacity(polygon.len() + 1);
     for (k, a) in polygon.iter().enumerate() {
@@ -85,21 +84,21 @@ fn clipped_polygon(polygon: &[Vector3<f64>], normal: &Vector3<f64>, offset_m: f6
     kept
 }
 
-/// A place of the surface, or of the side of a wall at its end.
+/// A sample of the surface, or of the side of a wall where the surface ends.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sample {
-    /// Where, meters: on the surface itself, not in the plane of its patch: noise counts.
+    /// Position, meters: on the surface itself, not in the plane of its patch, so that noise counts.
     pub place: Vector3<f64>,
-    /// Out of the object.
+    /// Unit normal out of the object.
     pub normal: Vector3<f64>,
     /// Its area, square meters.
     pub area_m2: f64,
-    /// Number of its face: samples of one direction that belong together.
+    /// Index of its face: the samples of one face have one direction and belong together.
     pub face: u32,
 }
 
 impl Sample {
-    /// Whether another sample lies before it, turned to it, within a gap.
+    /// Whether another sample lies in front of it, facing it, within a gap.
     fn faces(&self, other: &Self, gap_m: f64) -> bool {
         let way = other.place - self.place;
         let ahead = way.dot(&self.normal);
@@ -126,14 +125,15 @@ pub(super) struct SeenSurface {
     pub samples: Vec<Sample>,
     /// Normal of every face.
     pub faces: Vec<Vector3<f64>>,
-    /// Area of the surface, without the sides of walls, square meters.
+    /// Area of the surface without the sides of walls, square meters.
     pub area_m2: f64,
 }
 
-/// Cuts a mesh into flat pieces. A patch is flat to `flat_m` (root mean square), and its pieces lie in its
-/// mean plane, its samples on the mesh. Walls are as thick as the way to their other side where it was seen,
-/// at most [`MAX_WALLS`] times `wall_m`, else `wall_m`, and end `clear_m` before `others`; a piece reaches
-/// `thin_m` to `wall_m` into its own. Where the surface ends its wall has a side, but not where `goes_on`.
+/// Cuts a mesh into flat pieces. A patch is flat to `flat_m` (root mean square); its pieces lie in its mean
+/// plane and its samples on the mesh. A wall reaches to its other side where that was seen within
+/// [`MAX_WALLS`] times `wall_m`, else it is `wall_m` thick; it ends `clear_m` before `others`. A piece
+/// reaches `thin_m` to `wall_m` into its wall. Where the surface ends, its wall gets a side, unless
+/// `goes_on`.
 pub(super) fn seen_surface(
     mesh: &TriangleMesh,
     others: &TriangleMesh,
@@ -192,7 +192,7 @@ pub(super) fn seen_surface(
                 if u + v > 1.0 {
                     (u, v) = (1.0 - u, 1.0 - v);
                 }
-                // A middle on the diagonal moves off the side.
+                // On the diagonal, the sample moves off the triangle's side.
                 let (u, v) = if n == 1 { (1.0 / 3.0, 1.0 / 3.0) } else { (u, v) };
                 let place = a + (b - a) * u + (c - a) * v;
                 let area_m2 = area / (n * n) as f64;
@@ -220,7 +220,7 @@ fn flat_corners(mesh: &TriangleMesh, t: usize, patch: &Patch) -> [Vector3<f64>; 
     mesh.corners(t).map(|p| in_plane(&p, patch))
 }
 
-/// A point moved along the normal of a patch into its plane.
+/// A point projected along the normal of a patch into its plane.
 fn in_plane(p: &Point3<f32>, patch: &Patch) -> Vector3<f64> {
     let p = p.coords.cast::<f64>();
     p - patch.normal * patch.normal.dot(&(p - patch.center.coords))
@@ -242,7 +242,7 @@ fn add_wall_sides(
             open.insert(key, (p, q, t));
         }
     }
-    // Sides of one patch with one direction: one face.
+    // Sides of one patch with one direction form one face.
     let mut of_patch: BTreeMap<u32, Vec<(u32, Vector3<f64>)>> = BTreeMap::new();
     for (p, q, t) in open.into_values() {
         let k = walls.patch_of[t as usize];
@@ -283,7 +283,7 @@ fn add_wall_sides(
     }
 }
 
-/// Drops sides of walls (the samples from `first` on) that face another side over less than `gap_m`.
+/// Drops the samples from `first` on, on sides of walls, that face another side over less than `gap_m`.
 fn close_narrow(samples: &mut Vec<Sample>, first: usize, gap_m: f64) {
     let sides = samples.split_off(first);
     samples.extend(sides.iter().filter(|a| !sides.iter().any(|b| a.faces(b, gap_m))));

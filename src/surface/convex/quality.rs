@@ -1,4 +1,4 @@
-//! How well solids stand where a surface was seen.
+//! Measures how well solids lie where a surface was seen.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -7,32 +7,31 @@ use super::{ConvexSolid, Plane, rays::Facets};
 use crate::{TriangleMesh, sample_surface, triangle::closest_on_triangle};
 use numeric::random::stage_rng;
 
-/// Examined places of the surface.
+/// Number of examined places on the surface.
 const SAMPLES: usize = 4000;
 /// Percentile of the reported distance.
 /// chosen: few places may be worse than reported
 const PERCENTILE: f64 = 0.95;
-/// Gaps between solids along a ray that are rounding, meters.
-/// chosen: above rounding, below any wall
+/// Gaps between solids along a ray up to this are rounding, meters. chosen: above rounding, below any wall
 const JOINED_M: f64 = 1e-6;
 
-/// Solids against their surface.
+/// How well solids fit their surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SolidFit {
-    /// Share of the surface with a solid before it by more than [`SolidFit::STAND_OFF_M`].
+    /// Share of the surface with more than [`SolidFit::STAND_OFF_M`] of solid in front of it.
     pub standing_off: f64,
-    /// 95th percentile of the distance from the surface to the nearest solid, meters; 0 inside one.
+    /// 95th percentile of the distance from the surface to the nearest solid, meters; 0 inside a solid.
     pub distance_m: f64,
 }
 
 impl SolidFit {
-    /// A solid farther before its surface obstructs contact, meters.
-    /// tuned: made and recorded objects (docs/method.md 16)
+    /// A solid that stands farther out of its surface gets in the way of contact, meters. tuned: made and
+    /// recorded objects (docs/method.md 16)
     pub const STAND_OFF_M: f64 = 0.002;
-    /// Largest sound share of the surface with solids before it.
-    /// tuned: made and recorded objects (docs/method.md 16)
+    /// Largest acceptable share of the surface with solids in front of it. tuned: made and recorded objects
+    /// (docs/method.md 16)
     pub const MOST_STANDING_OFF: f64 = 0.05;
-    /// Largest sound distance, meters. tuned: made and recorded objects (docs/method.md 16)
+    /// Largest acceptable distance, meters. tuned: made and recorded objects (docs/method.md 16)
     pub const MOST_DISTANCE_M: f64 = 0.003;
 
     /// Measures solids at places spread evenly over a surface; `None` without area or solids.
@@ -57,7 +56,7 @@ impl SolidFit {
                     .fold(f64::INFINITY, |nearest, (s, q)| distance_m(s, q, &p, nearest));
                 let off = stand_off_m(&planes, &p, &n.cast());
                 let n = n.cast();
-                // The inside of a mesh with overlaps is invisible.
+                // Surface inside the mesh is invisible where the mesh overlaps itself.
                 let hidden = off > Self::STAND_OFF_M && is_inside(&facets, &p.coords, &n);
                 (if hidden { 0.0 } else { off }, nearest)
             })
@@ -70,7 +69,7 @@ impl SolidFit {
         Some(Self { standing_off: off as f64 / found.len() as f64, distance_m })
     }
 
-    /// Whether solids stand where the surface was seen.
+    /// Whether both measures are within their limits.
     #[must_use]
     pub fn is_sound(&self) -> bool {
         self.standing_off <= Self::MOST_STANDING_OFF && self.distance_m <= Self::MOST_DISTANCE_M
@@ -90,7 +89,7 @@ impl std::fmt::Display for SolidFit {
     }
 }
 
-/// Length of solid along a direction from a point, one solid after the other, meters.
+/// Length of adjoining solids along a direction from a point, meters.
 fn stand_off_m(solids: &[Vec<Plane>], p: &Point3<f64>, direction: &Vector3<f64>) -> f64 {
     let mut spans: Vec<[f64; 2]> = solids.iter().filter_map(|s| span(s, p, direction)).collect();
     spans.sort_by(|a, b| a[0].total_cmp(&b[0]));
@@ -121,12 +120,12 @@ fn span(planes: &[Plane], p: &Point3<f64>, direction: &Vector3<f64>) -> Option<[
     Some([from, to])
 }
 
-/// Whether a ray leaves a surface before it enters one.
+/// Whether the point is inside the object: the ray leaves the surface before it enters it.
 fn is_inside(facets: &Facets, p: &Vector3<f64>, direction: &Vector3<f64>) -> bool {
     facets.way_m(p, direction, true) < facets.way_m(p, direction, false)
 }
 
-/// Distance of a point to a solid, meters, or `nearest_m` where it is less; 0 inside.
+/// Distance of a point to a solid, meters, at most `nearest_m`; 0 inside.
 fn distance_m(solid: &ConvexSolid, planes: &[Plane], p: &Point3<f64>, nearest_m: f64) -> f64 {
     let mut outside = f64::NEG_INFINITY;
     for plane in planes {

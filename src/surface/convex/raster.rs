@@ -1,4 +1,4 @@
-//! The cells of a flat patch and of its gaps.
+//! A raster over a flat patch, with its seen cells and its gaps.
 
 use nalgebra::{Point2, Vector2};
 
@@ -11,18 +11,18 @@ const CELLS: f64 = 96.0;
 /// tuned: made and recorded objects (docs/method.md 16)
 const MIN_SIDE: usize = 3;
 const BARE: f64 = 0.06;
-/// Least hidden share of a gap: a wall close by takes cells away at its side.
-/// tuned: made and recorded objects (docs/method.md 16)
+/// Least hidden share of a gap that is closed: a wall close by makes cells at its side look seen. tuned: made
+/// and recorded objects (docs/method.md 16)
 const HIDDEN: f64 = 2.0 / 3.0;
-/// Gaps of a smaller share of the patch are the raster's.
-/// tuned: made and recorded objects (docs/method.md 16)
+/// Gaps of a smaller share of the patch come from the raster. tuned: made and recorded objects
+/// (docs/method.md 16)
 const MIN_CLOSED: f64 = 0.02;
 
 /// Cells along the smallest rectangle around a patch, in its plane.
 pub(super) struct Raster {
     /// Direction of the rows.
     direction: Vector2<f64>,
-    /// Lowest corner in turned coordinates, and the extent.
+    /// Lowest corner in rotated coordinates, and the extent.
     lower: Point2<f64>,
     side: Vector2<f64>,
     cell_m: f64,
@@ -34,8 +34,8 @@ pub(super) struct Raster {
 }
 
 impl Raster {
-    /// The cells under triangles. The raster lies along `hull` and holds it and the `beside` points; cells
-    /// are at least `min_cell_m` wide.
+    /// A raster of the cells under triangles. It lies along `hull` and contains it and the `beside` points;
+    /// cells are at least `min_cell_m` wide.
     pub(super) fn new(
         triangles: &[[Point2<f64>; 3]],
         hull: &[Point2<f64>],
@@ -67,7 +67,7 @@ impl Raster {
         raster
     }
 
-    /// Marks the cells with their middle in a triangle (corners in cells).
+    /// Marks the cells whose center lies in a triangle (corners in cells).
     fn mark_triangle(&mut self, triangle: &[Point2<f64>; 3]) {
         let turn = polygon_area(triangle);
         let [a, b, c] = if turn >= 0.0 { *triangle } else { [triangle[0], triangle[2], triangle[1]] };
@@ -84,9 +84,9 @@ impl Raster {
         }
     }
 
-    /// Fills gaps within rows and columns: runs of cells from the patch to the patch or to a place of
-    /// `stops`, most of them `hidden`, no longer than the seen part of the patch in the row or column.
-    /// Returns whether there were enough.
+    /// Closes gaps within rows and columns: runs of cells from the patch to the patch or to one of `stops`.
+    /// Most cells of a run must be `hidden`, and it may be no longer than the seen part of the patch in the
+    /// row or column. Returns whether enough was closed.
     pub(super) fn close_gaps(
         &mut self,
         stops: &[Point2<f64>],
@@ -102,7 +102,7 @@ impl Raster {
         let rows = (0..self.rows).map(|y| (0..self.columns).map(|x| y * self.columns + x).collect());
         let columns = (0..self.columns).map(|x| (0..self.rows).map(|y| y * self.columns + x).collect());
         let lines: Vec<Vec<usize>> = rows.chain(columns).collect();
-        // Apart from the seen cells: a closed gap must not justify the next.
+        // Kept apart from the seen cells: a closed gap must not justify the next.
         let mut closed = vec![false; stop.len()];
         for line in &lines {
             let seen = line.iter().filter(|i| self.filled[**i]).count();
@@ -148,7 +148,7 @@ impl Raster {
         self.place_of((cell % self.columns) as f64 + 0.5, (cell / self.columns) as f64 + 0.5)
     }
 
-    /// A place given in cells, in the patch's plane.
+    /// A place given in cells, as a point in the patch's plane.
     fn place_of(&self, x: f64, y: f64) -> Point2<f64> {
         // The last cells may reach beyond the patch.
         let p = self.lower + Vector2::new(x * self.cell_m, y * self.cell_m).inf(&self.side);

@@ -6,12 +6,12 @@ use nalgebra::Vector3;
 
 use crate::TriangleMesh;
 
-/// Least cosine between a ray and the normal of a hit: it runs nearly along others.
-/// chosen: 78 degrees
+/// Least cosine between a ray and the normal of a hit; the ray nearly grazes other triangles. chosen: 78
+/// degrees
 const MET: f64 = 0.2;
-/// Most cells along a mesh. chosen: memory of a cube of cells
+/// Largest number of cells along a mesh. chosen: memory of a cube of cells
 const MOST_CELLS: f64 = 32.0;
-/// Nearer hits are the triangle at the ray's start, meters. chosen: above rounding, below any wall
+/// Hits nearer than this are the triangle at the ray's start, meters. chosen: above rounding, below any wall
 const START_M: f64 = 1e-5;
 
 /// A triangle: corners and unit normal.
@@ -20,7 +20,7 @@ struct RayFacet {
     normal: Vector3<f64>,
 }
 
-/// Triangles in cells.
+/// Triangles sorted into cells.
 pub(super) struct Facets {
     facets: Vec<RayFacet>,
     cells: BTreeMap<[i64; 3], Vec<u32>>,
@@ -29,11 +29,11 @@ pub(super) struct Facets {
 }
 
 impl Facets {
-    /// The triangles of a mesh, for rays up to a length.
+    /// The triangles of a mesh, prepared for rays up to a length.
     pub(super) fn of_mesh(mesh: &TriangleMesh, reach_m: f64) -> Self {
         let facets: Vec<RayFacet> =
             (0..mesh.triangles.len()).filter_map(|t| RayFacet::of_triangle(mesh, t)).collect();
-        // As wide as the rays are long, but not too many for a large triangle.
+        // Cells as wide as the rays are long, but not too many for a large triangle.
         let extent_m = mesh.bounds().map_or(0.0, |(lo, hi)| f64::from((hi - lo).norm()));
         let side_m = reach_m.max(extent_m / MOST_CELLS).max(f64::from(f32::MIN_POSITIVE));
         let mut cells: BTreeMap<[i64; 3], Vec<u32>> = BTreeMap::new();
@@ -46,8 +46,8 @@ impl Facets {
         Self { facets, cells, side_m, reach_m }
     }
 
-    /// Distance along a ray to the first surface where it leaves the object (`leaves`), or where it enters
-    /// one, meters; infinite beyond the reach.
+    /// Distance along a ray to the first surface where it leaves the object (`leaves`) or enters one, meters;
+    /// infinite beyond the reach.
     pub(super) fn way_m(&self, origin: &Vector3<f64>, direction: &Vector3<f64>, leaves: bool) -> f64 {
         let end = origin + direction * self.reach_m;
         let near = cells_of(&origin.inf(&end), &origin.sup(&end), self.side_m);

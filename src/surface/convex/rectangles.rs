@@ -1,4 +1,4 @@
-//! A raster covered by few rectangles.
+//! Covers a raster with few rectangles.
 
 /// A rectangle of cells: columns `x..x + width`, rows `y..y + height`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,9 +15,9 @@ impl Rectangle {
     }
 }
 
-/// Rectangles over the filled cells (row-major, `columns` a row) without empty ones, the largest first, until
-/// less than `rest` of the cells is bare, the next would be narrower than `min_side` cells, or there are
-/// `most` of them.
+/// Rectangles that cover the filled cells (row-major, `columns` a row) and no empty ones, the largest first.
+/// It ends when less than `rest` of the cells is bare, the next would be narrower than `min_side` cells, or
+/// there are `most` of them.
 pub(super) fn covering_rectangles(
     filled: &[bool],
     columns: usize,
@@ -30,7 +30,7 @@ pub(super) fn covering_rectangles(
     let mut bare = total;
     let mut found = Vec::new();
     while found.len() < most && bare as f64 > rest * total as f64 {
-        // It may lie over covered cells, for rectangles without gaps between them: only new cells count.
+        // A rectangle may overlap covered cells, to leave no gaps; only new cells count.
         let Some(best) = largest_rectangle(&left, filled, columns, min_side) else { break };
         for y in best.y..best.y + best.height {
             for cell in &mut left[y * columns + best.x..y * columns + best.x + best.width] {
@@ -43,7 +43,7 @@ pub(super) fn covering_rectangles(
     found
 }
 
-/// The largest rectangle of bare cells, grown over filled ones as far as it goes.
+/// The largest rectangle of bare cells, grown over filled cells as far as possible.
 fn largest_rectangle(bare: &[bool], filled: &[bool], columns: usize, min_side: usize) -> Option<Rectangle> {
     let rows = bare.len().checked_div(columns)?;
     // The largest rectangle under a row of heights, row by row: linear in the cells. The empty column behind

@@ -1,14 +1,14 @@
-//! Samples of a surface number by number, as vector instructions take them.
+//! Samples of a surface stored by column, for vector instructions.
 
 use nalgebra::Vector3;
 
 use super::{Plane, pieces::Sample};
 use numeric::vectorized;
 
-/// Rays along a face leave a solid elsewhere. chosen: above rounding
+/// Cosine below which a ray runs along a face and leaves the solid elsewhere. chosen: above rounding
 pub(super) const GRAZING: f64 = 1e-3;
 
-/// Places, meters, normals and areas, square meters, of some samples, and the numbers of their faces.
+/// Positions, meters, normals, areas, square meters, and face indices of some samples.
 pub(super) struct SampleColumns {
     places: [Vec<f64>; 3],
     normals: [Vec<f64>; 3],
@@ -16,18 +16,19 @@ pub(super) struct SampleColumns {
     pub faces: Vec<u32>,
 }
 
-/// How samples lie to a plane's normal: heights along it, meters, and the cosines of their own normals to it.
+/// Samples relative to a plane's normal: heights along it, meters, and the cosines of their own normals to
+/// it.
 #[derive(Default)]
 pub(super) struct Slopes {
     pub heights: Vec<f64>,
     pub speeds: Vec<f64>,
 }
 
-/// Distances of samples before planes, and of planes before them, meters.
+/// Distances of samples in front of planes, and of planes in front of samples, meters.
 struct Distances {
-    /// From each sample along its normal to the first plane.
+    /// Distance from each sample along its normal to the first plane.
     nearest: Vec<f64>,
-    /// By how much each stands out.
+    /// How far each sample lies outside.
     outside: Vec<f64>,
 }
 
@@ -54,7 +55,7 @@ impl SampleColumns {
         self.faces.len()
     }
 
-    /// How they lie to a normal.
+    /// Writes the heights and cosines of the samples relative to a normal.
     pub(super) fn write_slopes(&self, normal: &Vector3<f64>, slopes: &mut Slopes) {
         slopes.heights.resize(self.len(), 0.0);
         slopes.speeds.resize(self.len(), 0.0);
@@ -62,8 +63,8 @@ impl SampleColumns {
         along(&self.normals, normal, &mut slopes.speeds);
     }
 
-    /// Distances between the solid behind all planes and each sample, meters: of the sample outside it, or of
-    /// the solid before the sample along its normal.
+    /// Distances between the solid behind all planes and each sample, meters: of the sample outside the
+    /// solid, or of the solid in front of the sample along its normal.
     pub(super) fn distances_m(&self, planes: &[Plane]) -> Vec<f64> {
         let n = self.len();
         let mut found = Distances { nearest: vec![f64::INFINITY; n], outside: vec![0.0; n] };
@@ -78,7 +79,7 @@ impl SampleColumns {
 }
 
 vectorized! {
-    /// Inner products of vectors with an axis.
+    /// Writes the inner products of vectors with an axis.
     fn along(columns: &[Vec<f64>; 3], axis: &Vector3<f64>, products: &mut [f64]) = products_of
 }
 
@@ -91,7 +92,7 @@ fn products_of(columns: &[Vec<f64>; 3], axis: &Vector3<f64>, products: &mut [f64
 }
 
 vectorized! {
-    /// Brings a plane into the distances.
+    /// Updates the distances with a plane.
     fn stand(slopes: &Slopes, offset_m: f64, distances: &mut Distances) = stand_before
 }
 

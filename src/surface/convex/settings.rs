@@ -7,13 +7,13 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ConvexConfig {
-    /// Most solids of a part.
+    /// Largest number of solids of a part.
     pub max_solids: usize,
-    /// Largest distance of a solid before the seen surface, meters.
+    /// Largest tolerated distance of a solid in front of the seen surface, meters.
     pub tolerance_m: f64,
-    /// No solid is thinner, meters (a simulator refuses flat hulls).
+    /// Least thickness of a solid, meters (a simulator refuses flat hulls).
     pub min_thickness_m: f64,
-    /// Free gap around the path of a moving part, meters.
+    /// Gap kept free around the path of a moving part, meters.
     pub gap_m: f64,
 }
 

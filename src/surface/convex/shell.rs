@@ -1,7 +1,7 @@
-//! A surface as convex solids.
+//! Turns a surface into convex solids.
 //!
-//! A scanned surface need not be closed and is seldom convex: its hull or a decomposition of its volume fills
-//! its inner space. So the solids follow the surface itself, with the wall behind it.
+//! A scanned surface need not be closed and is seldom convex: its hull, or a decomposition of its volume,
+//! would fill its interior. So the solids follow the surface itself, with the wall behind it.
 
 use nalgebra::Point3;
 
@@ -13,13 +13,13 @@ use super::{
 };
 use crate::{ShellInertia, TriangleMesh, inertia::plates_inertia, keep_components, simplify};
 
-/// Triangles for the pieces.
+/// Largest number of triangles cut into pieces.
 const TRIANGLES: usize = 3000;
 /// Components with a smaller share of the largest one's triangles are loose fragments.
 /// tuned: made and recorded objects (docs/method.md 16)
 const MIN_COMPONENT: f64 = 0.003;
 
-/// Root mean square distance of a flat patch from its plane, in tolerances.
+/// Largest root mean square distance of a flat patch from its plane, in tolerances.
 /// tuned: made and recorded objects (docs/method.md 16)
 const FLAT: f64 = 0.6;
 
@@ -40,10 +40,9 @@ pub struct Walls {
 
 impl Walls {
     /// The walls behind a surface, `wall_m` thick where their other side was not seen. They end before
-    /// `others`: seen surfaces of other parts in the same frame. A flat wall goes on through known `hidden`
-    /// places to its next seen part or another wall, as the floor of a drawer does behind its front. Both
-    /// meshes should be [`few_triangles`].
-    /// See docs/method.md 10.1.
+    /// `others`: seen surfaces of other parts in the same frame. A flat wall continues through places known
+    /// to be `hidden` to its next seen part or another wall, as the floor of a drawer does behind its front.
+    /// Both meshes should come from [`few_triangles`]. See docs/method.md 10.1.
     #[must_use]
     pub fn behind_surface(
         mesh: &TriangleMesh,
@@ -52,7 +51,7 @@ impl Walls {
         hidden: Option<Hidden<'_>>,
         config: &ConvexConfig,
     ) -> Self {
-        // Of noise, two standard deviations are within the tolerance where one is half of it.
+        // Two standard deviations of noise are within the tolerance if one is half of it.
         let flat_m = FLAT * config.tolerance_m;
         let sizes = [flat_m, wall_m, config.min_thickness_m, config.gap_m];
         let (mut seen, patches) =
@@ -64,7 +63,7 @@ impl Walls {
         Self { seen, assumed, bounds, wall_m, config: config.clone() }
     }
 
-    /// The faces of walls in hidden places, in the color of the seen part of the wall.
+    /// The faces of the assumed walls in hidden places, in the color of the seen part of the wall.
     #[must_use]
     pub fn assumed_faces(&self) -> &TriangleMesh {
         &self.assumed
@@ -78,22 +77,22 @@ impl Walls {
         let wanted = Wanted { solids: max_solids, tolerance_m, thin_m: min_thickness_m, wall_m: self.wall_m };
         let mut solids = covering_solids(&self.seen, &wanted);
         if let Some((lower, upper)) = self.bounds.filter(|_| solids.is_empty()) {
-            // Too small for pieces: its box.
+            // The surface is too small for pieces: its bounding box instead.
             let pads = (upper - lower).map(|side| (min_thickness_m - side).max(0.0) * 0.5);
             solids.push(ConvexSolid::cuboid(&(lower - pads), &(upper + pads)));
         }
         solids
     }
 
-    /// Mass properties of the walls: of plates of one density, as thick as their walls; a wall seen from both
-    /// sides weighs half on either side. `None` without area. See docs/method.md 10.2.
+    /// Mass properties of the walls, as plates of one density and of their walls' thickness; of a wall seen
+    /// from both sides, each side carries half. `None` without area. See docs/method.md 10.2.
     #[must_use]
     pub fn shell_inertia(&self, density_kg_m3: f64) -> Option<ShellInertia> {
         let plates = self.seen.pieces.iter().flat_map(Piece::wall_plates);
         plates_inertia(plates, density_kg_m3)
     }
 
-    /// Share of walls of assumed thickness (other side unseen) in the mass; 0 without area.
+    /// Share of the mass in walls of assumed thickness (other side unseen); 0 without area.
     #[must_use]
     pub fn assumed_share(&self) -> f64 {
         let all_m3 = self.volume_m3(|_| true);

@@ -8,20 +8,20 @@ use serde::{Deserialize, Serialize};
 use crate::TriangleMesh;
 use geometry::Pose;
 
-/// A point this near a plane lies in it, meters. chosen: above rounding, below any reading
+/// Points nearer to a plane than this lie in it, meters. chosen: above rounding, below any reading
 const ON_PLANE_M: f64 = 1e-9;
 
 /// The half space `normal . x <= offset_m`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
-    /// Unit normal, out of the half space.
+    /// Unit normal, pointing out of the half space.
     pub normal: Vector3<f64>,
     /// Distance from the origin along the normal, meters.
     pub offset_m: f64,
 }
 
 impl Plane {
-    /// Distance of a point, meters; positive outside.
+    /// Signed distance of a point, meters; positive outside.
     #[must_use]
     pub fn distance_m(&self, p: &Point3<f64>) -> f64 {
         self.normal.dot(&p.coords) - self.offset_m
@@ -63,11 +63,11 @@ impl ConvexSolid {
         self.faces.iter().filter_map(|f| self.face_plane(f)).collect()
     }
 
-    /// The plane of a face; `None` of one without area.
+    /// The plane of a face; `None` for one without area.
     pub fn face_plane(&self, face: &[u32]) -> Option<Plane> {
         let normal = self.twice_area(face).try_normalize(1e-16)?;
         let heights = face.iter().map(|&i| normal.dot(&self.vertices[i as usize].coords));
-        // Rounding leaves the corners of a cut face beside its plane: their mean is nearest to all.
+        // Rounding leaves the corners of a cut face beside its plane: their mean height fits all best.
         let offset_m = heights.sum::<f64>() / face.len() as f64;
         Some(Plane { normal, offset_m })
     }
@@ -84,11 +84,11 @@ impl ConvexSolid {
         face.windows(2).map(|w| (at(w[0]) - origin).cross(&(at(w[1]) - origin))).sum()
     }
 
-    /// Its part inside a half space; `None` where it has none.
+    /// The part inside a half space; `None` where there is none.
     #[must_use]
     pub fn clipped_at(&self, plane: &Plane) -> Option<Self> {
         let side: Vec<f64> = self.vertices.iter().map(|p| plane.distance_m(p)).collect();
-        // Corners within rounding of the plane lie on it: no sliver is cut off.
+        // Corners within rounding of the plane lie on it, so that no sliver is cut off.
         if side.iter().all(|s| *s <= ON_PLANE_M) {
             return Some(self.clone());
         }
@@ -96,7 +96,7 @@ impl ConvexSolid {
             return None;
         }
         let mut vertices = self.vertices.clone();
-        // The two faces of an edge cut it at one and the same vertex.
+        // The two faces of an edge share the vertex where it is cut.
         let mut cuts: BTreeMap<(u32, u32), u32> = BTreeMap::new();
         let mut cap: Vec<u32> =
             (0..side.len() as u32).filter(|&i| side[i as usize].abs() <= ON_PLANE_M).collect();
@@ -119,7 +119,7 @@ impl ConvexSolid {
                     }));
                 }
             }
-            // A face in the plane becomes the cap itself.
+            // A face in the plane is the cap itself.
             let inside = kept.iter().any(|&i| side.get(i as usize).is_some_and(|s| *s < -ON_PLANE_M));
             if kept.len() >= 3 && (inside || kept.iter().any(|&i| i as usize >= side.len())) {
                 faces.push(kept);
@@ -132,13 +132,13 @@ impl ConvexSolid {
         Some(Self { vertices, faces }.without_unused_corners())
     }
 
-    /// Its part inside all half spaces; `None` where it has none.
+    /// The part inside all half spaces; `None` where there is none.
     #[must_use]
     pub fn clipped_by(&self, planes: &[Plane]) -> Option<Self> {
         planes.iter().try_fold(self.clone(), |solid, plane| solid.clipped_at(plane))
     }
 
-    /// Without unused corners.
+    /// Removes unused corners.
     fn without_unused_corners(self) -> Self {
         let mut index = vec![u32::MAX; self.vertices.len()];
         let mut vertices = Vec::new();
@@ -154,7 +154,7 @@ impl ConvexSolid {
         Self { vertices, faces }
     }
 
-    /// Tetrahedra of its volume, from its first corner: volume and corners.
+    /// Tetrahedra that fill the solid, from its first corner: volume and corners.
     pub fn tetrahedra(&self) -> impl Iterator<Item = (f64, [Point3<f64>; 4])> + '_ {
         let apex = self.vertices.first().copied().unwrap_or_else(Point3::origin);
         self.faces.iter().flat_map(move |f| {
@@ -187,7 +187,7 @@ impl ConvexSolid {
         self.vertices.iter().fold(start, |(lo, hi), p| (lo.inf(p), hi.sup(p)))
     }
 
-    /// Its axes: the normal of its largest face, the longest side of this face, and across both.
+    /// Its axes: the normal of its largest face, the longest side of this face, and their cross product.
     #[must_use]
     pub fn main_axes(&self) -> Matrix3<f64> {
         let largest =
@@ -202,7 +202,7 @@ impl ConvexSolid {
         Matrix3::from_columns(&[plane.normal, along.into_inner(), plane.normal.cross(&along)])
     }
 
-    /// Moved by a rigid motion.
+    /// The solid moved by a rigid motion.
     #[must_use]
     pub fn transformed(&self, target_from_source: &Pose) -> Self {
         Self {
@@ -211,17 +211,17 @@ impl ConvexSolid {
         }
     }
 
-    /// How far it reaches into another solid, meters: the shortest way out along the normal of a face of
-    /// either. `None` where they are apart or touch.
+    /// How far it reaches into another solid, meters: the shortest way to separate them along a face normal
+    /// of either. `None` where they are apart or only touch.
     #[must_use]
     pub fn penetration_m(&self, other: &Self) -> Option<f64> {
         let theirs = other.face_planes();
         let shortest = self.depth_behind_m(&theirs).min(other.depth_behind_m(&self.face_planes()));
-        // Normals of faces alone may miss a separating axis between two edges; cutting decides.
+        // Face normals alone may miss a separating axis between two edges; cutting decides.
         (shortest > ON_PLANE_M && self.clipped_by(&theirs).is_some()).then_some(shortest)
     }
 
-    /// Least depth behind any of some planes, meters: of its deepest corner behind each.
+    /// Least depth of the solid behind any of some planes, meters, each measured at its deepest corner.
     fn depth_behind_m(&self, planes: &[Plane]) -> f64 {
         let deepest = planes
             .iter()
@@ -229,7 +229,7 @@ impl ConvexSolid {
         deepest.min_by(f64::total_cmp).unwrap_or(f64::NEG_INFINITY)
     }
 
-    /// As triangles.
+    /// The surface as triangles.
     #[must_use]
     pub fn to_mesh(&self) -> TriangleMesh {
         let triangles = self.faces.iter().flat_map(|f| (1..f.len() - 1).map(|k| [f[0], f[k], f[k + 1]]));
@@ -246,7 +246,7 @@ fn ordered_around(vertices: &[Point3<f64>], mut corners: Vec<u32>, normal: &Vect
     let at = |i: u32| vertices[i as usize];
     let center =
         Point3::from(corners.iter().map(|&i| at(i).coords).sum::<Vector3<f64>>() / corners.len() as f64);
-    // From the farthest corner the angles suffer least from rounding.
+    // Starting at the farthest corner, the angles suffer least from rounding.
     let far =
         corners.iter().map(|&i| at(i) - center).max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()));
     let Some(u) = far.and_then(|f| (f - normal * normal.dot(&f)).try_normalize(1e-15)) else {

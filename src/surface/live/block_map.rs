@@ -1,4 +1,4 @@
-//! A sparse truncated signed distance volume: blocks of nodes where surfaces were read.
+//! A sparse truncated signed distance volume: it has blocks of nodes only where surfaces were read.
 
 use std::collections::BTreeMap;
 
@@ -18,11 +18,11 @@ use geometry::Grid3;
 /// Nodes along a side of a block.
 pub(super) const SIDE: usize = 8;
 const NODES: usize = SIDE * SIDE * SIDE;
-/// A block is drawn again when its surface is this part of a spacing away from its last drawing, in the mean.
-/// chosen: nodes are no finer than pixels of the views, and a quarter of a pixel is not seen
+/// A block is drawn again when its surface has moved by this part of a spacing, on average, since it was last
+/// drawn. chosen: nodes are no finer than pixels of the views, and a quarter of a pixel is not seen
 const VISIBLE: f32 = 0.25;
 
-/// Place of a block: its first node in sides of a block.
+/// Position of a block: its first node, in block sides.
 pub(super) type Key = [i32; 3];
 
 /// Weighted means at the nodes of a block; x varies fastest.
@@ -45,7 +45,7 @@ impl Block {
         })
     }
 
-    /// Takes a distance into the mean of a node; returns the change of a surface there, meters; `None` where
+    /// Adds a distance to the mean of a node. Returns by how much a surface there moved, meters; `None` where
     /// none is near.
     fn take_distance(&mut self, node: usize, distance_m: f32, weight: f32, near_m: f32) -> Option<f32> {
         let old_m = self.distance_m[node];
@@ -85,22 +85,22 @@ impl BlockMap {
         self.spacing_m
     }
 
-    /// Memory of so many blocks, bytes.
+    /// Memory of this many blocks, bytes.
     pub(super) fn bytes_of(blocks: usize) -> usize {
-        // The second term: keys, pointers and open places of a tree.
+        // The second term is for keys, pointers and free places of the tree.
         blocks * (size_of::<Block>() + 48)
     }
 
-    /// Its memory, bytes.
+    /// Memory in use, bytes.
     pub(super) fn bytes(&self) -> usize {
         Self::bytes_of(self.blocks.len())
     }
 
-    /// Places of the blocks about a view's surface, sorted, and the number of new ones.
+    /// Keys of the blocks around a view's surface, sorted, and the number of new ones.
     pub(super) fn blocks_about(&self, view: &ViewDepth) -> (Vec<Key>, usize) {
         let k = &view.frame.intrinsics;
         let block_m = self.spacing_m * SIDE as f64;
-        // Rays a third of a block apart miss none but corners; other views hit these.
+        // Rays a third of a block apart miss only corners of blocks, and other views hit these.
         let step = ((block_m / 3.0 / view.pixel_m(view.median_m)) as usize).clamp(1, 8);
         let mut keys = Vec::new();
         for v in (0..k.height).step_by(step) {
@@ -126,14 +126,14 @@ impl BlockMap {
         (keys, new)
     }
 
-    /// Makes blocks where there are none.
+    /// Creates the blocks that do not exist yet.
     pub(super) fn allocate(&mut self, keys: &[Key]) {
         for key in keys {
             self.blocks.entry(*key).or_insert_with(Block::boxed_empty);
         }
     }
 
-    /// Fuses a view into all its blocks; returns the visibly changed ones, sorted.
+    /// Fuses a view into all its blocks; returns those that changed visibly, sorted.
     pub(super) fn integrate(&mut self, view: &ViewDepth, clearance: &Clearance) -> Vec<Key> {
         let spacing_m = self.spacing_m;
         let truncation_m = self.truncation_m as f32;
@@ -163,7 +163,7 @@ impl BlockMap {
                         truncation_m,
                     ) {
                         None => None,
-                        // A reading from far behind empty space is as sure of it.
+                        // Free space weighs the same, however far behind it the reading is.
                         Some(NodeReading::Free { .. }) => {
                             block.take_distance(node, truncation_m, FREE_WEIGHT, near_m)
                         }
@@ -200,7 +200,8 @@ impl BlockMap {
                 let half = [i % 4, i / 4 % 4, i / 16];
                 let from = index(half.map(|h| 2 * h));
                 let to = index([0, 1, 2].map(|k| at[k] + half[k]));
-                // Behind a surface less is known than a coarse cell is wide: the next node has the depth.
+                // The known space behind a surface is thinner than a coarse cell: the value comes from the
+                // next node.
                 let known = if fine.weight[from] > 0.0 {
                     Some((fine.distance_m[from], fine.weight[from], fine.color[from]))
                 } else {
@@ -219,13 +220,13 @@ impl BlockMap {
         self.truncation_m = truncation_m;
     }
 
-    /// Places of all blocks, sorted.
+    /// Keys of all blocks, sorted.
     pub(super) fn keys(&self) -> impl Iterator<Item = &Key> {
         self.blocks.keys()
     }
 
-    /// Distances, NaN where nothing is known, and colors about the cells of some blocks, `side` along each
-    /// axis from `first`; of every `stride`th node.
+    /// Distances (NaN where nothing is known) and colors of every `stride`th node in the cells of some
+    /// blocks, `side` blocks along each axis from `first`.
     pub(super) fn grid_of_blocks(
         &self,
         first: Key,
@@ -247,7 +248,7 @@ impl BlockMap {
             let [bx, by, bz] = [i % along, i / along % along, i / along / along];
             let place = [first[0] + bx as i32, first[1] + by as i32, first[2] + bz as i32];
             let Some(block) = self.blocks.get(&place) else { continue };
-            // Of the blocks behind, the first layer closes the cells.
+            // Of the next blocks only the first layer is taken: it closes the cells.
             let range = |b: usize| (0..if b == side { 1 } else { SIDE }).step_by(stride);
             for (z, y) in range(bz).flat_map(|z| range(by).map(move |y| (z, y))) {
                 for x in range(bx) {

@@ -1,5 +1,5 @@
-//! Depth of surely empty space in each pixel of a view, and of space with a surface: by pixels, and by tiles,
-//! to judge most of space many cells at a time.
+//! For each pixel of a view, the depth up to which space is surely empty and up to which there may be
+//! surface. Tiles of pixels judge most of space many cells at a time.
 
 use nalgebra::Vector3;
 
@@ -7,22 +7,22 @@ use super::view_depth::{MAX_DEPTH_M, ViewDepth};
 use crate::depth_tiles::DepthTiles;
 use capture::PoseNoise;
 
-/// Least distance of an empty cell before a reading, in standard deviations of reading and pose together.
+/// Least distance of an empty cell in front of a reading, in joint standard deviations of reading and pose.
 /// chosen: 0.13 % of normal readings, one-sided
 const GATE_SIGMAS: f64 = 3.0;
 
-/// Space further away than this many median depths of a view is not examined.
+/// Space farther away than this many median depths of a view is not examined.
 /// chosen: the largest ball in an image of 55 degrees ends at 1.46 distances
 const FARTHEST: f64 = 1.5;
 
-/// A piece of space in a view.
+/// What a view shows of a piece of space.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SpaceState {
-    /// Outside the image, or hidden.
+    /// It is outside the image, or hidden.
     Nothing,
-    /// Seen empty as a whole.
+    /// All of it was seen empty.
     Empty,
-    /// To be examined in detail.
+    /// It must be examined in detail.
     Mixed,
 }
 
@@ -30,9 +30,9 @@ pub(super) enum SpaceState {
 pub(super) struct Clearance {
     focal: [f32; 2],
     center: [f32; 2],
-    /// Space up to this depth is empty, by pixels, meters; 0 where nothing is known.
+    /// Depth up to which space is empty, per pixel, meters; 0 where nothing is known.
     clear_m: Vec<f32>,
-    /// Something is between `clear_m` and this depth, meters.
+    /// There is something between `clear_m` and this depth, meters.
     reach_m: Vec<f32>,
     /// Least `clear_m` and largest `reach_m` of the pixels of each tile.
     tiles: DepthTiles,
@@ -43,7 +43,7 @@ pub(super) struct Clearance {
 }
 
 impl Clearance {
-    /// For cells of a size.
+    /// The clearance of a view for cells of `cell_m`.
     pub(super) fn new(view: &ViewDepth, cell_m: f64) -> Self {
         let k = &view.frame.intrinsics;
         // Half a cell's diagonal.
@@ -58,7 +58,7 @@ impl Clearance {
                 _ if r.weight() <= 0.0 => [0.0, 0.0],
                 depth_m if depth_m.is_finite() => {
                     let z = f64::from(depth_m);
-                    // Along a ray at a slant to the surface a cell, and an error of the pose, reach further.
+                    // Along a ray slanted to the surface, a cell and an error of the pose reach farther.
                     let cosine = f64::from(*cosine).max(view.noise.grazing_cosine);
                     let pose_m = PoseNoise::EXPECTED.displacement_m(z) / cosine;
                     let off_m = GATE_SIGMAS * view.noise.sigma_m(z).hypot(pose_m);
@@ -82,8 +82,8 @@ impl Clearance {
         }
     }
 
-    /// Whether a point at a depth in a pixel is in space seen empty (`Some(false)`), or where something is
-    /// (`Some(true)`).
+    /// Whether a point at a depth in a pixel is where something is (`Some(true)`) or in space seen empty
+    /// (`Some(false)`).
     pub(super) fn is_filled(&self, pixel: usize, depth_m: f32) -> Option<bool> {
         match () {
             () if depth_m <= self.clear_m[pixel] => Some(false),
@@ -92,13 +92,13 @@ impl Clearance {
         }
     }
 
-    /// State of a ball about a point in the optical frame; space up to `behind_m` behind the seen surface is
-    /// still examined.
+    /// State of a ball around a point in the optical frame; space up to `behind_m` behind the seen surface
+    /// is still [`SpaceState::Mixed`].
     pub(super) fn state_of_ball(&self, p: &Vector3<f32>, radius_m: f32, behind_m: f32) -> SpaceState {
         if p.z + radius_m <= 0.0 || p.z - radius_m > self.farthest_m + behind_m {
             return SpaceState::Nothing;
         }
-        // So near, its image is no circle any more.
+        // At this distance its image is no longer a circle.
         if p.z <= 1.5 * radius_m {
             return SpaceState::Mixed;
         }
@@ -110,7 +110,7 @@ impl Clearance {
             let from = middle - half;
             let to = middle + half;
             let last = size as f32 - 1.0;
-            // Also where a value is not a number.
+            // Written so that it also holds for NaN.
             if !(to >= 0.0 && from <= last) {
                 return SpaceState::Nothing;
             }

@@ -7,18 +7,18 @@ use capture::common_focus;
 use geometry::{Intrinsics, Pose};
 use numeric::statistics::median;
 
-/// Most remembered views; with more, every second one goes.
+/// Largest number of remembered views; when it is exceeded, every second one is dropped.
 const MOST: usize = 128;
 
 /// The views of a state.
 pub(super) struct Eyes {
-    /// Pose and median depth.
+    /// Pose and median depth (meters) of the remembered views.
     views: Vec<(Pose, f64)>,
-    /// Every so many views one is remembered.
+    /// One of this many views is remembered.
     every: usize,
-    /// Views so far.
+    /// Number of views so far.
     pub count: usize,
-    /// The camera of the last one.
+    /// Camera of the last view.
     pub intrinsics: Intrinsics,
 }
 
@@ -26,16 +26,16 @@ pub(super) struct Eyes {
 pub(super) struct Focus {
     /// The point they look at.
     pub point: Point3<f64>,
-    /// Median distance of them to it, meters.
+    /// Median distance of the cameras to it, meters.
     pub distance_m: f64,
-    /// Upwards: the axis of the world nearest to the cameras' upward direction (REP 103 makes it z).
+    /// Up: the axis of the world nearest to the cameras' upward direction (REP 103 makes it z).
     pub up: Vector3<f64>,
-    /// Sine of the lowest elevation of a camera as seen from there.
+    /// Sine of the lowest elevation of a camera, seen from the point.
     pub lowest: f64,
 }
 
 impl Eyes {
-    /// With a camera.
+    /// No views yet; the camera is `intrinsics`.
     pub(super) fn new(intrinsics: Intrinsics) -> Self {
         Self { views: Vec::new(), every: 1, count: 0, intrinsics }
     }
@@ -54,7 +54,7 @@ impl Eyes {
         }
     }
 
-    /// The common focus; `None` without views.
+    /// The point the views look at; `None` without views.
     fn common_point(&self) -> Option<Focus> {
         let poses: Vec<Pose> = self.views.iter().map(|v| v.0).collect();
         let ahead: Vec<Point3<f64>> = self.views.iter().map(|(p, z)| p * Point3::new(0.0, 0.0, *z)).collect();
@@ -70,8 +70,8 @@ impl Eyes {
         Some(Focus { point, distance_m, up, lowest })
     }
 
-    /// The largest ball about the focus within the image from their median distance: focus and radius in
-    /// meters.
+    /// The largest ball around the focus that fits in the image at the views' median distance: focus and
+    /// radius, meters.
     pub(super) fn focus_ball(&self) -> Option<(Focus, f64)> {
         let focus = self.common_point()?;
         let k = &self.intrinsics;
@@ -80,7 +80,7 @@ impl Eyes {
         Some((focus, radius_m))
     }
 
-    /// Whether at least half of the views have a point in their image.
+    /// Whether a point is in the image of at least half of the views.
     pub(super) fn half_show(&self, point: &Point3<f64>) -> bool {
         let pixels =
             self.views.iter().map(|(pose, _)| self.intrinsics.pixel_of(&pose.inverse_transform_point(point)));
@@ -88,8 +88,8 @@ impl Eyes {
     }
 }
 
-/// Whether a point is about as near to all cameras as their surface `ahead`. A point where all axes meet far
-/// from the seen surface, e.g. on a walk, is no focus.
+/// Whether a point is about as near to every camera as the surface `ahead` of it. A point where all axes meet
+/// far from the seen surface, e.g. on a walk, is no focus.
 fn is_before_all(p: &Point3<f64>, poses: &[Pose], ahead: &[Point3<f64>]) -> bool {
     ahead.iter().zip(poses).all(|(a, pose)| {
         let to_m = (p - Point3::from(pose.translation.vector)).norm();

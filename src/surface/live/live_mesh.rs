@@ -1,4 +1,4 @@
-//! The surface of the map in chunks; changed chunks are made again.
+//! The surface of the map in chunks; only changed chunks are made again.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -12,16 +12,16 @@ use crate::{TriangleMesh, marching_cubes};
 
 /// Blocks along a side of a chunk.
 const BLOCKS: i32 = 2;
-/// Triangles in all; with more, nodes are left out, at first beside the ball of the views.
+/// Largest number of triangles in all; above it nodes are skipped, at first outside the ball of the views.
 /// derived: 3.6 MB as markers; a local network carries them within a second beside the images
 const MOST_TRIANGLES: usize = 30_000;
-/// With so many times fewer, nodes are taken in again.
+/// With this many times fewer triangles, skipped nodes are taken in again.
 /// derived: half the spacing makes four times the triangles, and noise some more
 const FEWER: usize = 6;
-/// The ball of the views is another one where it moved or grew by this part of its radius.
+/// The ball of the views counts as another one when it moved or grew by this part of its radius.
 /// chosen: a tenth of an image
 const OTHER_BALL: f64 = 0.1;
-/// Every so many nodes count at most.
+/// Largest step from one used node to the next.
 /// derived: behind a surface four spacings are known, a cell must not be wider
 const LARGEST_STRIDE: usize = 4;
 /// Color where none was read.
@@ -30,9 +30,9 @@ const GRAY: [u8; 3] = [128; 3];
 /// A part of the surface.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeshChunk {
-    /// Its permanent number.
+    /// Permanent number of the chunk.
     pub id: i32,
-    /// Number of its last change of the mesh.
+    /// Version of the whole mesh in which the chunk last changed.
     pub version: u64,
     /// The surface, with colors, in the world.
     pub mesh: TriangleMesh,
@@ -41,9 +41,9 @@ pub struct MeshChunk {
 /// The surface of a map.
 #[derive(Default)]
 pub(super) struct LiveMesh {
-    /// Every so many nodes count: within the ball of the views, and beside it.
+    /// Step from one used node to the next, within the ball of the views and outside it.
     strides: [usize; 2],
-    /// Middle and radius of the ball of the views.
+    /// Center and radius (meters) of the ball of the views.
     ball: Option<(Point3<f64>, f64)>,
     chunks: BTreeMap<Key, Arc<MeshChunk>>,
     stale: BTreeSet<Key>,
@@ -53,7 +53,7 @@ pub(super) struct LiveMesh {
 }
 
 impl LiveMesh {
-    /// Without a surface.
+    /// An empty surface.
     pub(super) fn new() -> Self {
         Self { strides: [1, 1], ..Self::default() }
     }
@@ -61,7 +61,7 @@ impl LiveMesh {
     /// Marks the surface in some blocks as changed.
     pub(super) fn mark_changed(&mut self, blocks: &[Key]) {
         for key in blocks {
-            // A cell ends at the first nodes of the next block.
+            // The cells of a block end at the first nodes of the next.
             for corner in 0..8 {
                 let below = [0, 1, 2].map(|k| (key[k] - (corner >> k & 1)).div_euclid(BLOCKS));
                 self.stale.insert(below);
@@ -69,7 +69,8 @@ impl LiveMesh {
         }
     }
 
-    /// Forgets all: the blocks are others now. Numbers go on: no new chunk has the number of an old one.
+    /// Forgets all chunks, because the blocks have changed. Numbers go on: no new chunk gets the number of an
+    /// old one.
     fn begin_again(&mut self, map: &BlockMap) {
         self.chunks.clear();
         self.triangles = 0;
@@ -77,13 +78,13 @@ impl LiveMesh {
         self.mark_changed(&keys);
     }
 
-    /// The same where the map's spacing doubled: as many nodes count as before, or more.
+    /// The same after the map's spacing doubled: at least as many nodes are used as before.
     pub(super) fn begin_coarser(&mut self, map: &BlockMap) {
         self.strides = self.strides.map(|s| (s / 2).max(1));
         self.begin_again(map);
     }
 
-    /// Makes the stale chunks again; views look at a ball.
+    /// Makes the stale chunks again; `ball` is the ball of the views (center and radius, meters).
     pub(super) fn refresh(&mut self, map: &BlockMap, ball: Option<(Point3<f64>, f64)>) {
         let is_other = match (self.ball, ball) {
             (Some((a, r)), Some((b, s))) => (a - b).norm().max((r - s).abs()) > OTHER_BALL * r,
@@ -108,7 +109,7 @@ impl LiveMesh {
         }
     }
 
-    /// Every so many nodes count in a chunk.
+    /// Step from one used node to the next in a chunk.
     fn stride_of(&self, map: &BlockMap, key: Key) -> usize {
         let side_m = f64::from(BLOCKS) * block_map::SIDE as f64 * map.spacing_m();
         let middle = Point3::from(key.map(|k| (f64::from(k) + 0.5) * side_m));
@@ -124,7 +125,7 @@ impl LiveMesh {
             self.triangles -= known.map_or(0, |c| c.mesh.triangles.len());
             self.triangles += mesh.triangles.len();
             let id = known.map(|c| c.id);
-            // A chunk stays, empty, after it lost its surface: viewers must take it away.
+            // A chunk that lost its surface stays, empty, so that viewers remove it.
             if mesh.is_empty() && id.is_none() {
                 continue;
             }
@@ -146,11 +147,11 @@ impl LiveMesh {
             .iter()
             .map(|p| {
                 let at = (p.cast::<f64>() - grid.origin) / grid.spacing_m;
-                // The ends of the vertex's edge, the nearer one first.
+                // The two ends of the vertex's edge, the nearer one first.
                 let near = at.map(|v| (v.round().max(0.0) as usize).min(last));
                 let far = at.zip_map(&near, |v, n| {
                     let other = if v > n as f64 { v.ceil() } else { v.floor() };
-                    // Single precision leaves a vertex beside its edge.
+                    // Single precision leaves a vertex slightly off its edge.
                     if (v - n as f64).abs() < 1e-3 { n } else { (other.max(0.0) as usize).min(last) }
                 });
                 let ends = [near, far].map(|n| colors[grid.index(n.x, n.y, n.z)]);
@@ -163,7 +164,7 @@ impl LiveMesh {
         mesh
     }
 
-    /// All chunks by their place.
+    /// All chunks, ordered by position.
     pub(super) fn chunks(&self) -> impl Iterator<Item = &Arc<MeshChunk>> {
         self.chunks.values()
     }

@@ -17,14 +17,14 @@ use super::{
 use crate::{TriangleMesh, merged_mesh};
 use capture::{NoiseConfig, RgbdFrame};
 
-/// Least and largest first distance between nodes, meters.
+/// Least and largest initial distance between nodes, meters.
 /// chosen: finer than 5 mm shows the eye no more of an object; with 20 mm a drawer still has its front
 const SPACING_M: [f64; 2] = [0.005, 0.02];
-/// Truncation in spacings and in standard deviations of a reading, at least.
+/// Least truncation distance, in spacings and in standard deviations of a reading.
 /// derived: that of the pipeline's fusion (`SurfaceConfig::truncation_m`), and two cells on each side for
 /// marching cubes of every second node
 const TRUNCATION: f64 = 4.0;
-/// Side of a cell of seen space in spacings, at first. chosen: space needs no finer cells than surface
+/// Initial side of a cell of seen space, in spacings. chosen: space needs no finer cells than surface
 const CELL: f64 = 2.0;
 
 /// Settings of a map.
@@ -32,12 +32,12 @@ const CELL: f64 = 2.0;
 pub struct LiveSettings {
     /// The sensor's noise.
     pub noise: NoiseConfig,
-    /// Most memory of the map, bytes; at least [`LiveSettings::LEAST_BYTES`].
+    /// Memory limit of the map, bytes; at least [`LiveSettings::LEAST_BYTES`].
     pub most_bytes: usize,
 }
 
 impl LiveSettings {
-    /// Least useful memory.
+    /// Least useful memory limit.
     /// derived: a fifth of it holds the largest mesh
     pub const LEAST_BYTES: usize = 4 << 20;
 }
@@ -52,18 +52,18 @@ struct StateMap {
     sigma_m: f64,
 }
 
-/// The kept part of the state before.
+/// What is kept of the first state.
 struct Before {
     chunks: Vec<Arc<MeshChunk>>,
     spacing_m: f64,
     sight: SightMap,
 }
 
-/// The map of the present state, and the kept part of the first one.
+/// The map of the present state, and what is kept of the first one.
 ///
-/// The same views in the same order give the same bytes. Memory is bounded: where the bound is reached the
-/// spacing doubles, and seen surface and space stay. Rayon's pool of the calling thread does the work; a pool
-/// of one keeps it on this thread.
+/// The same views in the same order give the same bytes. Memory is bounded: when the bound is reached, the
+/// spacing doubles; seen surface and space stay. The work runs in the Rayon pool of the calling thread; a
+/// pool of one keeps it on this thread.
 pub struct LiveMap {
     settings: LiveSettings,
     now: Option<StateMap>,
@@ -91,17 +91,17 @@ impl LiveMap {
         self.before = Some(Before { chunks, spacing_m: map.spacing_m(), sight: map.sight });
     }
 
-    /// A part of the memory, bytes.
+    /// One `part`th of the memory limit, bytes.
     fn share_of_memory(&self, part: usize) -> usize {
         self.settings.most_bytes.max(LiveSettings::LEAST_BYTES) / part
     }
 
-    /// Adds a view, with its mask where it has one: then of its object alone the surface counts. Whether it
-    /// was taken: not where it reads no depth, or its sizes, camera or pose make no sense.
+    /// Adds a view. If it has a mask, only the surface of its object counts. Returns whether the view was
+    /// taken: not if it reads no depth, or if its sizes, camera or pose make no sense.
     pub fn add_view(&mut self, frame: &RgbdFrame) -> bool {
         let Some(view) = ViewDepth::new(frame, &self.settings.noise) else { return false };
-        // Half for surfaces; an eighth each for space seen now and before; the rest for the mesh and work
-        // under way.
+        // Half is for surfaces, an eighth each for space seen now and before, and the rest for the mesh and
+        // temporary data.
         let most_blocks = self.share_of_memory(2);
         let most_sight = self.share_of_memory(8);
         let map = self.now.get_or_insert_with(|| StateMap::new(&view));
@@ -128,14 +128,14 @@ impl LiveMap {
         }
     }
 
-    /// Makes the surface again where it changed since the last time.
+    /// Makes the surface again where it changed since the last call.
     pub fn refresh(&mut self) {
         if let Some(map) = &mut self.now {
             map.refresh_mesh();
         }
     }
 
-    /// The surface in chunks, by their place, as [`Self::refresh`] left it.
+    /// The surface in chunks, ordered by position, as [`Self::refresh`] left it.
     pub fn chunks(&self) -> impl Iterator<Item = &Arc<MeshChunk>> {
         self.now.iter().flat_map(|map| map.mesh.chunks())
     }
@@ -146,8 +146,8 @@ impl LiveMap {
         merged_mesh(&self.chunks().map(|c| &c.mesh).collect::<Vec<_>>())
     }
 
-    /// The unseen part of the region of the views, and the next view, where it is worth it; `None` before the
-    /// first view.
+    /// The unseen part of the region of the views, and the next view if one is worth taking; `None` before
+    /// the first view.
     #[must_use]
     pub fn unseen_and_next(&self) -> Option<(Unseen, Option<NextView>)> {
         let map = self.now.as_ref()?;
@@ -164,7 +164,8 @@ impl LiveMap {
         Some((unseen, next))
     }
 
-    /// The moved surface since the first state; `None` where there is none, or the present one has no view.
+    /// The surface that moved since the first state; `None` where there is no such state, or the present one
+    /// has no view.
     #[must_use]
     pub fn moved_surface(&self) -> Option<Moved> {
         let map = self.now.as_ref()?;
@@ -223,10 +224,10 @@ fn mesh_bytes(mesh: &TriangleMesh) -> usize {
 }
 
 impl StateMap {
-    /// For a first view: as fine as its readings.
+    /// A map for a first view, as fine as its readings.
     fn new(view: &ViewDepth) -> Self {
         let sigma_m = view.noise.sigma_m(view.median_m);
-        // Finer nodes than pixels, or than their noise, would be without readings.
+        // Nodes finer than the pixels or their noise would lack readings.
         let spacing_m = sigma_m.max(view.pixel_m(view.median_m)).clamp(SPACING_M[0], SPACING_M[1]);
         Self {
             blocks: BlockMap::new(spacing_m, truncation_m(spacing_m, sigma_m)),

@@ -1,5 +1,6 @@
-//! The map of a state while it is collected: view by view, in bounded memory, on the calling thread. The seen
-//! surface as a mesh, the unseen surface, the next view, and the moved surface since the state before.
+//! The map of a state while it is collected: view by view, in bounded memory, on the calling thread. It holds
+//! the seen surface as a mesh, the unseen surface, the next view, and the surface that moved since the state
+//! before.
 //!
 //! ```text
 //! frame -> view_depth -> clearance -> sight_map (seen empty, seen filled) -> region -> unseen, next_view

@@ -1,7 +1,7 @@
-//! The moved surface between two states: surface of one in empty space of the other.
+//! The surface that moved between two states: surface of one in empty space of the other.
 //!
-//! The idea of `capture::isolate`, for views one by one: two views of the other state read something clearly
-//! behind a piece of surface, four times as many as read anything about it.
+//! As in `capture::isolate`, but with views one by one: at least two views of the other state must read
+//! something clearly behind a piece of surface, four times as many as read anything near it.
 
 use std::collections::BTreeSet;
 
@@ -34,8 +34,8 @@ impl Moved {
     }
 }
 
-/// Whether a state saw space empty about a point: in its cell, and in the six next to it, as a wrong pose
-/// moves the rim of the seen surface sideways.
+/// Whether a state saw the space around a point empty: its cell and the six neighbors, as a wrong pose shifts
+/// the rim of the seen surface sideways.
 fn is_empty(sight: &SightMap, point: &Point3<f64>) -> bool {
     let Some(at) = cell_of_point(point, sight.cell_m()) else { return false };
     if !is_seen_through(sight.count_of_cell(at)) {
@@ -54,14 +54,14 @@ fn is_seen_through(seen: SightCount) -> bool {
     seen.empty >= LEAST_VIEWS && usize::from(seen.empty) >= CLEARLY * usize::from(seen.filled)
 }
 
-/// Triangles of one state's surface, of cells so wide, in space seen empty by the other state.
+/// Triangles of one state's surface (cells of the given size) in space that the other state saw empty.
 pub(super) fn changed_surface<'a>(
     surface: impl Iterator<Item = &'a MeshChunk>,
     spacing_m: f64,
     own: &SightMap,
     other: &SightMap,
 ) -> TriangleMesh {
-    // No finer than the surface: neighboring triangles would not hang together.
+    // No finer than the surface: neighboring triangles would fall apart.
     let size_m = other.cell_m().max(spacing_m);
     let mut found = Vec::new();
     for chunk in surface {

@@ -1,5 +1,5 @@
-//! The view with the most gain (Connolly 1985): of many about the focus of the views, the one with the most
-//! unseen surface in sight.
+//! The view with the most gain (Connolly 1985): of many placed around the focus of the views, the one that
+//! sees the most unseen surface.
 
 use nalgebra::{Point3, Vector3};
 
@@ -9,9 +9,9 @@ use super::{
 };
 use geometry::Pose;
 
-/// Number of tried places, all around.
+/// Number of places tried, all around.
 const PLACES: usize = 200;
-/// Rays along a side of the picture of the region from each.
+/// Rays along a side of the image of the region from each place.
 const RAYS: usize = 32;
 /// Least useful gain of a view, as a share of all surface.
 /// chosen: a hundred such views would be as much as all there is
@@ -22,16 +22,16 @@ const LEAST_SHARE: f64 = 0.01;
 pub struct NextView {
     /// Pose of the optical frame there.
     pub world_from_camera: Pose,
-    /// Area across its rays of newly seen surface, square meters.
+    /// Newly seen surface, as area perpendicular to its rays, square meters.
     pub gain_m2: f64,
 }
 
-/// The best view of a region; `None` where none has a useful gain, of so much surface in all.
+/// The best view of a region with `all_m2` of surface, square meters; `None` where no view has a useful gain.
 pub(super) fn next_view(region: &Region, sight: &SightMap, all_m2: f64) -> Option<NextView> {
     let focus = &region.focus;
     let mut best: Option<NextView> = None;
     for direction in lattice_directions() {
-        // No lower than a camera was, by half of the distance between two places: there may be a floor.
+        // No lower than the lowest camera, less half the distance between two places: there may be a floor.
         let is_low = direction.dot(&focus.up) < focus.lowest - (std::f64::consts::PI / PLACES as f64).sqrt();
         let eye = focus.point + direction * focus.distance_m;
         if is_low || !can_stand(&eye, region, sight) {
@@ -46,12 +46,12 @@ pub(super) fn next_view(region: &Region, sight: &SightMap, all_m2: f64) -> Optio
     best.filter(|b| b.gain_m2 > 0.0 && b.gain_m2 >= LEAST_SHARE * all_m2)
 }
 
-/// Newly seen surface of a camera, as area across its rays, square meters. Unknown space outside of the
-/// region hides nothing.
+/// Surface a camera would newly see, as area perpendicular to its rays, square meters. Unknown space outside
+/// the region hides nothing.
 pub(super) fn gain_m2(region: &Region, world_from_camera: &Pose) -> f64 {
     let eye = Point3::from(world_from_camera.translation.vector);
     let distance_m = (region.focus.point - eye).norm();
-    // A picture of the whole ball, by a camera of its own.
+    // An image of the whole ball, with suitable intrinsics.
     let half = (region.radius_m / distance_m).min(0.9).asin().tan();
     let pixel = 2.0 * half / RAYS as f64;
     let mut area_m2 = 0.0;
@@ -67,7 +67,7 @@ pub(super) fn gain_m2(region: &Region, world_from_camera: &Pose) -> f64 {
     area_m2
 }
 
-/// Directions evenly spread (a Fibonacci lattice).
+/// Evenly spread directions (a Fibonacci lattice).
 fn lattice_directions() -> impl Iterator<Item = Vector3<f64>> {
     let turn_rad = std::f64::consts::PI * (3.0 - 5f64.sqrt());
     (0..PLACES).map(move |i| {
@@ -78,7 +78,7 @@ fn lattice_directions() -> impl Iterator<Item = Vector3<f64>> {
     })
 }
 
-/// Whether no seen surface is at the camera's place, or between it and the region.
+/// Whether no seen surface is at the camera's place or between it and the region.
 fn can_stand(eye: &Point3<f64>, region: &Region, sight: &SightMap) -> bool {
     let to = region.focus.point - eye;
     let free_m = to.norm() - region.radius_m;
@@ -91,7 +91,7 @@ fn can_stand(eye: &Point3<f64>, region: &Region, sight: &SightMap) -> bool {
 
 /// Pose of a camera towards a point, held upright.
 fn looking_at(eye: &Point3<f64>, target: &Point3<f64>, up: &Vector3<f64>) -> Pose {
-    // From straight above, any side is up.
+    // Seen from straight above, any side is up.
     let along = (target - eye).normalize();
     let up = if along.cross(up).norm() < 1e-3 { Vector3::ith(along.iamin(), 1.0) } else { *up };
     Pose::face_towards(eye, target, &-up)

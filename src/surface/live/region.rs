@@ -7,7 +7,7 @@ use super::{
     sight_map::SightMap,
 };
 
-/// Cells along each side at most.
+/// Largest number of cells along each side.
 const MOST_CELLS: usize = 64;
 /// Cells along a side of a patch.
 pub(super) const PATCH: usize = 4;
@@ -15,7 +15,7 @@ pub(super) const PATCH: usize = 4;
 /// State of a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Cell {
-    /// It is not of the region.
+    /// It is not part of the region.
     Outside,
     /// No view saw it.
     Unknown,
@@ -25,11 +25,11 @@ pub(super) enum Cell {
     Filled,
 }
 
-/// The ball of the views, cut to the images of at least half of them.
+/// The ball of the views, limited to what at least half of them have in their image.
 pub(super) struct Region {
     /// The focus of the views.
     pub focus: Focus,
-    /// Its radius, meters.
+    /// Radius of the ball, meters.
     pub radius_m: f64,
     /// Side of a cell, meters.
     pub cell_m: f64,
@@ -41,7 +41,7 @@ pub(super) struct Region {
 }
 
 impl Region {
-    /// Of the views so far; `None` without any.
+    /// The region of the views so far; `None` without any.
     pub(super) fn new(eyes: &Eyes, sight: &SightMap) -> Option<Self> {
         let (focus, radius_m) = eyes.focus_ball()?;
         let fine_m = sight.cell_m();
@@ -81,7 +81,7 @@ impl Region {
         Some(region)
     }
 
-    /// Takes off cells outside the region.
+    /// Marks cells outside the images of half of the views.
     fn cut_to_images(&mut self, eyes: &Eyes) {
         let patches = self.side.div_ceil(PATCH);
         let mut shown = Vec::with_capacity(patches * patches * patches);
@@ -99,7 +99,7 @@ impl Region {
         }
     }
 
-    /// Middle of a cell.
+    /// Center of a cell.
     pub(super) fn middle_of_cell(&self, at: [usize; 3]) -> Point3<f64> {
         self.origin + Vector3::from(at.map(|a| a as f64 + 0.5)) * self.cell_m
     }
@@ -115,7 +115,7 @@ impl Region {
     }
 
     /// The first unknown or filled cell of the region along a ray, and its distance in lengths of the ray's
-    /// direction; `None` where there is none. Cells are walked one by one (Amanatides and Woo 1987).
+    /// direction; `None` where there is none. Cells are traversed one by one (Amanatides and Woo 1987).
     pub(super) fn first_met(&self, eye: &Point3<f64>, ray: &Vector3<f64>) -> Option<(Cell, f64)> {
         let size_m = self.side as f64 * self.cell_m;
         let mut enter = 0.0f64;
@@ -123,7 +123,7 @@ impl Region {
         for k in 0..3 {
             let from = (self.origin[k] - eye[k]) / ray[k];
             let to = (self.origin[k] + size_m - eye[k]) / ray[k];
-            // A ray along a side gives infinities of the right signs, or no number where it lies in it.
+            // A ray parallel to a side gives infinities of the right signs, or NaN where it lies in the side.
             enter = enter.max(from.min(to));
             leave = leave.min(from.max(to));
         }

@@ -1,4 +1,4 @@
-//! Space seen empty, and space seen filled: numbers of views, in blocks of cells.
+//! How many views saw each cell of space empty, and filled; stored in blocks of cells.
 
 use std::collections::BTreeMap;
 
@@ -11,27 +11,27 @@ use super::{
 use crate::rows::RowCamera;
 use capture::cell_of_point;
 
-/// Cells along a side of a block; a layer of them is the bits of a word.
+/// Cells along a side of a block; a layer of cells fills the bits of a word.
 pub(super) const SIDE: usize = 8;
-/// Place of a block: its first cell in sides of a block.
+/// Position of a block: its first cell, in block sides.
 type Key = [i32; 3];
 /// A bit for every cell of a block: words by z, bits by `x + 8 y`.
 type Bits = [u64; SIDE];
 
-/// Numbers of views with the cells of a block empty, and filled: their binary digits are bits, the lowest
-/// first.
+/// For each cell of a block, how many views saw it empty, and filled. Each number is stored as one bit plane
+/// per binary digit, the lowest first.
 #[derive(Clone, Default)]
 struct BlockSight {
     empty: [Bits; 3],
     filled: [Bits; 2],
 }
 
-/// Numbers of views of a cell.
+/// How many views saw a cell.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct SightCount {
-    /// Views of it empty, 7 for more.
+    /// Number of views that saw it empty, at most 7.
     pub empty: u8,
-    /// Views of something about it, 3 for more.
+    /// Number of views that saw something in or beside it, at most 3.
     pub filled: u8,
 }
 
@@ -46,19 +46,19 @@ impl BlockSight {
     }
 }
 
-/// The number at a cell, of binary digits with the lowest first.
+/// The number of a cell, from bit planes with the lowest digit first.
 fn number_at(digits: &[Bits], [x, y, z]: [usize; 3]) -> u8 {
     digits.iter().rev().fold(0, |n, bits| 2 * n + (bits[z] >> (x + SIDE * y) & 1) as u8)
 }
 
-/// Sets the number at a cell that is zero.
+/// Sets the number of a cell; it must be zero before.
 fn set_number(digits: &mut [Bits], [x, y, z]: [usize; 3], number: u8) {
     for (k, bits) in digits.iter_mut().enumerate() {
         bits[z] |= u64::from(number >> k & 1) << (x + SIDE * y);
     }
 }
 
-/// Counts one more where bits are set and the count is not full.
+/// Adds one to the cells whose bit in `more` is set, unless their number is at its maximum.
 fn count_one_more(digits: &mut [Bits], z: usize, more: u64) {
     let full = digits.iter().fold(u64::MAX, |all, bits| all & bits[z]);
     let mut carry = more & !full;
@@ -67,13 +67,13 @@ fn count_one_more(digits: &mut [Bits], z: usize, more: u64) {
     }
 }
 
-/// Seen space.
+/// Space by how views saw it.
 pub(super) struct SightMap {
     cell_m: f64,
     blocks: BTreeMap<Key, BlockSight>,
 }
 
-/// A view of a block.
+/// What one view saw of a block.
 pub(super) struct Look {
     key: Key,
     empty: Bits,
@@ -91,18 +91,18 @@ impl SightMap {
         self.cell_m
     }
 
-    /// Memory of so many blocks, bytes.
+    /// Memory of this many blocks, bytes.
     pub(super) fn bytes_of(blocks: usize) -> usize {
-        // The second term: open places of a tree.
+        // The factor is for free places of the tree.
         blocks * (size_of::<(Key, BlockSight)>() * 3 / 2)
     }
 
-    /// Its memory, bytes.
+    /// Memory in use, bytes.
     pub(super) fn bytes(&self) -> usize {
         Self::bytes_of(self.blocks.len())
     }
 
-    /// A view's blocks, and the number of new ones.
+    /// What a view saw of each block, and the number of new blocks.
     pub(super) fn looks_of_view(&self, view: &ViewDepth, clearance: &Clearance) -> (Vec<Look>, usize) {
         let block_m = self.cell_m * SIDE as f64;
         let radius_m = (0.5 * 3f64.sqrt() * block_m) as f32;
@@ -114,7 +114,7 @@ impl SightMap {
         let mut looks = Vec::new();
         for (y, z) in (0..count[2]).flat_map(|z| (0..count[1]).map(move |y| (y, z))) {
             let row = camera.row_in_image(y, z, count[0]);
-            // A block with its middle beside the image may reach into it.
+            // A block may reach into the image though its center is outside.
             let range = row.range.start.saturating_sub(1)..(row.range.end + 1).min(count[0]);
             for x in range.filter(|_| !row.range.is_empty()) {
                 let middle = row.at(x);
@@ -133,7 +133,7 @@ impl SightMap {
         (looks, new)
     }
 
-    /// Adds a view's blocks.
+    /// Adds what a view saw of its blocks.
     pub(super) fn add_looks(&mut self, looks: &[Look]) {
         for look in looks {
             let sight = self.blocks.entry(look.key).or_default();
@@ -144,7 +144,7 @@ impl SightMap {
         }
     }
 
-    /// First and last block of the box about a view's frustum.
+    /// First and last block of the bounding box of a view's frustum.
     fn block_range(&self, view: &ViewDepth, farthest_m: f64) -> [Key; 2] {
         let block_m = self.cell_m * SIDE as f64;
         let k = &view.frame.intrinsics;
@@ -154,7 +154,7 @@ impl SightMap {
             view.eye() + ray * farthest_m
         });
         let ends = far.iter().fold([view.eye(), view.eye()], |[low, high], p| [low.inf(p), high.sup(p)]);
-        // A wrong camera may see round a corner: its box is cut about its eye.
+        // A wrong camera model may have an unbounded frustum: the box is limited around the camera.
         let reach = Vector3::repeat(2.0 * farthest_m);
         let cut = [ends[0].sup(&(view.eye() - reach)), ends[1].inf(&(view.eye() + reach))];
         let keys = cut.map(|p| cell_of_point(&p, block_m));
@@ -185,19 +185,19 @@ impl SightMap {
         (0..SIDE).any(|z| look.empty[z] | look.filled[z] != 0).then_some(look)
     }
 
-    /// Views of the cell of a point.
+    /// How many views saw the cell at a point.
     pub(super) fn count_at_point(&self, point: &Point3<f64>) -> SightCount {
         cell_of_point(point, self.cell_m).map_or_else(SightCount::default, |c| self.count_of_cell(c))
     }
 
-    /// Views of a cell.
+    /// How many views saw a cell.
     pub(super) fn count_of_cell(&self, cell: [i32; 3]) -> SightCount {
         let side = SIDE as i32;
         let sight = self.blocks.get(&cell.map(|c| c.div_euclid(side)));
         sight.map_or_else(SightCount::default, |s| s.count_at(cell.map(|c| c.rem_euclid(side) as usize)))
     }
 
-    /// Calls `take` with every cell of the seen blocks from one to another.
+    /// Calls `take` with every cell of the seen blocks between two blocks.
     pub(super) fn for_each_cell(
         &self,
         [low, high]: [[i32; 3]; 2],
@@ -220,7 +220,8 @@ impl SightMap {
         }
     }
 
-    /// Doubles the cells: a cell was seen empty as often as all of its eight, and filled as often as any.
+    /// Doubles the cell size. A new cell counts as seen empty as often as all of its eight old cells, and as
+    /// seen filled as often as any.
     pub(super) fn coarsen(&mut self) {
         let old = std::mem::take(&mut self.blocks);
         for (key, fine) in old {

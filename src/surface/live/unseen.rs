@@ -6,10 +6,10 @@ use nalgebra::{Point3, Vector3};
 
 use super::region::{Cell, PATCH, Region};
 
-/// Patches at most; the smallest are left out.
+/// Largest number of patches; the smallest are left out.
 const MOST_PATCHES: usize = 600;
-/// Least sum of the faces of cells in a patch.
-/// chosen: the noise of a cell's state takes or gives single faces
+/// Least sum of cell faces in a patch.
+/// chosen: noise in the state of a cell adds or removes single faces
 const LEAST_FACES: f64 = 2.0;
 
 /// A piece of the border of the seen space.
@@ -26,11 +26,11 @@ pub struct UnseenPatch {
 /// The unseen surface of a region.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Unseen {
-    /// The largest patches, by their place.
+    /// The largest patches, ordered by position.
     pub patches: Vec<UnseenPatch>,
     /// Area of all patches, square meters.
     pub area_m2: f64,
-    /// Area of the seen surface there, square meters.
+    /// Area of the seen surface in the region, square meters.
     pub seen_m2: f64,
 }
 
@@ -43,7 +43,7 @@ impl Unseen {
     }
 }
 
-/// Sums over the faces of cells in a patch.
+/// Sums over the cell faces of a patch.
 #[derive(Default)]
 struct FaceSums {
     faces: Vector3<f64>,
@@ -52,8 +52,8 @@ struct FaceSums {
 }
 
 impl FaceSums {
-    /// The patch, of cells so wide; `None` of too few faces. The faces of cells along a slanted plane add up
-    /// to more than its area; as vectors, to its area.
+    /// The patch for cells of side `cell_m`; `None` if it has too few faces. The areas of cell faces along a
+    /// slanted plane add up to more than its area; summed as vectors, they give its area.
     fn to_patch(&self, cell_m: f64) -> Option<UnseenPatch> {
         let size = self.faces.norm();
         (size >= LEAST_FACES).then(|| UnseenPatch {
@@ -64,7 +64,7 @@ impl FaceSums {
     }
 }
 
-/// The unseen surface of a region with so much seen surface, square meters.
+/// The unseen surface of a region; `seen_m2` is the area of its seen surface, square meters.
 pub(super) fn unseen_of_region(region: &Region, seen_m2: f64) -> Unseen {
     let mut sums: BTreeMap<[usize; 3], FaceSums> = BTreeMap::new();
     let side = region.side;

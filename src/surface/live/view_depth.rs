@@ -1,4 +1,4 @@
-//! The depth readings of a view for the map.
+//! The depth readings of a view, prepared for the map.
 
 use nalgebra::Point3;
 
@@ -7,12 +7,12 @@ use capture::{NoiseConfig, RgbdFrame, pixel_weights};
 use geometry::Pose;
 use numeric::statistics::median;
 
-/// Beyond this depth a reading shows only empty space before it, meters.
+/// Beyond this depth a reading only shows the empty space in front of it, meters.
 /// chosen: there three standard deviations of a reading are 7 cm, as much as many parts move
 pub(super) const MAX_DEPTH_M: f32 = 3.0;
-/// Every so many pixels count for the median.
+/// One of this many pixels counts for the median.
 const EVERY: usize = 97;
-/// Cameras further from the world's origin are errors of the pose's source, meters.
+/// Cameras farther from the world's origin are taken for pose errors, meters.
 /// chosen: no site is as wide
 const FARTHEST_M: f64 = 1e5;
 
@@ -26,7 +26,7 @@ pub(super) struct ViewDepth<'a> {
     pub readings: Vec<Reading>,
     /// Cosine between ray and surface of each pixel; 0 where it is unknown.
     pub cosines: Vec<f32>,
-    /// Standard deviation of each reading, meters.
+    /// Noise of the readings.
     pub noise: NoiseConfig,
     /// Median depth of the seen surface, meters.
     pub median_m: f64,
@@ -56,7 +56,7 @@ impl<'a> ViewDepth<'a> {
         })
     }
 
-    /// Where the camera stands.
+    /// Position of the camera in the world.
     pub(super) fn eye(&self) -> Point3<f64> {
         self.frame.world_from_camera.translation.vector.into()
     }
