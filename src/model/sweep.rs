@@ -18,8 +18,7 @@ const MIN_VOLUME_M3: f64 = 1e-8;
 /// Depth, as a share of its extent, to which a moving part may reach into a part other than its parent
 /// without being stopped by it. chosen: solids are that inexact
 const GRAZE_SHARE: f64 = 0.05;
-/// Gap of a part on its seat, and ahead of it and behind it anywhere, as a share of the gap on its sides along
-/// the way.
+/// Gap of a part on its seat, and anywhere along its motion, as a share of the gap on its sides on the way.
 /// measured: over 2 mm MuJoCo and Bullet make no contact; a part that slides along that close jams in Bullet
 const SEAT_GAP: f64 = 2.0 / 3.0;
 /// Least cosine between a part's velocity and a face's normal at which the part meets or leaves the face

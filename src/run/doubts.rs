@@ -39,7 +39,7 @@ fn doubts_of(
     hold: Hold,
     told: &Told,
 ) -> BTreeMap<usize, Doubt> {
-    // If the unit of efforts is unknown, neither their sign nor their size tells anything; the factor is
+    // If the unit of efforts is unknown, neither their sign nor their size shows anything; the factor is
     // estimated.
     if told.unit == EffortUnit::Unknown {
         return BTreeMap::new();

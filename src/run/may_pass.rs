@@ -1,4 +1,4 @@
-//! Tells failures of a run that may not recur if it is tried again.
+//! Distinguishes failures of a run that may not recur if it is tried again.
 
 use std::{error::Error, io};
 

@@ -113,7 +113,7 @@ impl From<Stopped> for Cancelled {
     }
 }
 
-/// Given to every stage: reports events and tells whether to stop.
+/// Given to every stage: reports events and says whether to stop.
 #[derive(Clone)]
 pub struct Monitor {
     events: Sender<Event>,
@@ -179,7 +179,7 @@ impl Monitor {
         self.report(Event::Note { code: note.code, message: note.text.clone() });
     }
 
-    /// The handle through which long work is told to stop.
+    /// The handle through which long work is asked to stop.
     #[must_use]
     pub fn stop(&self) -> Stop {
         Stop::by(Arc::clone(&self.cancel))

@@ -89,8 +89,8 @@ pub(super) fn state_surface(
 }
 
 /// Replaces fused distances by the field's at all observed nodes near a fused surface, except where views saw
-/// free space. The field's residual counts as much as the least weight of an observed node (docs/method.md
-/// 12.5): it is a guess from the neighborhood, which readings outvote.
+/// free space. The field's residual counts as much as the least weight of an observed node
+/// (docs/method.md 12.5): it is a guess from the neighborhood, which readings outvote.
 fn blend_in_field(
     tsdf: &mut Grid3<f32>,
     weights: &[f32],

@@ -14,7 +14,7 @@ const REFERENCE_DEPTH_M: f64 = 1.0;
 /// at weight 1 and 0.01 at 0.05.) chosen: between these two, as free space must still count
 pub(super) const FREE_WEIGHT: f32 = 0.1;
 
-/// What a pixel tells the volume.
+/// What a pixel shows the volume.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PixelRole {
     /// Its depth is a surface of the volume's object: space in front is free, and nodes near it get
@@ -23,7 +23,7 @@ pub enum PixelRole {
     /// It shows something else: space in front of its depth is free, or the whole ray where its depth is
     /// unknown.
     FreeOnly,
-    /// It tells nothing.
+    /// It shows nothing.
     Skip,
 }
 
@@ -49,12 +49,12 @@ pub(super) struct Reading {
     /// z-depth, meters; infinite where only free space is known.
     pub depth_m: f32,
     /// Its weight: 1 for a pixel of weight 1 at the reference depth, negative where its depth is no surface
-    /// of the volume's object, 0 where it tells nothing.
+    /// of the volume's object, 0 where it shows nothing.
     signed_weight: f32,
 }
 
 impl Reading {
-    /// It tells nothing.
+    /// It shows nothing.
     pub(crate) const NOTHING: Self = Self { depth_m: 0.0, signed_weight: 0.0 };
 
     /// A surface of the volume's object.

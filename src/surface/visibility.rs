@@ -52,7 +52,7 @@ fn free_reach(frame: &RgbdFrame, rule: &FreeSpaceRule) -> Vec<f32> {
     let w = frame.intrinsics.width;
     let h = frame.intrinsics.height;
     let single: Vec<f32> = (0..w * h).map(|i| free_reach_of_pixel(frame, rule, i)).collect();
-    // The least of 3 x 3 pixels: along rows, then along columns. A pixel without reach tells nothing, and
+    // The least of 3 x 3 pixels: along rows, then along columns. A pixel without reach shows nothing, and
     // takes nothing from its neighbors.
     let mut across = single.clone();
     for y in 0..h {

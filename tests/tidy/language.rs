@@ -46,8 +46,8 @@ impl fmt::Display for Gauges {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "{} lines; a thousand lines: {:.1} named closures, {:.1} tuple lets; {} functions: {:.0} % of one \
-             word, {:.1} % with a tuple parameter; {:.0} relative pronouns a thousand words",
+            "{} lines; a thousand lines: {:.1} named closures, {:.1} tuple lets; {} functions: {:.0} % \
+             of one word, {:.1} % with a tuple parameter; {:.0} relative pronouns a thousand words",
             self.lines,
             self.named_closures_per_thousand_lines(),
             self.tuple_lets_per_thousand_lines(),

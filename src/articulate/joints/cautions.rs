@@ -25,7 +25,7 @@ pub(crate) fn cautions(joint: &JudgedJoint<'_>) -> Vec<Note> {
     let JudgedJoint { kind, motion, scores, agreement: [agree, tried] } = *joint;
     let mut cautions = Vec::new();
     let [p, r] = [JointFamily::Prismatic, JointFamily::Revolute].map(|t| scores.score_of(t));
-    // A slide is a turn about an axis far away: a small motion may not tell them apart.
+    // A slide is a turn about an axis far away: a small motion may not distinguish them.
     if (p - r).abs() < DECISIVE {
         cautions.push(Note::new(
             NoteCode::JointTypeUndecided,

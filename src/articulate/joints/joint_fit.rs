@@ -124,7 +124,7 @@ impl<'a> FreeFits<'a> {
     pub(crate) fn new(motions: &'a [JointMotion<'a>], place: PartPlace, config: &'a RefineConfig) -> Self {
         let free: Vec<FreeFit> =
             motions.iter().map(|m| FreeFit::new(&m.start, &m.evidence, config)).collect();
-        // A motion with more residuals tells more about their errors.
+        // A motion with more residuals shows more of their errors.
         let independent: f64 = free.iter().map(FreeFit::independent_residuals).sum();
         let weighed: f64 = free.iter().map(|f| f.independent_residuals() * f.dispersion).sum();
         let dispersion = weighed / independent;

@@ -118,8 +118,8 @@ fn draw_by_weight(weights: &[f64], pick: f64) -> usize {
     weights.len() - 1
 }
 
-/// Weight of a sample from its signed distance in truncation distances (docs/method.md 12.8; docs/method.md
-/// 12.9 for the released one).
+/// Weight of a sample from its signed distance in truncation distances (docs/method.md 12.8;
+/// docs/method.md 12.9 for the released one).
 fn near_surface_weight(sdf: f64, version: MethodVersion) -> f64 {
     let q = match version {
         MethodVersion::Paper if sdf.abs() < 1.0 => sdf,

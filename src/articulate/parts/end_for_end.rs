@@ -1,5 +1,5 @@
 //! Other motions that the shape of a part allows: a bar or a panel may as well have been turned end for end.
-//! Its hinge tells them apart. (The spin of caps: `round_parts.rs`.) See docs/method.md 6.9.
+//! Its hinge distinguishes them. (The spin of caps: `round_parts.rs`.) See docs/method.md 6.9.
 
 use std::f64::consts::PI;
 

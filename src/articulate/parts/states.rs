@@ -217,7 +217,7 @@ impl States<'_> {
             .map_or_else(Vec::new, |run| run.surfaces.smoothed_labels(0, &sum, classes.len(), of))
     }
 
-    /// Labels of the other states. Parts with one motion in a pair are told apart by their place in state 0.
+    /// Labels of the other states. Parts with one motion in a pair are distinguished by their place in state 0.
     fn other_labels(&self, classes: &[Class], zero: &[u8], of: Of) -> Vec<Vec<u8>> {
         let mut labels = Vec::with_capacity(self.runs.len());
         for (k, run) in self.runs.iter().enumerate() {
@@ -364,7 +364,7 @@ fn missed(run: &MatchedPair<'_>, own: &[usize], others: &[Pose]) -> Option<Pose>
     (SURFACE_WEIGHT * best * of_all * cells >= run.config.least_score).then_some(motion)
 }
 
-/// Gives parts with one motion the same costs: their pair cannot tell them apart.
+/// Gives parts with one motion the same costs: their pair cannot distinguish them.
 fn share_alike(costs: &mut [f32], motions: &[Pose]) {
     let first: Vec<usize> =
         motions.iter().map(|m| motions.iter().position(|o| o == m).unwrap_or(0)).collect();

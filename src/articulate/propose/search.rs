@@ -44,8 +44,8 @@ impl<'a, 'b> Search<'a, 'b> {
 }
 
 impl Search<'_, '_> {
-    /// Number of samples a motion explains, weighted by the hinge score, and unweighted. See docs/method.md
-    /// (6.10).
+    /// Number of samples a motion explains, weighted by the hinge score, and unweighted. See
+    /// docs/method.md (6.10).
     pub(crate) fn hinged_worth(&self, motion: &Pose) -> (f64, f64) {
         let gains = gains_by_motion(self.pair, motion, &self.left, &self.faces);
         let total: f64 = gains.iter().flatten().sum();

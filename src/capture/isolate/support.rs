@@ -17,8 +17,8 @@ use crate::RgbdFrame;
 use common::stop::{Stop, Stopped};
 
 /// Least readings of a cell, relative to the background readings of its column. Chance gives 0.1 % beyond
-/// three standard deviations, real sensors a little more. tuned: made and recorded objects (docs/method.md
-/// 16)
+/// three standard deviations, real sensors a little more. tuned: made and recorded objects
+/// (docs/method.md 16)
 const COLUMN_SHARE: f64 = 0.03;
 /// Largest share of readings below the plane in a column without background (with background: one half).
 /// tuned: made and recorded objects (docs/method.md 16)

@@ -79,8 +79,8 @@ pub(super) struct Drawn {
 }
 
 /// Draws of the errors of poses and sensor. Each state gives the covariance of its poses for a known sensor
-/// and their derivative by the sensor's errors; `None` where a covariance is not positive. See docs/method.md
-/// (2.24).
+/// and their derivative by the sensor's errors; `None` where a covariance is not positive. See
+/// docs/method.md (2.24).
 pub(super) fn drawn_errors(states: &[[DMatrix<f64>; 2]], sensor: &DMatrix<f64>) -> Option<Vec<Drawn>> {
     let rng = &mut stage_rng(0, "errors of poses and depth", 0);
     let roots: Vec<DMatrix<f64>> =

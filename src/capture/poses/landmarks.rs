@@ -1,8 +1,8 @@
 //! Image features matched between frames, with depth (landmarks).
 //!
 //! Distances along surface normals leave motions along the surfaces undetermined: a floor and the top of an
-//! object do not show how far a camera slid over both. Texture does (bundle adjustment). See docs/method.md
-//! 2.7.
+//! object do not show how far a camera slid over both. Texture does (bundle adjustment). See
+//! docs/method.md 2.7.
 
 use std::sync::Arc;
 

@@ -322,8 +322,8 @@ fn beside_lag(follow: &DMatrix<f64>, lag: Option<usize>, velocities: &DVector<f6
     rest
 }
 
-/// The sums of a state with those of the delay, which enters only by the prior of the poses: docs/method.md
-/// (2.23).
+/// The sums of a state with those of the delay, which enters only by the prior of the poses:
+/// docs/method.md (2.23).
 fn with_lag(
     sums: &SensorSums,
     lag: usize,

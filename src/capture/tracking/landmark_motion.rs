@@ -60,8 +60,8 @@ impl LandmarkPair {
         }
     }
 
-    /// Squared normalized distances across and along the second ray after a motion. See docs/method.md
-    /// (2.26).
+    /// Squared normalized distances across and along the second ray after a motion. See
+    /// docs/method.md (2.26).
     fn squared_distances(&self, motion: &Pose) -> [f64; 2] {
         let off = motion * self.from - self.to;
         let along = off.dot(&self.to_ray);

@@ -186,7 +186,7 @@ pub struct Description {
     pub joints: Vec<JointText>,
     /// Materials of the robot, to which visuals refer by name.
     pub(super) materials: Vec<MaterialText>,
-    /// Whether MuJoCo is told to keep the visuals, which it drops by default.
+    /// Whether MuJoCo has to keep the visuals, which it drops by default.
     pub(super) keeps_visuals: bool,
     pub(super) bad_numbers: Vec<BadNumber>,
 }

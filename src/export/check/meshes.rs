@@ -198,7 +198,7 @@ impl Use {
     const COLLISION: Self = Self { visual: false, lost: Level::Error };
 
     fn visual(description: &Description) -> Self {
-        // MuJoCo refuses unreadable meshes if it is told to read visuals at all.
+        // MuJoCo refuses unreadable meshes if it has to read visuals at all.
         let lost = if description.keeps_visuals { Level::Error } else { Level::Warning };
         Self { visual: true, lost }
     }
