@@ -1,4 +1,4 @@
-//! Normals of the faces, sides and corners of a mesh. At any closest point their sign distinguishes inside from
+//! Normals of the faces, sides and corners of a mesh. Their sign at a closest point shows inside from
 //! outside (angle-weighted pseudo-normals, Baerentzen and Aanaes 2005).
 
 use nalgebra::Vector3;

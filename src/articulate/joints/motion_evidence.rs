@@ -3,8 +3,8 @@
 //!
 //! Residuals of a motion `T = state1_from_state0`, each divided by its standard deviation:
 //! - a surface point `x` of state 0: the other state's signed distance `d1(T x)`;
-//! - a surface point `y` of state 1: `d0(T^-1 y)`; both are corrected where the readings lie above one surface
-//!   and not above the other;
+//! - a surface point `y` of state 1: `d0(T^-1 y)`; both are corrected where the readings lie above one
+//!   surface and not above the other;
 //! - a lifted match: `point1 - T point0`, whitened by the covariances of both ends.
 //!
 //! Rows are derivatives by a left perturbation `T <- exp(v, w) T`, i.e. `d(T x) = v + w x (T x)`. Residuals

@@ -217,7 +217,7 @@ impl States<'_> {
             .map_or_else(Vec::new, |run| run.surfaces.smoothed_labels(0, &sum, classes.len(), of))
     }
 
-    /// Labels of the other states. Parts with one motion in a pair are distinguished by their place in state 0.
+    /// Labels of the other states. Parts with one motion in a pair differ by their place in state 0.
     fn other_labels(&self, classes: &[Class], zero: &[u8], of: Of) -> Vec<Vec<u8>> {
         let mut labels = Vec::with_capacity(self.runs.len());
         for (k, run) in self.runs.iter().enumerate() {
