@@ -142,7 +142,7 @@ impl GrowingState {
             .iter()
             .filter(|v| self.seen.insert(stamp(**v)))
             .map(|v| (self.state, *v))
-            // At most as many at once as the tracker would take, so that memory stays bounded.
+            // At most as many at once as the tracker would take, so memory stays bounded.
             .take(most)
             .collect();
         if new.len() < most {

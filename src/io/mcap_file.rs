@@ -226,7 +226,7 @@ fn read_up_to(source: &mut impl Read, buffer: &mut [u8]) -> std::io::Result<usiz
     Ok(filled)
 }
 
-/// Channels repeated in the summary at the end of a file, so that losing the chunk in which they are first
+/// Channels repeated in the summary at the end of a file, so losing the chunk in which they are first
 /// mentioned loses no other chunk. Best effort: a file without a valid footer gives none. The source is left
 /// at its start.
 ///

@@ -194,7 +194,7 @@ impl<'a> Registrar<'a> {
         Ok(())
     }
 
-    /// Shortens the reach for the last rounds, so that partners that only seem to fit are dropped.
+    /// Shortens the reach for the last rounds, so partners that only seem to fit are dropped.
     fn shorten_reach(&mut self) {
         let SurfacePair { samples, free, .. } = self.pair.surfaces;
         let last_m = self.pair.config.last_reach * self.pair.extent_m;
