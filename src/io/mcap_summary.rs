@@ -31,9 +31,9 @@ pub struct SummaryChannel {
 /// Contents of a file according to its summary.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct McapSummary {
-    /// By id.
+    /// Channels by id.
     pub channels: BTreeMap<u16, SummaryChannel>,
-    /// In the order of the file.
+    /// Chunks, in the order of the file.
     pub chunks: Vec<ChunkIndexRecord>,
     /// Where the section begins in the file.
     pub start: u64,

@@ -34,10 +34,10 @@ pub enum MeshFileError {
 /// A fault in the contents of a mesh file.
 #[derive(Debug, thiserror::Error)]
 pub enum MeshFault {
-    /// Of a PLY file.
+    /// A PLY file is faulty.
     #[error(transparent)]
     Ply(#[from] PlyError),
-    /// Of an OBJ file.
+    /// An OBJ file is faulty.
     #[error(transparent)]
     Obj(#[from] ObjError),
     /// An unsupported kind of file.

@@ -48,7 +48,7 @@ struct Known {
 }
 
 impl Known {
-    /// For an empty set of places.
+    /// What is known of no place at all: the start of a union.
     const NO_PLACE: Self = Self { some: false, all: true, labels: 0 };
 
     fn and(self, other: Self) -> Self {
