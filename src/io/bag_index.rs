@@ -168,6 +168,7 @@ pub struct BagIndex {
 impl BagIndex {
     /// Reads a bag once, front to back.
     ///
+    /// # Errors
     /// Those of [`Bag::read`]; [`CaptureError::Unsupported`] for ROS 1 messages or too many entries.
     pub fn read(bag: &Bag, stop: &Stop) -> Result<Self, CaptureError> {
         let mut index = Self::default();

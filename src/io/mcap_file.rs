@@ -257,7 +257,8 @@ fn summary(source: &mut (impl Read + Seek)) -> Option<Channels> {
 /// Reads all messages in file order. `channels` contains the known channels and learns further ones; chunks
 /// unpack within the budget of `expansion`.
 ///
-/// # Errors The visitor's error. Damage is not an error: it is in the report.
+/// # Errors
+/// The visitor's error. Damage is not an error: it is in the report.
 pub fn read_messages<R: Read, E>(
     mut source: R,
     channels: &mut Channels,

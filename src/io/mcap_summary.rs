@@ -44,7 +44,8 @@ pub struct McapSummary {
 impl McapSummary {
     /// Reads the summary of a file; `None` unless it names every chunk and channel.
     ///
-    /// # Errors If the file cannot be read.
+    /// # Errors
+    /// If the file cannot be read.
     pub fn read(source: &FileRanges) -> io::Result<Option<Self>> {
         let size = source.size();
         if size < TAIL + 8 {

@@ -100,6 +100,7 @@ impl RunDir {
     /// result of the same command is first moved away, moved back if the new one cannot take its place, and
     /// deleted at the end; anything else is refused or, with force, moved to `NAME.bak`.
     ///
+    /// # Errors
     /// If the contents are protected, or the disk refuses. The previous contents then remain.
     pub fn commit(mut self) -> Result<Committed, RunDirError> {
         Manifest::write(&self.partial, self.kind).map_err(disk("describe", &self.partial))?;

@@ -206,6 +206,7 @@ fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> R
 
 /// Diagnoses a twin.
 ///
+/// # Errors
 /// [`RunError`] if the place is taken (reported before the work), the twin or a run cannot be read, nothing
 /// can be said about any joint, or the disk refuses.
 pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<DiagnoseOutcome, RunError> {

@@ -25,8 +25,9 @@ pub(super) struct TrainedField {
 /// Trains the field of a state in a stage, or continues from a checkpoint. A stop request writes a
 /// checkpoint.
 ///
-/// # Errors If input or settings are unusable, the loss is not a number, a stop is requested, or the
-/// checkpoint cannot be written.
+/// # Errors
+/// If input or settings are unusable, the loss is not a number, a stop is requested, or the checkpoint cannot
+/// be written.
 pub(super) fn train_field(
     stage: &str,
     input: &TrainInput,
@@ -123,6 +124,7 @@ impl Training<'_> {
 
     /// Trains to the end or until asked to stop; `kept` receives the last good state, also before an error.
     ///
+    /// # Errors
     /// Why the engine or its result cannot be used.
     fn advance(
         &self,

@@ -28,7 +28,8 @@ const MAP_BYTES: usize = 64 << 20;
 /// Waits until the recordings of a request are closed, one state after the other, and works ahead on one
 /// thread. In a folder that is not itself a recording, `state0` and `state1` are followed.
 ///
-/// # Errors If a stop is requested, or the system gives no further thread.
+/// # Errors
+/// If a stop is requested, or the system gives no further thread.
 pub fn follow(request: &ReconstructRequest, monitor: &Monitor) -> Result<Ahead, RunError> {
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(1)

@@ -59,6 +59,7 @@ impl StageStore {
 
     /// Writes the result of a stage; replaces an earlier one.
     ///
+    /// # Errors
     /// If the disk refuses, or would have no room left for the result of the run; an earlier result then
     /// stays.
     pub fn save<T: Serialize>(&self, stage: &str, value: &T) -> Result<(), CheckpointError> {

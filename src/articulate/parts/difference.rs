@@ -22,6 +22,7 @@ const STILL: f64 = 1e-6;
 
 /// Finds the motions of `parts` parts, the static one included, and the part of every surface sample.
 ///
+/// # Errors
 /// [`RegisterError`] if a surface has no points or no part moved.
 pub fn register_by_difference(
     surfaces: [&SurfaceSamples; 2],

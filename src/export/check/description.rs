@@ -194,6 +194,7 @@ pub struct Description {
 impl Description {
     /// Reads URDF text.
     ///
+    /// # Errors
     /// If the text has more than 16 MiB or [`LINKS`] links or joints, is not XML that can be read, or is
     /// another kind of document.
     pub fn parse(text: &str) -> Result<Self, UnsoundUrdf> {
