@@ -42,8 +42,7 @@ const FULL: f64 = 0.25;
 ///
 /// # Errors
 /// [`RunError`] if the place is taken (checked before the work), the twin or a recording cannot be read, the
-/// frames do not show the twin, or the disk refuses. recording cannot be read, the frames do not show the
-/// twin, or the disk refuses.
+/// frames do not show the twin, or the disk refuses.
 pub fn diagnose_frames(
     request: &DiagnoseRequest,
     recordings: &[PathBuf],
