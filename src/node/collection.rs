@@ -90,8 +90,7 @@ pub(crate) struct Snapshot {
 impl Snapshot {
     /// The recordings of both states.
     ///
-    /// # Errors
-    /// States without enough views.
+    /// # Errors States without enough views.
     pub(crate) fn both_recordings(&self) -> Result<[PathBuf; 2], CollectError> {
         if let Some(state) = self.collecting {
             return Err(CollectError::Collecting(state));

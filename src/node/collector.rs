@@ -206,8 +206,7 @@ impl Collector {
     /// Ends the state being collected; the number of views kept. Without views it is as if the state had not
     /// begun.
     ///
-    /// # Errors
-    /// The state is not in collection, nothing was kept, or the disk refuses.
+    /// # Errors The state is not in collection, nothing was kept, or the disk refuses.
     pub(crate) fn finish_state(&mut self, state: usize) -> Result<usize, CollectError> {
         if self.phase != Phase::Collecting(state) {
             return Err(match self.phase {
@@ -285,8 +284,7 @@ impl Collector {
 
     /// Forgets everything and goes on in another folder. Recordings stay on the disk.
     ///
-    /// # Errors
-    /// If the open recording cannot be closed.
+    /// # Errors If the open recording cannot be closed.
     pub(crate) fn reset_session(&mut self, session: &Path) -> Result<(), BagWriteError> {
         let kept_something =
             matches!(self.phase, Phase::Collecting(state) if self.keyframes[state].len() > 0);

@@ -35,8 +35,7 @@ pub enum EnvironmentError {
 impl Environment {
     /// Reads the variables through `get`.
     ///
-    /// # Errors
-    /// An invalid domain; enforced security.
+    /// # Errors An invalid domain; enforced security.
     pub(crate) fn read(get: impl Fn(&str) -> Option<String>) -> Result<Self, EnvironmentError> {
         // An empty variable counts as unset, as in rcl.
         let get = |name: &str| get(name).filter(|v| !v.is_empty());

@@ -9,8 +9,7 @@ use super::{environment::Environment, error::NodeError};
 
 /// Reports sockets open to the network; none may be open where only this machine is in reach.
 ///
-/// # Errors
-/// For a forbidden open socket.
+/// # Errors For a forbidden open socket.
 pub(crate) fn check_sockets(environment: &Environment) -> Result<(), NodeError> {
     // By the kernel's table: RustDDS as published binds to all addresses, whatever is asked of it.
     let sockets = own_sockets();

@@ -159,8 +159,7 @@ fn check_header(header: &Header) -> Result<(), Refusal> {
 impl Sample {
     /// Refuses messages without use for a recording.
     ///
-    /// # Errors
-    /// The first failed check.
+    /// # Errors The first failed check.
     pub(crate) fn check(&self) -> Result<(), Refusal> {
         match self {
             Self::Color(p) | Self::Depth(p) | Self::Mask(p) => p.check_size(),

@@ -57,8 +57,7 @@ impl View {
     /// Decodes all images, with the checks of a recording. `info` is the color camera's; the topics' names
     /// are for messages.
     ///
-    /// # Errors
-    /// The image and its fault.
+    /// # Errors The image and its fault.
     pub(crate) fn decoded_pixels(
         &self,
         info: &CameraInfo,

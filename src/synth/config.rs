@@ -214,8 +214,7 @@ impl SynthConfig {
 
     /// Refuses settings without a possible object.
     ///
-    /// # Errors
-    /// A number out of its range; a family without so many parts.
+    /// # Errors A number out of its range; a family without so many parts.
     pub fn check(&self) -> Result<(), SynthConfigError> {
         if let Some(parts) = self.parts {
             let [fewest, most] = self.family.map_or([2, Self::MAX_PARTS], Family::part_limits);

@@ -37,8 +37,7 @@ pub struct NoShape {
 
 /// Makes the object of a configuration accepted by [`SynthConfig::check`].
 ///
-/// # Errors
-/// Where no shape was found with visible parts clear of each other.
+/// # Errors Where no shape was found with visible parts clear of each other.
 pub fn generate(config: &SynthConfig) -> Result<Object, NoShape> {
     let rng = &mut stage_rng(config.seed, "synth/object", 0);
     let [fewest, most] = config.family.map_or([2, 6], Family::part_limits);
