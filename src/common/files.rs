@@ -42,7 +42,8 @@ fn check_regular(metadata: &Metadata) -> io::Result<()> {
 
 /// Reads a whole file.
 ///
-/// # Errors As [`open_regular`], or if the file exceeds the limit.
+/// # Errors
+/// As [`open_regular`], or if the file exceeds the limit.
 pub fn read_limited(path: &Path, limit: FileLimit) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     // One byte more than the limit reveals a file that is too large, even if it grows while it is read.
@@ -58,7 +59,8 @@ pub fn read_limited(path: &Path, limit: FileLimit) -> io::Result<Vec<u8>> {
 
 /// Reads a whole text file.
 ///
-/// # Errors As [`read_limited`], or if the text is not UTF-8.
+/// # Errors
+/// As [`read_limited`], or if the text is not UTF-8.
 pub fn read_text(path: &Path, limit: FileLimit) -> io::Result<String> {
     String::from_utf8(read_limited(path, limit)?)
         .map_err(|e| io::Error::new(ErrorKind::InvalidData, format!("not UTF-8 text: {e}")))
@@ -67,7 +69,8 @@ pub fn read_text(path: &Path, limit: FileLimit) -> io::Result<String> {
 /// Writes a small file under a temporary name and renames it: after a crash there is the old file or the new
 /// one, never half of one.
 ///
-/// # Errors The system's error.
+/// # Errors
+/// The system's error.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut part = path.as_os_str().to_owned();
     part.push(".part");

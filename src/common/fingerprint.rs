@@ -39,7 +39,7 @@ impl fmt::Display for Key {
 fn digest<'a>(pieces: impl IntoIterator<Item = &'a [u8]>) -> u64 {
     let mut sum = XxHash64::default();
     for piece in pieces {
-        // Lengths are included, so that no two lists of pieces give the same bytes.
+        // Lengths are included, so no two lists of pieces give the same bytes.
         sum.write(&(piece.len() as u64).to_le_bytes());
         sum.write(piece);
     }

@@ -44,7 +44,8 @@ impl Default for ExportConfig {
 impl ExportConfig {
     /// Refuses values that the files cannot represent.
     ///
-    /// # Errors The key within the group, and what is wrong with its value.
+    /// # Errors
+    /// The key within the group, and what is wrong with its value.
     pub fn check_values(&self) -> Result<(), (&'static str, String)> {
         let is_short_name = is_plain_name(&self.prefix) && self.prefix.len() <= MAX_PREFIX;
         if !self.prefix.is_empty() && !is_short_name {

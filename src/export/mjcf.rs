@@ -233,7 +233,7 @@ fn place(pose: &Pose) -> String {
 
 /// w, x, y, z with w not negative.
 pub(super) fn quaternion(rotation: &UnitQuaternion<f64>) -> [f64; 4] {
-    // Of the two quaternions of a rotation always the same one is taken, so that equal poses give equal text.
+    // Of the two quaternions of a rotation always the same one is taken, so equal poses give equal text.
     let q: Quaternion<f64> = if rotation.w < 0.0 { -rotation.into_inner() } else { rotation.into_inner() };
     [q.w, q.i, q.j, q.k]
 }

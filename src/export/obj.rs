@@ -57,7 +57,7 @@ pub(crate) fn solid_obj(solid: &ConvexSolid, name: &str) -> String {
         push_values(&mut text, "v", &[p.x, p.y, p.z], POSITION_PLACES);
     }
     for t in 0..mesh.triangles.len() {
-        // A face without area gets an arbitrary normal, so that the others keep their numbers.
+        // A face without area gets an arbitrary normal, so the others keep their numbers.
         let normal = mesh.area_normal(t).cast::<f64>().try_normalize(0.0).unwrap_or_else(Vector3::z);
         push_values(&mut text, "vn", normal.as_slice(), 4);
     }

@@ -68,7 +68,7 @@ fn turntable_frame(
     number: usize,
 ) -> Frame<'static> {
     let turn = std::f64::consts::TAU * number as f64 / FRAMES as f64;
-    // Once there and back in a full turn, slow at both ends, so that the loop has no jump.
+    // Once there and back in a full turn, slow at both ends, so the loop has no jump.
     let share = 0.5 - 0.5 * turn.cos();
     let positions: Vec<f64> = first.iter().zip(last).map(|(a, b)| a + (b - a) * share).collect();
     let rgb = view_pixels(model, meshes, &positions, AZIMUTH_RAD + turn, TURNTABLE_PX);
@@ -102,7 +102,7 @@ fn view_pixels(
     azimuth_rad: f64,
     [width, height]: [usize; 2],
 ) -> Vec<[u8; 3]> {
-    // A sphere around all boxes in all states, so that the camera stays still while the joints move.
+    // A sphere around all boxes in all states, so the camera stays still while the joints move.
     let mut corners: Vec<Point3<f64>> = Vec::new();
     for (link, mesh) in meshes {
         let Some((lo, hi)) = mesh.bounds() else { continue };

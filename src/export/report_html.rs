@@ -57,6 +57,7 @@ pub struct PhotoAndTwin {
 
 /// The page of a report.
 ///
+/// # Errors
 /// If a picture cannot be encoded.
 pub fn report_html(report: &Report, pictures: &ReportPictures) -> Result<String, PictureError> {
     let name = escape(&report.name);

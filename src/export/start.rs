@@ -61,7 +61,7 @@ pub fn nearest_starts(model: &ArticulatedModel, motions: &[Pose]) -> Vec<Pose> {
             pairs.push((part.displacement_m(motion, &part.state1_from_state0), j, m));
         }
     }
-    // Equal distances are ordered by index, so that the result is the same on every run.
+    // Equal distances are ordered by index, so the result is the same on every run.
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
     let mut of_joint: Vec<Option<usize>> = vec![None; parts.len()];
     for (_, j, m) in pairs {

@@ -134,7 +134,7 @@ pub(crate) fn solid_path(link: &Link, solid: usize) -> String {
 
 /// Roll, pitch and yaw about the fixed axes x, y, z: `R = Rz(yaw) Ry(pitch) Rx(roll)`, radians.
 ///
-/// The pitch is computed from a tangent and the roll from what yaw leaves over, so that the angles reproduce
+/// The pitch is computed from a tangent and the roll from what yaw leaves over, so the angles reproduce
 /// the rotation to rounding even near a pitch of a right angle. There only a sum of roll and yaw is defined,
 /// and yaw is 0.
 #[must_use]

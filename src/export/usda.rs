@@ -250,7 +250,7 @@ fn push_joint(text: &mut String, model: &ArticulatedModel, joint: &Joint) {
     // Opposite directions have no shortest turn between them; half a turn about y also takes x to -x.
     let axis = UnitQuaternion::rotation_between(&Vector3::x(), &joint.axis)
         .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::PI));
-    // The drive acts as the spring. Damping is written for PhysX and Newton instead, so that it acts only
+    // The drive acts as the spring. Damping is written for PhysX and Newton instead, so it acts only
     // once. Friction is PhysX's effort in N m; the older `physxJoint:jointFriction` is a coefficient without
     // a unit.
     let l = &joint.limit;

@@ -72,7 +72,7 @@ pub(crate) fn viewer_html(model: &ArticulatedModel, drawn: &[Drawn]) -> String {
     };
     // Text and numbers always serialize.
     let json = script_json(&serde_json::to_string(&data).unwrap_or_default());
-    // The title is inserted on both sides of the data, so that no placeholder inside the data is replaced.
+    // The title is inserted on both sides of the data, so no placeholder inside the data is replaced.
     let [head, tail] = PAGE.split_once("@DATA@").map_or([PAGE, ""], |(head, tail)| [head, tail]);
     let titled = |part: &str| part.replace("@TITLE@", &escape_xml(&model.name));
     format!("{}{json}{}", titled(head), titled(tail))

@@ -106,6 +106,7 @@ pub fn serialize<T: Plain, S: Serializer>(values: &[T], serializer: S) -> Result
 
 /// Reads an array.
 ///
+/// # Errors
 /// Those of the format, or a piece that ends within a value.
 pub fn deserialize<'de, T: Plain, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<T>, D::Error> {
     deserializer.deserialize_seq(Pieces(PhantomData))

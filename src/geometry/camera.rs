@@ -47,7 +47,7 @@ impl Intrinsics {
             .then(|| y as usize * self.width + x as usize)
     }
 
-    /// Direction of a pixel's ray in the optical frame with z = 1, so that the ray parameter is the z-depth.
+    /// Direction of a pixel's ray in the optical frame with z = 1, so the ray parameter is the z-depth.
     #[must_use]
     pub fn ray_at(&self, u: f64, v: f64) -> Vector3<f64> {
         Vector3::new((u - self.cx) / self.fx, (v - self.cy) / self.fy, 1.0)

@@ -68,7 +68,7 @@ impl<T> Grid3<T> {
         let mut c = [0; 3];
         for k in 0..3 {
             let r = g[k] + 0.5;
-            // Negated, so that NaN counts as outside.
+            // Negated, so NaN counts as outside.
             if !(r >= 0.0 && r < self.dims[k] as f64) {
                 return None;
             }

@@ -18,7 +18,7 @@ impl NearestPoints {
         const NOWHERE: f64 = 1e12;
         let entries: Vec<[f64; 3]> = points
             .iter()
-            // Moved out of reach, not left out, so that the caller's indices stay valid.
+            // Moved out of reach, not left out, so the caller's indices stay valid.
             .map(|p| if p.iter().all(|x| x.is_finite()) { [p.x, p.y, p.z] } else { [NOWHERE; 3] })
             .collect();
         Self { tree: if entries.is_empty() { None } else { ImmutableKdTree::new_from_slice(&entries).ok() } }

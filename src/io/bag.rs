@@ -94,6 +94,7 @@ impl Bag {
 
     /// Finds the files of a bag.
     ///
+    /// # Errors
     /// [`CaptureError`] for sqlite3 bags, metadata that points outside the folder, unknown compression, or a
     /// bag without files.
     pub fn open(path: &Path) -> Result<Self, CaptureError> {

@@ -168,6 +168,7 @@ pub struct BagIndex {
 impl BagIndex {
     /// Reads a bag once, front to back.
     ///
+    /// # Errors
     /// Those of [`Bag::read`]; [`CaptureError::Unsupported`] for ROS 1 messages or too many entries.
     pub fn read(bag: &Bag, stop: &Stop) -> Result<Self, CaptureError> {
         let mut index = Self::default();
@@ -364,7 +365,7 @@ impl BagIndex {
             return Err(MessageError::Lens(info.d.len()));
         }
         self.entries += 1;
-        // Without the stamp, so that equal parameters have equal bytes.
+        // Without the stamp, so equal parameters have equal bytes.
         info.header = super::ros2msg::Header { frame_id: frame, ..Default::default() };
         let infos = self.infos.entry(topic.to_owned()).or_default();
         // Compared as bytes, because NaN is not equal to itself.

@@ -45,7 +45,8 @@ impl Expansion {
 
     /// Takes the stated decompressed size of a piece from the budget.
     ///
-    /// # Errors If it is far more than its bytes can hold, or all pieces together exceed the budget.
+    /// # Errors
+    /// If it is far more than its bytes can hold, or all pieces together exceed the budget.
     pub fn take(&mut self, packed: u64, unpacked: u64) -> Result<(), ExpansionError> {
         // Each piece is limited by itself too: one chunk must not claim the budget of the whole bag.
         let most = CHUNK_FREE.saturating_add(packed.saturating_mul(EXPANSION));

@@ -30,7 +30,8 @@ impl FileRanges {
 
     /// Reads `count` bytes from `start` on.
     ///
-    /// # Errors If they cannot be read, or there are fewer.
+    /// # Errors
+    /// If they cannot be read, or there are fewer.
     pub fn range(&self, start: u64, count: u64) -> io::Result<Vec<u8>> {
         let mut file = &self.file;
         file.seek(SeekFrom::Start(start))?;

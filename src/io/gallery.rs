@@ -32,7 +32,8 @@ pub struct Gallery {
 
 /// Reads the results of `reconstruct` and `diagnose` under some folders, for a page in `page_folder`.
 ///
-/// # Errors The given folder that cannot be read, and why.
+/// # Errors
+/// The given folder that cannot be read, and why.
 pub fn read_gallery(roots: &[PathBuf], page_folder: &Path) -> Result<Gallery, (PathBuf, io::Error)> {
     let absolute = |path: &Path| fs::canonicalize(path).map_err(|e| (path.to_owned(), e));
     let from = absolute(page_folder)?;

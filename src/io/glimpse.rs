@@ -38,7 +38,8 @@ pub struct Glimpse {
 
 /// Looks at the bags of recordings, each of one state or of all; a dataset gives an empty result.
 ///
-/// # Errors If a file cannot be read.
+/// # Errors
+/// If a file cannot be read.
 pub fn glimpse_views(paths: &[PathBuf], config: &CaptureConfig) -> io::Result<Vec<Glimpse>> {
     let bags = match Source::of(paths) {
         Ok(Source::States(paths)) => paths,
@@ -56,7 +57,8 @@ fn glimpse_of_bag(path: &Path, config: &CaptureConfig) -> io::Result<Glimpse> {
 
 /// Number of messages about joints in a bag; 0 if the bag does not say.
 ///
-/// # Errors If a file cannot be read.
+/// # Errors
+/// If a file cannot be read.
 pub fn count_joint_messages(path: &Path, streams: &Streams) -> io::Result<u64> {
     let Some(summaries) = Summaries::of(path)? else { return Ok(0) };
     let channels = summaries.all.iter().flat_map(|(_, s)| s.channels.values());

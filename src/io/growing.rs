@@ -98,7 +98,8 @@ impl GrowingState {
     /// Reads new data: images that a run would use, or all of a closed recording without poses. `None` if
     /// there is nothing new, or it was read just now.
     ///
-    /// # Errors [`CaptureError`]; if the recording has only just begun, it can be ignored.
+    /// # Errors
+    /// [`CaptureError`]; if the recording has only just begun, it can be ignored.
     pub fn read_new(&mut self, config: &CaptureConfig, stop: &Stop) -> Result<Option<Grown>, CaptureError> {
         let closed = self.is_closed();
         let bytes = self.bytes();
@@ -142,7 +143,7 @@ impl GrowingState {
             .iter()
             .filter(|v| self.seen.insert(stamp(**v)))
             .map(|v| (self.state, *v))
-            // At most as many at once as the tracker would take, so that memory stays bounded.
+            // At most as many at once as the tracker would take, so memory stays bounded.
             .take(most)
             .collect();
         if new.len() < most {

@@ -143,7 +143,8 @@ pub fn compressed_depth(image: &CompressedImage) -> Result<Raster<f32>, ImageErr
 
 /// Mask of a compressed image.
 ///
-/// # Errors [`ImageError`]; JPEG is refused, as it blurs masks.
+/// # Errors
+/// [`ImageError`]; JPEG is refused, as it blurs masks.
 pub fn compressed_mask(image: &CompressedImage) -> Result<Raster<bool>, ImageError> {
     mask_file(&image.data)
 }

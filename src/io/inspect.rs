@@ -54,7 +54,7 @@ pub struct StateInspection {
     pub warnings: Vec<Note>,
     /// Number of usable RGB-D views.
     pub views: usize,
-    /// Whether they have no poses, so that the camera must be tracked by its images.
+    /// Whether they have no poses, so the camera must be tracked by its images.
     pub untracked: bool,
     /// Why `reconstruct` cannot use it.
     pub problem: Option<String>,

@@ -103,8 +103,9 @@ fn add(joints: &mut BTreeMap<String, Samples>, name: &str, stamp: i64, values: [
 /// Reads all joint states of a bag (rosbag2 folder or `.mcap` file), and the topics of `streams`. Stamps are
 /// those of the headers; if these are missing, those of the recorder, with a warning.
 ///
-/// # Errors [`CaptureError`] if the bag cannot be read, contains nothing about joints, or lacks a topic that
-/// was named.
+/// # Errors
+/// [`CaptureError`] if the bag cannot be read, contains nothing about joints, or lacks a topic that was
+/// named.
 pub fn read_joint_log(path: &Path, streams: &Streams) -> Result<Recording, CaptureError> {
     let bag = Bag::open(path)?;
     let mut reader = Reader {

@@ -30,7 +30,8 @@ impl LiveEye {
     /// color and of depth); without a camera_info of depth, depth has color's lens. `topics` are the names of
     /// color's camera_info and images.
     ///
-    /// # Errors If the camera cannot be used.
+    /// # Errors
+    /// If the camera cannot be used.
     pub fn see(
         &mut self,
         stamp_nanos: i64,

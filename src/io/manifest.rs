@@ -1,4 +1,4 @@
-//! Records a result folder's files, so that a later command knows whether they are unchanged.
+//! Records a result folder's files, so a later command knows whether they are unchanged.
 //!
 //! `manifest.json` is in the folder itself and lists every other file. Equal files give equal manifests.
 

@@ -226,7 +226,7 @@ fn read_up_to(source: &mut impl Read, buffer: &mut [u8]) -> std::io::Result<usiz
     Ok(filled)
 }
 
-/// Channels repeated in the summary at the end of a file, so that losing the chunk in which they are first
+/// Channels repeated in the summary at the end of a file, so losing the chunk in which they are first
 /// mentioned loses no other chunk. Best effort: a file without a valid footer gives none. The source is left
 /// at its start.
 ///
@@ -257,7 +257,8 @@ fn summary(source: &mut (impl Read + Seek)) -> Option<Channels> {
 /// Reads all messages in file order. `channels` contains the known channels and learns further ones; chunks
 /// unpack within the budget of `expansion`.
 ///
-/// # Errors The visitor's error. Damage is not an error: it is in the report.
+/// # Errors
+/// The visitor's error. Damage is not an error: it is in the report.
 pub fn read_messages<R: Read, E>(
     mut source: R,
     channels: &mut Channels,

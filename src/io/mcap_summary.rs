@@ -31,9 +31,9 @@ pub struct SummaryChannel {
 /// Contents of a file according to its summary.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct McapSummary {
-    /// By id.
+    /// Channels by id.
     pub channels: BTreeMap<u16, SummaryChannel>,
-    /// In the order of the file.
+    /// Chunks, in the order of the file.
     pub chunks: Vec<ChunkIndexRecord>,
     /// Where the section begins in the file.
     pub start: u64,
@@ -44,7 +44,8 @@ pub struct McapSummary {
 impl McapSummary {
     /// Reads the summary of a file; `None` unless it names every chunk and channel.
     ///
-    /// # Errors If the file cannot be read.
+    /// # Errors
+    /// If the file cannot be read.
     pub fn read(source: &FileRanges) -> io::Result<Option<Self>> {
         let size = source.size();
         if size < TAIL + 8 {

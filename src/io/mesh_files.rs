@@ -34,10 +34,10 @@ pub enum MeshFileError {
 /// A fault in the contents of a mesh file.
 #[derive(Debug, thiserror::Error)]
 pub enum MeshFault {
-    /// Of a PLY file.
+    /// A PLY file is faulty.
     #[error(transparent)]
     Ply(#[from] PlyError),
-    /// Of an OBJ file.
+    /// An OBJ file is faulty.
     #[error(transparent)]
     Obj(#[from] ObjError),
     /// An unsupported kind of file.
@@ -59,6 +59,7 @@ pub enum MeshFault {
 /// Reads a `.ply` (ASCII or binary little-endian) or `.obj` mesh; faces with more corners become fans of
 /// triangles. Vertices are kept as they are, also those that coincide.
 ///
+/// # Errors
 /// If the file cannot be read, is larger than 1 GiB, has another format, is damaged, or has values that are
 /// not finite or indices beyond the vertices.
 pub fn read_mesh(path: &Path) -> Result<TriangleMesh, MeshFileError> {
@@ -67,8 +68,8 @@ pub fn read_mesh(path: &Path) -> Result<TriangleMesh, MeshFileError> {
 
 /// As [`read_mesh`], for several meshes: `left` is the number of bytes they may still have together.
 ///
-/// # Errors As [`read_mesh`], or if the file has more bytes than are left.
-/// As [`read_mesh`]; more bytes than are left.
+/// # Errors
+/// As [`read_mesh`], or if the file has more bytes than are left.
 pub(super) fn read_mesh_within(path: &Path, left: &mut u64) -> Result<TriangleMesh, MeshFileError> {
     let disk = |source| MeshFileError::Disk { path: path.to_owned(), source };
     let format = |problem| MeshFileError::Format { path: path.to_owned(), problem };

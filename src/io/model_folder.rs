@@ -34,7 +34,8 @@ pub enum ModelFolderError {
 /// Reads a model folder, or a URDF file with the files it names in its folder and below: meshes, their
 /// materials and textures. Other files beside a single URDF are ignored.
 ///
-/// # Errors As [`read_model_folder`], or if the file's extension is not `.urdf`.
+/// # Errors
+/// As [`read_model_folder`], or if the file's extension is not `.urdf`.
 pub fn read_model(path: &Path) -> Result<Folder, ModelFolderError> {
     if path.is_dir() {
         return read_model_folder(path);

@@ -9,7 +9,7 @@ pub enum ObjError {
     /// An unusable line.
     #[error("line {line}: {fault}")]
     Line {
-        /// From 1.
+        /// Line number, from 1.
         line: usize,
         /// Its fault.
         fault: ObjFault,

@@ -46,8 +46,9 @@ impl std::fmt::Debug for OnnxMatcher {
 impl OnnxMatcher {
     /// Reads a model. If it leaves the images' size open, they get at most `max_side_px` pixels along a side.
     ///
-    /// # Errors If the file cannot be read, is too large, is not a model, or its inputs or outputs do not fit
-    /// the contract.
+    /// # Errors
+    /// If the file cannot be read, is too large, is not a model, or its inputs or outputs do not fit the
+    /// contract.
     pub fn open(path: &Path, max_side_px: usize) -> Result<Self, OnnxError> {
         let bytes = read(path)?;
         let refused = |reason: String| OnnxError::Model { path: path.to_owned(), reason };

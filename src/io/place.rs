@@ -47,6 +47,7 @@ impl Place {
 
     /// Where the result will be.
     ///
+    /// # Errors
     /// If the name is invalid, or `out` has no last part, as in `.`.
     pub fn target(&self) -> Result<PathBuf, RunDirError> {
         match &self.name {

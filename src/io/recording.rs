@@ -83,7 +83,7 @@ impl Recording {
         if let Ok(split) = &split {
             index.leave_out_between(split, &topics.color);
         }
-        // For the whole bag, so that both states share one choice of topics and one source of poses.
+        // For the whole bag, so both states share one choice of topics and one source of poses.
         let views = Views::find(&bag, &index, config, 0)?;
         let split = split?;
         let mut of_states = Vec::new();

@@ -43,7 +43,7 @@ fn representation_name(id: u8) -> &'static str {
     }
 }
 
-/// Decodes a message with its 4-byte encapsulation header. Bytes after the message are ignored, so that a
+/// Decodes a message with its 4-byte encapsulation header. Bytes after the message are ignored, so a
 /// struct may stand for the front of a longer message.
 ///
 /// # Errors

@@ -61,7 +61,7 @@ impl RunDir {
         let target = place.target()?;
         place.refuse(&target, kind)?;
         let out = parent(&target);
-        // Those that are missing, so that a failed run removes them again.
+        // Those that are missing, so a failed run removes them again.
         let made: Vec<PathBuf> = out
             .ancestors()
             .take_while(|p| !p.as_os_str().is_empty() && !p.exists())
@@ -100,6 +100,7 @@ impl RunDir {
     /// result of the same command is first moved away, moved back if the new one cannot take its place, and
     /// deleted at the end; anything else is refused or, with force, moved to `NAME.bak`.
     ///
+    /// # Errors
     /// If the contents are protected, or the disk refuses. The previous contents then remain.
     pub fn commit(mut self) -> Result<Committed, RunDirError> {
         Manifest::write(&self.partial, self.kind).map_err(disk("describe", &self.partial))?;
@@ -173,7 +174,7 @@ impl Old {
 /// Moves a file or folder to the first free one of `NAME.bak`, `NAME.bak1`, ...; returns its new path.
 fn keep(target: &Path) -> Result<PathBuf, RunDirError> {
     let is_folder = fs::symlink_metadata(target).is_ok_and(|m| m.is_dir());
-    // Reserved first, so that nothing with that name is overwritten: a folder replaces an empty folder, a
+    // Reserved first, so nothing with that name is overwritten: a folder replaces an empty folder, a
     // file a file.
     let reserve =
         |path: &Path| if is_folder { fs::create_dir(path) } else { fs::File::create_new(path).map(drop) };

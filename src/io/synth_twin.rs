@@ -19,7 +19,7 @@ pub(super) fn put_twin(folder: &RunDir, object: &Object) -> Result<(), RunDirErr
     );
     // Writing to a String cannot fail.
     for (k, part) in object.parts.iter().enumerate() {
-        // The frame of a part is that of its joint, so that the joint turns about its origin.
+        // The frame of a part is that of its joint, so the joint turns about its origin.
         let part_from_rest = part.joint.map_or(object.world_from_rest, |j| {
             Pose::from_parts((-j.origin.coords).into(), Default::default())
         });

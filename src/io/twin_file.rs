@@ -102,7 +102,7 @@ fn twin_tree(description: Description, gravity: [f64; 3]) -> Result<TwinTree, Ur
     let [root] = roots[..] else {
         return Err(UrdfFault::Roots(roots.len()));
     };
-    // Parents first. Each pass keeps the order of the file, so that results do not depend on names.
+    // Parents first. Each pass keeps the order of the file, so results do not depend on names.
     let mut sorted: Vec<TwinJoint> = Vec::with_capacity(joints.len());
     let mut reached = vec![false; links.len()];
     reached[root] = true;

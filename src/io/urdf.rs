@@ -88,7 +88,8 @@ pub(super) fn tree_of(description: &Description, path: &Path) -> Result<Tree, Ur
 /// Reads a URDF file and returns its text as well, with a declaration that XML readers accept
 /// ([`with_declaration`]).
 ///
-/// # Errors If the disk refuses, the file exceeds 16 MiB, or the text is not UTF-8 or not a URDF.
+/// # Errors
+/// If the disk refuses, the file exceeds 16 MiB, or the text is not UTF-8 or not a URDF.
 pub(super) fn read_description(path: &Path) -> Result<(Description, String), UrdfError> {
     let text = files::read_text(path, URDF);
     let text = text.map_err(|source| UrdfError::Disk { path: path.to_owned(), source })?;

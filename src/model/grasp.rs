@@ -88,7 +88,7 @@ pub fn grasps_of_joint(model: &ArticulatedModel, j: usize) -> Vec<Grasp> {
         .flat_map(seeds_of_solid)
         .flat_map(|s| scene.grasps_at(&s))
         .collect();
-    // Equal ones stay in order, so that rounding does not choose among them.
+    // Equal ones stay in order, so rounding does not choose among them.
     let rank = |value: f64| (1e6 * value).round();
     found.sort_by(|a, b| rank(b.0).total_cmp(&rank(a.0)));
     let mut kept: Vec<(f64, Grasp)> = Vec::new();
@@ -242,7 +242,7 @@ impl<'a> Scene<'a> {
         }
         let width_m = span.length_m();
         let lever_m = self.lever_m(&middle);
-        // Far from the axis a hold must move the part; about the axis itself a hand can turn it.
+        // Close to the axis a hold hardly moves the part; on the axis itself a hand can turn it.
         if lever_m < LEAST_LEVER * self.reach_m && lever_m > 0.5 * width_m {
             return Vec::new();
         }
@@ -277,7 +277,7 @@ impl<'a> Scene<'a> {
         if first.ends_m[0] < -1e-6 {
             return None;
         }
-        // Half-way between both faces, so that they are equally far from perpendicular.
+        // Half-way between both faces, so they are equally far from perpendicular.
         let closing = (first.normals[1] - first.normals[0]).try_normalize(1e-6)?;
         let inside = seed.at - seed.normal * (0.5 * first.length_m());
         let span = self.part.span_through(&inside, &closing, STANDS_OFF_M).filter(fits)?;

@@ -241,7 +241,7 @@ struct Frame {
 }
 
 impl Frame {
-    /// In the joint's frame at position 0; the axis is reversed if needed, so that the motion goes upwards.
+    /// In the joint's frame at position 0; the axis is reversed if needed, so the motion goes upwards.
     fn of_joint(joint: &Joint, above: bool, child: &TriangleMesh) -> Self {
         let axis = if above { joint.axis.into_inner() } else { -joint.axis.into_inner() };
         let least = Vector3::ith(axis.iamin(), 1.0);

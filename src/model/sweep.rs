@@ -9,7 +9,7 @@ use geometry::Pose;
 use surface::{ConvexConfig, ConvexSolid, Plane, TriangleMesh};
 
 /// Longest way between two examined positions of a sweep, meters.
-/// chosen: no more than the thickness of walls, so that none is skipped
+/// chosen: no more than the thickness of walls, so none is skipped
 const STEP_M: f64 = 0.003;
 /// Largest number of positions of a sweep.
 const MAX_STEPS: usize = 600;
@@ -424,7 +424,7 @@ fn without_block(
                 // Simulators refuse smaller or thinner hulls.
                 .filter(|s| s.volume_m3() > MIN_VOLUME_M3 && s.thickness_m() >= config.min_thickness_m),
         );
-        // What lies beyond this side is left out of the next cuts, so that the pieces do not overlap.
+        // What lies beyond this side is left out of the next cuts, so the pieces do not overlap.
         rest = solid.clipped_at(&Plane { normal: -plane.normal, offset_m: -plane.offset_m });
     }
     kept

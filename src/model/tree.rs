@@ -94,7 +94,8 @@ pub enum TreeError {
 impl Tree {
     /// Builds the tree of links from their joints.
     ///
-    /// # Errors [`TreeError`] if they do not form one tree.
+    /// # Errors
+    /// [`TreeError`] if they do not form one tree.
     pub fn new(links: Vec<TreeLink>, joints: Vec<TreeJoint>) -> Result<Self, TreeError> {
         let mut joint_of = vec![None; links.len()];
         for (j, joint) in joints.iter().enumerate() {

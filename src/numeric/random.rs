@@ -12,7 +12,7 @@ use rand_pcg::Pcg64Mcg;
 pub fn stage_rng(seed: u64, stage: &str, step: u64) -> Pcg64Mcg {
     let name = hash_of(stage);
     let mut bytes = [0; 16];
-    // Both halves are mixed, so that neighboring seeds and steps have unrelated streams.
+    // Both halves are mixed, so neighboring seeds and steps have unrelated streams.
     bytes[..8].copy_from_slice(&split_mix(seed ^ split_mix(name)).to_le_bytes());
     bytes[8..].copy_from_slice(&split_mix(name ^ split_mix(step)).to_le_bytes());
     Pcg64Mcg::from_seed(bytes)

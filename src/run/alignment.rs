@@ -69,7 +69,7 @@ pub(super) fn align(
     // From the states as recorded: only scale and center are used.
     let scene = bounds(capture)?;
     let mut all = vec![Aligned::default()];
-    // Every state is aligned with state 0, whose world is the twin's, so that errors do not add up.
+    // Every state is aligned with state 0, whose world is the twin's, so errors do not add up.
     for state in 1..capture.states.len() {
         let aligned = align_state(state, capture, matcher, &scene, config, stages)?;
         if let Some(drift) = &aligned.drift {

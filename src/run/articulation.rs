@@ -73,7 +73,7 @@ pub(super) fn register_state(
         return register_by_difference(surfaces, parts.unwrap_or(2), &scene.config.register).map_err(failed);
     }
     let empty = pair.map(empty_in);
-    // A random stream for each state, so that draws for one do not depend on the others.
+    // A random stream for each state, so draws for one do not depend on the others.
     let mut rng = stage_rng(scene.config.run.seed, "register", state as u64 - 1);
     let free: [Option<FreeSpace>; 2] = [Some(&empty[0]), Some(&empty[1])];
     let matches = &states[state].matches;
@@ -203,7 +203,7 @@ fn run(
     monitor: &Monitor,
 ) -> Result<(), RunError> {
     while !trainer.is_done() {
-        // Saved when stopped, so that the steps need not start over.
+        // Saved when stopped, so the steps need not start over.
         if let Err(stopped) = monitor.check() {
             if let Some(c) = checkpoint {
                 c.save(CHECKPOINT, trainer.checkpoint())?;

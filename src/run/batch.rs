@@ -81,6 +81,7 @@ fn object_name(request: &ReconstructRequest) -> String {
 
 /// The name of every object.
 ///
+/// # Errors
 /// If two objects have the same name.
 fn names(requests: &[ReconstructRequest]) -> Result<Vec<String>, ConfigError> {
     let names: Vec<String> = requests.iter().map(object_name).collect();

@@ -109,7 +109,8 @@ pub enum DemonstrateError {
 /// Opens and closes every joint of a twin by contact alone, in MuJoCo, and films it. `say` is called with a
 /// line per step. The folder contains `demo.json`, `demo.txt` and the film; it appears when it is complete.
 ///
-/// # Errors If the place is taken, the folder has no twin, Python lacks packages, or a stop is requested.
+/// # Errors
+/// If the place is taken, the folder has no twin, Python lacks packages, or a stop is requested.
 pub fn demonstrate(
     request: &DemonstrateRequest,
     stop: &AtomicBool,

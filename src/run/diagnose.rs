@@ -113,7 +113,7 @@ impl DiagnoseRequest {
 
     /// Where the result goes. `text` is that of the twin; files in `more` are read as well as the request's.
     pub(super) fn place(&self, text: &str, more: &[PathBuf]) -> Place {
-        // All inputs are listed, so that the result cannot take their place.
+        // All inputs are listed, so the result cannot take their place.
         let named = [&self.runs[..], &self.held_out, more].concat();
         let inputs = named.into_iter().chain(io::twin_files(&self.twin, text)).collect();
         Place { out: self.out.clone(), name: self.name.clone(), force: self.force, inputs }
@@ -171,7 +171,7 @@ struct Recorded {
 /// Reads all runs and holds some of them out.
 fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> Result<Recorded, RunError> {
     let failed = |what: &str, e: &dyn std::fmt::Display| RunError::stage(what, e.to_string());
-    // Checked before any bag is read, so that an unknown link is reported at once.
+    // Checked before any bag is read, so an unknown link is reported at once.
     for (topic, link) in request.streams.wrenches.iter().chain(&request.streams.poses) {
         moved_link(tree, topic, link).map_err(|e| failed("twin", &e))?;
     }
@@ -206,6 +206,7 @@ fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> R
 
 /// Diagnoses a twin.
 ///
+/// # Errors
 /// [`RunError`] if the place is taken (reported before the work), the twin or a run cannot be read, nothing
 /// can be said about any joint, or the disk refuses.
 pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<DiagnoseOutcome, RunError> {

@@ -40,9 +40,9 @@ const FULL: f64 = 0.25;
 /// Diagnoses a twin by frames, and also by motion if the request has runs. Both are in one report; the
 /// motion's files are in the folder `motion`.
 ///
-/// # Errors [`RunError`] if the place is taken (checked before the work), the twin or a recording cannot be
-/// read, the frames do not show the twin, or the disk refuses.
-/// recording cannot be read, the frames do not show the twin, or the disk refuses.
+/// # Errors
+/// [`RunError`] if the place is taken (checked before the work), the twin or a recording cannot be read, the
+/// frames do not show the twin, or the disk refuses.
 pub fn diagnose_frames(
     request: &DiagnoseRequest,
     recordings: &[PathBuf],

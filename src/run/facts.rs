@@ -86,7 +86,7 @@ pub(super) fn facts(
             .iter()
             .cloned()
             .chain(twin.warnings.iter().cloned())
-            // Warnings include the cautions, so that readers of this list miss nothing.
+            // Warnings include the cautions, so readers of this list miss nothing.
             .chain(cautions(&twin.model))
             .chain(images.differences.iter().filter_map(StateDifference::difference_warning))
             .collect(),

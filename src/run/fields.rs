@@ -25,8 +25,9 @@ pub(super) struct TrainedField {
 /// Trains the field of a state in a stage, or continues from a checkpoint. A stop request writes a
 /// checkpoint.
 ///
-/// # Errors If input or settings are unusable, the loss is not a number, a stop is requested, or the
-/// checkpoint cannot be written.
+/// # Errors
+/// If input or settings are unusable, the loss is not a number, a stop is requested, or the checkpoint cannot
+/// be written.
 pub(super) fn train_field(
     stage: &str,
     input: &TrainInput,
@@ -114,17 +115,17 @@ impl Training<'_> {
             }
         };
         if let Some(c) = self.checkpoint {
-            // Also when training is done: a stop in a later stage then finds the field.
+            // Saved also when training is done, so a later stop still finds the field.
             c.save(&file, &kept)?;
         }
         stopped.map_or(Ok(()), Err)?;
         Ok(TrainedField { field: trainer.trained_field(), replaced: self.replaced.into_inner() })
     }
 
-    /// Trains to the end or until asked to stop; `kept` is what was reached then, or before the error.
+    /// Trains to the end or until asked to stop; `kept` receives the last good state, also before an error.
     ///
     /// # Errors
-    /// Why the engine or its result is of no use.
+    /// Why the engine or its result cannot be used.
     fn advance(
         &self,
         trainer: &mut FieldTrainer,
@@ -145,7 +146,7 @@ impl Training<'_> {
                     return Err(failure(trainer));
                 }
             }
-            // A device can be lost with its memory; the CPU engine cannot.
+            // A device can be lost with its memory, the CPU engine cannot.
             if !self.on_cpu() && trainer.steps_done() >= kept.done + KEEP_EVERY {
                 *kept = sound(trainer)?;
             }
@@ -184,7 +185,7 @@ impl Training<'_> {
 /// The state of a training with a working engine and finite parameters.
 fn sound(trainer: &FieldTrainer) -> Result<TrainerCheckpoint, EngineFault> {
     let now = trainer.checkpoint();
-    // A loss can still be finite when a parameter is not: each is looked at before it is kept.
+    // The loss may be finite although a parameter is not, so all are checked before the state is kept.
     let params = &now.engine.params;
     let layers = params.geometry.iter().chain(&params.color);
     let sound = trainer.failure().is_none()

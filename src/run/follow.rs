@@ -1,4 +1,4 @@
-//! Recordings followed while they are written: a run's work on them is done as they grow.
+//! Follows recordings while they are written, and does a run's work on them as they grow.
 
 use std::{
     path::PathBuf,
@@ -14,22 +14,22 @@ use common::{
 use io::{GrowingState, is_recording};
 use surface::{LiveMap, LiveSettings};
 
-/// How often a recording is looked at.
+/// Interval between looks at a recording.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
-/// After so long without growth a recording may never be closed.
+/// Time without growth after which a warning says that a recording may never be closed.
 /// derived: recorders write their caches every few seconds
 const STILL: Duration = Duration::from_secs(30);
 
-/// How often is said how much there is.
+/// Interval between reports of how much there is.
 const SAY_EVERY: Duration = Duration::from_secs(2);
-/// Memory of the map of seen places.
+/// Memory limit of the map of seen places, bytes.
 const MAP_BYTES: usize = 64 << 20;
 
 /// Waits until the recordings of a request are closed, one state after the other, and works ahead on one
-/// thread. Those of a folder are its `state0` and `state1`, where it is no recording itself.
+/// thread. In a folder that is not itself a recording, `state0` and `state1` are followed.
 ///
 /// # Errors
-/// A stop request; a system without another thread.
+/// If a stop is requested, or the system gives no further thread.
 pub fn follow(request: &ReconstructRequest, monitor: &Monitor) -> Result<Ahead, RunError> {
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
@@ -54,7 +54,7 @@ pub fn follow(request: &ReconstructRequest, monitor: &Monitor) -> Result<Ahead, 
         };
         follower.map.begin_state();
         pool.install(|| follower.until_closed())?;
-        // Where nothing more is waited for, the run does the rest, on all threads.
+        // When nothing more will come, the run does the rest, on all threads.
         if paths[state + 1..].iter().any(|path| !GrowingState::new(path, 0).is_closed()) {
             pool.install(|| follower.look());
         }
@@ -63,7 +63,7 @@ pub fn follow(request: &ReconstructRequest, monitor: &Monitor) -> Result<Ahead, 
     Ok(ahead)
 }
 
-/// The recordings to be followed.
+/// The recordings to follow.
 fn followed(sources: &[PathBuf]) -> Vec<PathBuf> {
     match sources {
         [one] if !is_recording(one) => ["state0", "state1"].map(|s| one.join(s)).into(),
@@ -78,7 +78,7 @@ struct Follower<'a> {
     request: &'a ReconstructRequest,
     ahead: &'a Ahead,
     monitor: &'a Monitor,
-    /// When it was said last how many views there are, and how many.
+    /// When the number of views was last reported, and that number.
     said: Option<(Instant, usize)>,
     map: &'a mut LiveMap,
 }
@@ -95,7 +95,7 @@ impl Follower<'_> {
             if now != bytes {
                 (bytes, grown) = (now, Some(Instant::now()));
             } else if grown.is_some_and(|since| since.elapsed() > STILL) {
-                // Said once, until it grows again.
+                // Reported once, until it grows again.
                 grown = None;
                 let what = if bytes == 0 { "is not there yet" } else { "does not grow, and is not closed" };
                 let text = format!(
@@ -112,11 +112,11 @@ impl Follower<'_> {
     /// Looks at the recording once.
     fn look(&mut self) {
         let config = &self.request.config;
-        // A recording at its beginning has too few views. The run reports the same of a closed one.
+        // A recording that has just begun has too few views. The run reports the same for a closed one.
         let seed = config.run.seed;
         let grown = work_ahead(&mut self.growing, &config.capture, seed, self.ahead, self.monitor);
         let Ok(Some(grown)) = grown else { return };
-        // Tracked frames have no place yet.
+        // Tracked frames have no poses in the world yet.
         let frames = grown.frames.iter().filter(|_| grown.is_posed);
         frames.for_each(|frame| _ = self.map.add_view(frame));
         if self.said.is_none_or(|(when, views)| when.elapsed() > SAY_EVERY && views != grown.views) {
@@ -130,7 +130,8 @@ impl Follower<'_> {
         }
     }
 
-    /// Unseen sides of the object, the next places to look from, and moved parts; empty without a map.
+    /// A sentence on unseen sides of the object, the next places to look from, and moved parts; empty without
+    /// a map.
     fn map_text(&mut self) -> String {
         self.map.refresh();
         let Some((unseen, next)) = self.map.unseen_and_next() else { return String::new() };

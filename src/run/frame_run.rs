@@ -41,7 +41,7 @@ fn with_masks(
     }
     let mut capture = Capture { noise: run.noise, ..Capture::of_states(2) };
     for (i, frame) in run.frames.drain(..).enumerate() {
-        // Frames alternate, so that both halves see the object from all sides.
+        // Frames alternate, so both halves see the object from all sides.
         capture.states[i % 2].push(frame);
     }
     isolate(&mut capture, config, &mut stage_rng(seed, "diagnose/isolate", 0), stop)?;

@@ -41,7 +41,7 @@ fn by_model(
     let pairs = frame_pairs(frames, config.neighbors);
     let mut matches = Vec::new();
     let mut done = 0;
-    // As many at once as there are threads, so that images and intermediate results of no more pairs are in
+    // As many at once as there are threads, so images and intermediate results of no more pairs are in
     // memory.
     for some in pairs.chunks(rayon::current_num_threads().max(1)) {
         monitor.check()?;

@@ -187,7 +187,8 @@ impl Monitor {
 
     /// Returns early from a loop once a stop was requested.
     ///
-    /// # Errors [`Cancelled`], so that `monitor.check()?` ends the stage.
+    /// # Errors
+    /// [`Cancelled`], so that `monitor.check()?` ends the stage.
     pub fn check(&self) -> Result<(), Cancelled> {
         if self.cancel.load(Ordering::Relaxed) { Err(Cancelled::default()) } else { Ok(()) }
     }

@@ -82,7 +82,7 @@ fn photo_and_twin(
     seen: &[(&TriangleMesh, Paint)],
 ) -> PhotoAndTwin {
     let caption = |what: &str| caption(state, frame, what);
-    // Cropped alike, so that photo and twin can be compared pixel by pixel.
+    // Cropped alike, so photo and twin can be compared pixel by pixel.
     let window = window(frame, &[]);
     let rendered = draw(model, state, frame, seen);
     let difference = frame.mask.is_some().then(|| {

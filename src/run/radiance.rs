@@ -17,8 +17,9 @@ const REPORT_EVERY: usize = 10;
 /// The model from the images of two states, with all parts on the static one. Free motions start from
 /// `starts`, state1_from_state0 of the mobile parts in the world.
 ///
-/// # Errors If there are not two states, a state has no views, the loss is not a number, a part has no
-/// surface, a stop is requested, or the checkpoint cannot be written.
+/// # Errors
+/// If there are not two states, a state has no views, the loss is not a number, a part has no surface, a stop
+/// is requested, or the checkpoint cannot be written.
 pub(super) fn radiance_model(
     name: &str,
     states: &[Vec<RgbdFrame>],
@@ -118,7 +119,8 @@ fn assemble(
 
 /// The surface of a part from its density.
 ///
-/// # Errors If the density is nowhere above the threshold.
+/// # Errors
+/// If the density is nowhere above the threshold.
 fn part_surface(
     found: &RadianceModel,
     part: usize,

@@ -3,7 +3,7 @@
 //! A file has a header (magic with the version of the format, checksum) and the postcard bytes of the value,
 //! and appears under its name only when complete. A damaged file counts as missing, and the stage is computed
 //! again. Therefore no write waits for the disk: results lost in a power cut are computed again. Values are
-//! written and read piece by piece, so that they are never in memory twice, and a file's checksum is verified
+//! written and read piece by piece, so they are never in memory twice, and a file's checksum is verified
 //! before any of it is decoded.
 //!
 //! Several processes may read and write one folder: files of the same name have the same content.
@@ -59,6 +59,7 @@ impl StageStore {
 
     /// Writes the result of a stage; replaces an earlier one.
     ///
+    /// # Errors
     /// If the disk refuses, or would have no room left for the result of the run; an earlier result then
     /// stays.
     pub fn save<T: Serialize>(&self, stage: &str, value: &T) -> Result<(), CheckpointError> {
@@ -94,7 +95,7 @@ impl StageStore {
         }
     }
 
-    /// The file of a stage's result, and the beginning of its checksum: the digest of its inputs, so that a
+    /// The file of a stage's result, and the beginning of its checksum: the digest of its inputs, so a
     /// renamed file is detected.
     fn file(&self, stage: &str) -> (PathBuf, XxHash64) {
         let key = of_stage(&self.facts, stage).key(stage).to_string();

@@ -85,8 +85,9 @@ struct TrialRecord {
 /// Runs all unfinished trials, and measures all. Methods with the published inference get the true number of
 /// parts, as the published methods do; others find it.
 ///
-/// # Errors If an object has no ground truth, a stop is requested, or the place cannot be written. A run that
-/// fails because of its inputs is not an error but a failed trial.
+/// # Errors
+/// If an object has no ground truth, a stop is requested, or the place cannot be written. A run that fails
+/// because of its inputs is not an error but a failed trial.
 pub fn trials(request: &TrialsRequest, monitor: &Monitor) -> Result<TrialTable, TrialsError> {
     let tables = ["trials.json", "trials.md"].map(|name| request.out.join(name));
     let is_own = is_table(&tables[0]);

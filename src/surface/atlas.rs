@@ -8,7 +8,7 @@ use super::{
     patches::{Patch, grown_patches},
 };
 
-/// Empty texels around a chart, so that filtering does not mix charts.
+/// Empty texels around a chart, so filtering does not mix charts.
 /// chosen: one texel for bilinear filtering, and one to spare
 const MARGIN_PX: f64 = 2.0;
 /// Factor by which texels grow until the charts fit. chosen: few trials, little resolution lost

@@ -52,7 +52,7 @@ impl Pseudonormals {
         let mut vertices = vec![Vector3::zeros(); positions.len()];
         for ((t, c), face) in mesh.triangles.iter().zip(&corners).zip(&faces) {
             for k in 0..3 {
-                // Weighted by the angle at the corner, so that it does not matter how a flat face is cut into
+                // Weighted by the angle at the corner, so it does not matter how a flat face is cut into
                 // triangles.
                 let u = c[(k + 1) % 3] - c[k];
                 let v = c[(k + 2) % 3] - c[k];

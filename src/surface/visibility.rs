@@ -41,7 +41,7 @@ pub fn visibility_grid<T>(frames: &[RgbdFrame], nodes: &Grid3<T>, epsilon_m: f64
 
 /// Whether each node of `nodes` is certainly empty: at least `rule.min_views` views see it clearly in front
 /// of a known depth, or on a ray off the mask without known depth. The nearest of the 3x3 readings around a
-/// pixel counts, so that smeared depth edges and masks wrong by a pixel do not carve the object.
+/// pixel counts, so smeared depth edges and masks wrong by a pixel do not carve the object.
 #[must_use]
 pub fn free_space_grid<T>(frames: &[RgbdFrame], nodes: &Grid3<T>, rule: &FreeSpaceRule) -> Grid3<bool> {
     views_in_front(frames, nodes, rule.min_views, |frame| free_reach(frame, rule))

@@ -45,7 +45,7 @@ pub(crate) fn flat_faces(surface: &SurfaceSamples) -> Vec<SeenDirection> {
             let across = Matrix3::identity() - face.into_inner() * face.transpose();
             faces.push(SeenDirection { direction: face, covariance: across * STD_DEG.to_radians().powi(2) });
         }
-        // Normals nearby start no other face, whether this one was kept or not, so that the search ends.
+        // Normals nearby start no other face, whether this one was kept or not, so the search ends.
         open.retain(|n| n.dot(&face).abs() < ring && n.dot(&start).abs() < ring);
     }
     faces

@@ -3,12 +3,12 @@
 //!
 //! Residuals of a motion `T = state1_from_state0`, each divided by its standard deviation:
 //! - a surface point `x` of state 0: the other state's signed distance `d1(T x)`;
-//! - a surface point `y` of state 1: `d0(T^-1 y)`; both are corrected where the readings lie above one
-//!   surface and not above the other;
+//! - a surface point `y` of state 1: `d0(T^-1 y)`; both are corrected where readings lie above one surface
+//!   and not above the other;
 //! - a lifted match: `point1 - T point0`, whitened by the covariances of both ends.
 //!
 //! Rows are derivatives by a left perturbation `T <- exp(v, w) T`, i.e. `d(T x) = v + w x (T x)`. Residuals
-//! are weighted down to the number of independent ones, so that the information matrix is an inverse
+//! are weighted down to the number of independent ones, so the information matrix is an inverse
 //! covariance.
 
 use std::ops::{Range, RangeInclusive};
@@ -111,7 +111,7 @@ pub struct MotionEvidence<'a> {
 /// below one by more than noise
 const SLOPES: RangeInclusive<f64> = 0.3..=1.733;
 
-/// Points per parallel task; fixed, so that sums do not depend on the number of threads.
+/// Points per parallel task; fixed, so sums do not depend on the number of threads.
 const CHUNK: usize = 1024;
 
 impl MotionEvidence<'_> {

@@ -199,7 +199,7 @@ fn penalty(residual: f64, sigma: f64, kind: SdfResidual) -> (f64, f64) {
     match kind {
         SdfResidual::Absolute => (size, if size > 0.0 { residual.signum() } else { 0.0 }),
         SdfResidual::NoiseScaled { sigmas } => {
-            // The quadratic part ends at half a truncation distance at most, so that an absolute part always
+            // The quadratic part ends at half a truncation distance at most, so an absolute part always
             // follows.
             let knee = (sigmas * sigma).clamp(1e-9, 0.5);
             if size < knee {

@@ -14,7 +14,7 @@ pub(crate) struct LabelSet {
 
 impl LabelSet {
     /// Mean cross-entropy (nats) of `count` random points, and adds its gradient. Each point is moved by up
-    /// to `reach` (normalised) along every axis, so that the space around the surface takes its label too.
+    /// to `reach` (normalised) along every axis, so the space around the surface takes its label too.
     pub(crate) fn loss(
         &self,
         field: &SegmentationField,

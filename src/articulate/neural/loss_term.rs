@@ -2,7 +2,7 @@
 
 use crate::neural::motion_params::MotionGradient;
 
-/// Points per parallel work item. Fixed, so that sums have the same order for every number of threads.
+/// Points per parallel work item. Fixed, so sums have the same order for every number of threads.
 pub(crate) const CHUNK: usize = 256;
 
 /// Value and gradients of a loss.

@@ -260,7 +260,7 @@ impl<'a> ArticulationTrainer<'a> {
     /// Losses and gradients of both states at fresh samples.
     fn losses_and_gradients(&mut self, volumes_active: bool) -> (ArticulationLosses, MotionGradient) {
         let Self { volumes, occupied, matches, config, state, gradients, typical_sigma_m, .. } = self;
-        // Seeded by the step number, so that a resumed run draws the same as an uninterrupted one.
+        // Seeded by the step number, so a resumed run draws the same as an uninterrupted one.
         let mut rngs = STREAMS.map(|name| stage_rng(state.seed, name, state.steps as u64));
         let [r0, r1] = &mut rngs;
         let (a, b) = rayon::join(

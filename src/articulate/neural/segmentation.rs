@@ -16,7 +16,7 @@ use numeric::random::{STREAM_STEP, split_mix};
 const INPUTS: usize = 24;
 /// Width of both hidden layers.
 const HIDDEN: usize = 64;
-/// Points per work item. Fixed, so that sums have the same order for every number of threads.
+/// Points per work item. Fixed, so sums have the same order for every number of threads.
 const CHUNK: usize = 256;
 
 /// A dense layer, weights input-major: `y[o] = biases[o] + sum_i x[i] weights[i * outputs + o]`. The output
@@ -44,7 +44,7 @@ impl Dense {
         rng: &mut impl Rng,
     ) -> Self {
         let bound = 1.0 / (used_inputs as f32).sqrt();
-        // Drawn for used values only, so that padding does not change the initial values.
+        // Drawn for used values only, so padding does not change the initial values.
         let mut draw = || ((rng.next_u32() >> 8) as f32 / (1u32 << 23) as f32 - 1.0) * bound;
         let mut layer = Self::zeros(inputs, outputs);
         for i in 0..used_inputs {

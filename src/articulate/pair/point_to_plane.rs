@@ -149,7 +149,7 @@ pub(crate) fn refined_motion(
     }
     let mut motion = *motion;
     for _ in 0..STEPS {
-        // About the middle, turn and shift are nearly independent, so that damping affects both alike.
+        // About the middle, turn and shift are nearly independent, so damping affects both alike.
         let sum: Vector3<f64> =
             planes.iter().map(|p| p.target.coords).chain(matches.iter().map(|m| m.point1.coords)).sum();
         let center = Point3::from(sum / (planes.len() + matches.len()) as f64);

@@ -12,7 +12,7 @@ pub(crate) const TAKEN: f32 = 0.4;
 pub(crate) const FREE: f32 = 1.6;
 /// Squared mismatch, in standard deviations, at which the cost is half that of a missing surface: half of it
 /// are the 3 nats of a unit of cost.
-/// derived: 2 * 3 nats, so that small deviations cost `z^2 / 2` nats (Geman-McClure)
+/// derived: 2 * 3 nats, so small deviations cost `z^2 / 2` nats (Geman-McClure)
 pub(crate) const HALF_COST: f64 = 6.0;
 /// A motion explains a sample if its cost is lower: the mismatch is then below [`HALF_COST`].
 /// derived: `HALF_COST / (HALF_COST + HALF_COST)`

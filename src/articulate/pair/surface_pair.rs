@@ -410,7 +410,7 @@ mod tests {
         let short = plate(10);
         let empty = |p: &Point3<f64>| p.x > 0.2;
         let pair = SurfacePair::new([&long, &short], [None, Some(&empty)], 0.04);
-        // The shift is along the border, so that depths are alike.
+        // The shift is along the border, so depths are alike.
         let motions = [Pose::identity(), Pose::translation(0.0, 1e-9, 0.0)];
         let all = pair.label_costs(0, &motions, None, Of::AllParts);
         let at = |column: usize| [0, 1].map(|k| all[2 * (20 * column + 10) + k]);

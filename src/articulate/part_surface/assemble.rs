@@ -48,7 +48,7 @@ struct Known {
 }
 
 impl Known {
-    /// For an empty set of places.
+    /// What is known of no place at all: the start of a union.
     const NO_PLACE: Self = Self { some: false, all: true, labels: 0 };
 
     fn and(self, other: Self) -> Self {
@@ -180,7 +180,7 @@ fn vote_of_states(part: u8, place: &Point3<f64>, motions: &[Pose], states: &[Lab
         let place = if k == 0 { *place } else { motion * place };
         let Some(node) = state.tsdf.nearest_node(&place) else { continue };
         let distance = state.tsdf.value_at(&place);
-        // No vote where nothing was observed, so that no surface is invented.
+        // No vote where nothing was observed, so no surface is invented.
         if !distance.is_finite() {
             continue;
         }

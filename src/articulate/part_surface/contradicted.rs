@@ -17,8 +17,9 @@ pub struct OtherState<'a> {
 const TOGETHER: usize = 9;
 /// Least number of these at empty places.
 ///
-/// derived: errors move one in fifty true samples there, and nine in ten others are there; one of a hundred
-/// samples is of no part: 5 ln(0.9 / 0.02) + 4 ln(0.1 / 0.98) is more than ln 100, for 4 of 9 it is not
+/// derived: errors move one in fifty true samples there (docs/method.md 7.2), and nine in ten others are
+/// there; one of a hundred samples is of no part: 5 ln(0.9 / 0.02) + 4 ln(0.1 / 0.98) is more than ln 100,
+/// for 4 of 9 it is not
 const EMPTY: usize = 5;
 
 /// Whether another state contradicts each of a state's surface points: it saw the place to which the point's

@@ -22,6 +22,7 @@ const STILL: f64 = 1e-6;
 
 /// Finds the motions of `parts` parts, the static one included, and the part of every surface sample.
 ///
+/// # Errors
 /// [`RegisterError`] if a surface has no points or no part moved.
 pub fn register_by_difference(
     surfaces: [&SurfaceSamples; 2],
@@ -145,7 +146,7 @@ mod tests {
         let grid = |n: usize, side: f64| {
             (0..n * n).map(move |i| {
                 let at = |k: usize| side * (k as f64 / (n - 1) as f64 - 0.5);
-                // A bump, so that the lid cannot slide in itself.
+                // A bump, so the lid cannot slide in itself.
                 let x = at(i % n);
                 let y = at(i / n);
                 Point3::new(x, y, 0.3 * (x * x + 3.0 * x * y))

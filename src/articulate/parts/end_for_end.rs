@@ -118,7 +118,7 @@ fn turned_motions(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2
     let steps = (pair.surfaces.reach_m / step_m).ceil() as i64;
     let mut placed = Vec::with_capacity(starts.len());
     for start in starts {
-        // In the order of the steps, so that the choice among equal ones does not depend on threads.
+        // In the order of the steps, so the choice among equal ones does not depend on threads.
         let beside: Vec<(f64, Pose)> = (-steps..=steps)
             .into_par_iter()
             .map(|s| start * Slip::along_direction(thin).motion_by(s as f64 * step_m))

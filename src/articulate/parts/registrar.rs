@@ -65,6 +65,7 @@ impl<'a> Registrar<'a> {
     /// point was seen empty, where known. The result depends on the order of the inputs and on the random
     /// numbers only; swapping the states inverts the motions up to noise.
     ///
+    /// # Errors
     /// [`RegisterError::Input`] if the arguments make no sense.
     pub fn new(
         matches: &'a [LiftedMatch],
@@ -114,6 +115,7 @@ impl<'a> Registrar<'a> {
 
     /// Takes the next step of the search.
     ///
+    /// # Errors
     /// [`RegisterError`] for no motion, no overlap, fewer motions than asked for, or unexplained movement.
     pub fn step(&mut self) -> Result<(), RegisterError> {
         let mut next = self.state.done + 1;
@@ -194,7 +196,7 @@ impl<'a> Registrar<'a> {
         Ok(())
     }
 
-    /// Shortens the reach for the last rounds, so that partners that only seem to fit are dropped.
+    /// Shortens the reach for the last rounds, so partners that only seem to fit are dropped.
     fn shorten_reach(&mut self) {
         let SurfacePair { samples, free, .. } = self.pair.surfaces;
         let last_m = self.pair.config.last_reach * self.pair.extent_m;

@@ -89,7 +89,7 @@ pub(crate) fn segments_of(pair: &SurfacePair<'_>, motions: &[Pose], labels: &[Ve
         }
     }
     let mut pairs: Vec<([usize; 2], usize)> = shared.into_iter().collect();
-    // Most first, and equal ones by index, so that the result depends on nothing else.
+    // Most first, and equal ones by index, so the result depends on nothing else.
     pairs.sort_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(&b.0)));
     let mut partner = [0, 1].map(|s| vec![None; groups[s].len()]);
     for ([a, b], _) in pairs {

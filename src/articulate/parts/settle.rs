@@ -15,7 +15,7 @@ const SAMPLES: usize = 200;
 
 /// One round: labels, then every moving part's motion.
 pub(crate) fn settle_once(pair: &MatchedPair<'_>, motions: &mut [Pose]) {
-    // Labels of the old motions hold for the whole round, so that the order of the parts does not matter.
+    // Labels of the old motions hold for the whole round, so the order of the parts does not matter.
     let found = labels_and_costs(&pair.surfaces, motions);
     let (labels, _) = &*found;
     let match_labels = pair.match_labels(motions);

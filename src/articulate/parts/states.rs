@@ -104,7 +104,8 @@ pub(crate) fn common_refinement(labelings: &[&[u8]]) -> Vec<(Vec<u8>, usize)> {
 /// Combines the parts and motions of the pairs into those of all states. `surface` and `free` are the samples
 /// and the empty space of state 0; `parts` is the number of parts, if given.
 ///
-/// # Errors If there are fewer parts than asked for.
+/// # Errors
+/// If there are fewer parts than asked for.
 pub fn unite<'a>(
     surface: &'a SurfaceSamples,
     free: Option<FreeSpace<'a>>,

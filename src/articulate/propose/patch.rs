@@ -130,7 +130,7 @@ pub(crate) fn largest_patches(
     let samples = pair.samples[state];
     let mut groups: Vec<(usize, &Vec<usize>)> =
         faces.iter().map(|g| (g.iter().filter(|&&i| seed[i]).count(), g)).filter(|g| g.0 >= least).collect();
-    // Equal ones are ordered by their first sample, so that the order is unique.
+    // Equal ones are ordered by their first sample, so the order is unique.
     groups.sort_by(|a, b| b.0.cmp(&a.0).then(a.1[0].cmp(&b.1[0])));
     groups.truncate(most);
     groups.into_iter().filter_map(|(_, g)| patch_of_face(samples, g.clone())).collect()

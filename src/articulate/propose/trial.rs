@@ -186,8 +186,8 @@ fn own_trials(patch: &Patch, step_m: f64, extent_m: f64) -> [Vec<Pose>; 2] {
     [slides.collect(), turned.collect()]
 }
 
-/// Motions of a patch into the plane of another about a line parallel to both planes; the shift along this
-/// line is unknown and tried in steps.
+/// Motions of a patch into the plane of another about a line parallel to both planes; one shift perpendicular
+/// to this line is unknown and tried in steps.
 fn plane_trials(patch: &Patch, onto: &Patch, step_m: f64) -> Vec<Pose> {
     let n0 = patch.axes[2];
     let n1 = onto.axes[2];

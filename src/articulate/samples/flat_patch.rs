@@ -40,7 +40,7 @@ pub(crate) fn flat_patches<I: Iterator<Item = usize>>(
     patches.into_iter().flatten().collect()
 }
 
-/// Mean squared change of the normal from a sample to its neighbors; infinite without neighbors, so that such
+/// Mean squared change of the normal from a sample to its neighbors; infinite without neighbors, so such
 /// a sample comes last and is a patch of its own.
 fn mean_bend(normals: &[Vector3<f64>], sample: usize, neighbors: impl Iterator<Item = usize>) -> f64 {
     let bends = neighbors.map(|j| (normals[j] - normals[sample]).norm_squared());

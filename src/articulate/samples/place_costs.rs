@@ -4,6 +4,6 @@
 /// tuned: shared/bags
 pub(crate) const HIDDEN: f32 = 0.9;
 /// Cost of a place seen empty all around, within the errors of depth and motion.
-/// chosen: above the cost of a place seen empty, so that it can be recognized, by too little to decide a
+/// chosen: above the cost of a place seen empty, so it can be recognized, by too little to decide a
 /// label
 pub(crate) const ALL_FREE: f32 = 1.61;

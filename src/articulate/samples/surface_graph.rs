@@ -158,7 +158,7 @@ impl SurfaceGraph {
             lanes.as_flattened_mut()[..labels].copy_from_slice(costs);
         }
         let costs = lanes;
-        // Equal at first, so that the first round uses the costs alone.
+        // Equal at first, so the first round uses the costs alone.
         let mut beliefs = vec![[1.0 / labels as f32; LANES]; n * quads];
         let mut next = beliefs.clone();
         // Whether each sample changed in the last round: a sample without changed neighbors stays as it is.
@@ -182,7 +182,7 @@ impl SurfaceGraph {
                     *energy = sum;
                 }
                 let energy = &mut energies.as_flattened_mut()[..labels];
-                // Relative to the least energy, so that no sum of exponentials underflows to zero.
+                // Relative to the least energy, so no sum of exponentials underflows to zero.
                 let least = energy.iter().copied().fold(f32::INFINITY, f32::min);
                 energy.iter_mut().for_each(|e| *e = (-(*e - least) / TEMPERATURE).exp());
                 let sum: f32 = energy.iter().sum();
@@ -411,7 +411,7 @@ fn neighbors_of(
             near.push((squared + LIFT * lift + CREASE * reach_m * reach_m * bend, j as u32));
         }
     });
-    // Equal distances are ordered by index, so that the neighbors do not depend on the sort.
+    // Equal distances are ordered by index, so the neighbors do not depend on the sort.
     near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let mut slots = [(i as u32, 0.0); NEIGHBORS];
     let weight = |squared: f64| (-2.0 * squared / (reach_m * reach_m)).exp() as f32;

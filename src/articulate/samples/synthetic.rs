@@ -78,7 +78,7 @@ impl Scene {
     }
 
     /// A lamp: a foot, an arm that turns about the foot's top and a head that turns about the arm's end, both
-    /// about y, so that the head's motion in the world is a plain rotation too.
+    /// about y, so the head's motion in the world is a plain rotation too.
     pub fn lamp() -> Self {
         let foot =
             Part { boxes: vec![cuboid([0.0, 0.0, 0.02], [0.12, 0.1, 0.02])], motion: Pose::identity() };
@@ -197,7 +197,7 @@ impl Scene {
                 let ray = intrinsics.ray_at((p % intrinsics.width) as f64, (p / intrinsics.width) as f64);
                 let origin = Point3::from(world_from_camera.translation.vector);
                 if let Some((t, part, at, _)) = self.hit(state, &origin, &(world_from_camera * ray)) {
-                    // The ray has unit depth, so that its parameter is the depth.
+                    // The ray has unit depth, so its parameter is the depth.
                     depth_m[p] = t as f32;
                     rgb[p] = self.color(part, &at).map(|c| (c * 255.0).round() as u8);
                     mask[p] = true;

@@ -52,6 +52,7 @@ pub fn parse_xml(text: &str) -> Result<Document<'_>, XmlError> {
 /// Refuses elements nested deeper than [`XML_DEPTH`], more than [`XML_ELEMENTS`] of them, and declared
 /// entities. Text that is not XML may pass: the reader refuses it.
 ///
+/// # Errors
 /// [`XmlError`], except [`XmlError::Parse`].
 fn check_xml(text: &str) -> Result<(), XmlError> {
     // Scans only the tags: this needs no stack and stops at the first one too many.

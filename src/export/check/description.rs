@@ -1,4 +1,4 @@
-//! Reads URDF texts. What is missing stays missing, so that rules can report it.
+//! Reads URDF texts. What is missing stays missing, so rules can report it.
 //!
 //! It is not built on urdf-rs, which tests use as a second reader. Of the 52 files in
 //! `tests/conformance/urdf.tar.zst` that a diagnosis reads, urdf-rs 0.10 refuses 17 (a limit without
@@ -194,6 +194,7 @@ pub struct Description {
 impl Description {
     /// Reads URDF text.
     ///
+    /// # Errors
     /// If the text has more than 16 MiB or [`LINKS`] links or joints, is not XML that can be read, or is
     /// another kind of document.
     pub fn parse(text: &str) -> Result<Self, UnsoundUrdf> {

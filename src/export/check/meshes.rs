@@ -76,7 +76,7 @@ pub(super) fn checked_solids(
                     }
                     solid
                 }
-                // Converted to polyhedra, so that one overlap test serves all shapes.
+                // Converted to polyhedra, so one overlap test serves all shapes.
                 primitive => {
                     let mut corners = corners(primitive);
                     corners.retain(|p| p.iter().all(|x| is_number(*x)));

@@ -103,7 +103,8 @@ impl Description {
     /// Refuses a URDF that does not describe bodies: names used twice, links that form no tree, malformed or
     /// impossible numbers. What only some importers refuse is left out.
     ///
-    /// # Errors [`UnsoundUrdf::Broken`].
+    /// # Errors
+    /// [`UnsoundUrdf::Broken`].
     pub fn require_sound(self) -> Result<Self, UnsoundUrdf> {
         let mut found = Findings::of_file("");
         check_soundness(&self, &mut found);

@@ -58,7 +58,7 @@ impl<'a> Body<'a> {
         let (lo, hi) =
             bounds.iter().copied().reduce(|(a, b), (c, d)| (a.inf(&c), b.sup(&d))).unwrap_or_default();
         let center = nalgebra::center(&lo, &hi);
-        // Slightly larger than the box, so that rounding does not separate touching solids.
+        // Slightly larger than the box, so rounding does not separate touching solids.
         Self { solids, bounds, center, radius_m: 0.5 * (hi - lo).norm() * (1.0 + 1e-9) + 1e-9 }
     }
 }

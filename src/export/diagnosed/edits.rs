@@ -10,7 +10,7 @@ pub(super) type Edit = (Range<usize>, String);
 pub(super) fn edited(text: &str, mut edits: Vec<Edit>) -> String {
     edits.sort_by_key(|(range, _)| range.start);
     let mut changed = text.to_owned();
-    // From the end backwards, so that a replacement does not shift the ranges still to come.
+    // From the end backwards, so a replacement does not shift the ranges still to come.
     for (range, new) in edits.into_iter().rev() {
         changed.replace_range(range, &new);
     }

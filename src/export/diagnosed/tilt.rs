@@ -63,7 +63,7 @@ fn load_miss(tree: &mut TwinTree, joint: usize, pose: Pose, wanted: (f64, f64)) 
 pub(super) fn tilted(tree: &TwinTree, joint: usize, sine: f64, cosine: f64) -> Option<Pose> {
     let plant = Plant::of_joint(tree, joint).ok()?;
     let wanted = (plant.load.sine - sine, plant.load.cosine - cosine);
-    // The miss is relative to the load, so that light and heavy parts are treated alike.
+    // The miss is relative to the load, so light and heavy parts are treated alike.
     let scale = wanted.0.hypot(wanted.1).max(plant.load.amplitude());
     let mut tree = tree.clone();
     let given = tree.joints[joint].parent_from_joint;

@@ -82,7 +82,7 @@ impl Chart {
     fn pixel_y(&self, y: f64) -> f64 {
         let (low, high) = self.y.range;
         let height = self.size.1 - TOP - BOTTOM;
-        // Clamped far outside the plot, so that a diverging motion keeps short numbers.
+        // Clamped far outside the plot, so a diverging motion keeps short numbers.
         TOP + (height * (high - y) / (high - low)).clamp(-height, 2.0 * height)
     }
 
@@ -226,7 +226,7 @@ fn push_path(path: &mut String, points: impl Iterator<Item = (f64, f64)>) {
     }
 }
 
-/// Indices of about `most` samples: the least and the largest in each of equal parts, so that peaks stay.
+/// Indices of about `most` samples: the least and the largest in each of equal parts, so peaks stay.
 fn thinned_indices(y: &[f64], most: usize) -> Vec<usize> {
     let parts = (most / 2).max(2);
     if y.len() <= 2 * parts {

@@ -24,8 +24,8 @@ const ARC: usize = 64;
 /// Side of the block that stands for a parent without a shape, as a share of the moved part.
 /// chosen: for the eye
 const BLOCK: f64 = 0.08;
-/// Length of the axis on either side, as shares of the moved part: solid, and beyond that. chosen: for the
-/// eye
+/// Least length of the drawn axis on either side, and its length beyond the moved part, as shares of that
+/// part's size. chosen: for the eye
 const AXIS: (f64, f64) = (0.4, 0.18);
 /// Distance at which a slide's travel is drawn below the part, as a share of the part's height. chosen: for
 /// the eye

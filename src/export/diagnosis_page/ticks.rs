@@ -6,7 +6,7 @@ use crate::page::with_true_minus;
 #[must_use]
 pub(super) fn round_ticks(low: f64, high: f64, about: usize) -> Vec<f64> {
     let width = high - low;
-    // Negated, so that a range of NaN has no ticks.
+    // Negated, so a range of NaN has no ticks.
     if !(width > 0.0 && width.is_finite()) {
         return Vec::new();
     }

@@ -107,7 +107,7 @@ pub fn import_matches(folder: &Path, capture: &mut Capture, stop: &Stop) -> Resu
     Ok(())
 }
 
-/// By frame id: state, index, width, height.
+/// For each frame id: state, index, width, height.
 type Places = BTreeMap<String, (usize, usize, usize, usize)>;
 
 /// Adds the matches of one file; returns the number of those outside their images. `left` is the number of

@@ -55,6 +55,7 @@ pub struct Member<'a> {
 
 /// Members of a zip archive, in the order of its directory.
 ///
+/// # Errors
 /// If the archive is broken or has unsupported parts: encryption, members over 4 GiB, members that share
 /// bytes (a directory that names one of them twice), more than [`ARCHIVE`] bytes in all.
 pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, NpzError> {
@@ -112,6 +113,7 @@ pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, NpzError> {
 impl Member<'_> {
     /// Its content.
     ///
+    /// # Errors
     /// If the compression is broken or not supported, or the size differs from that in the directory.
     pub fn unpack(&self) -> Result<Vec<u8>, NpzError> {
         let mut content = Vec::new();

@@ -88,6 +88,7 @@ pub struct Pickle {
 impl Pickle {
     /// Reads a pickle (protocols 2 to 5).
     ///
+    /// # Errors
     /// The first part that is not supported.
     pub fn read(data: &[u8]) -> Result<Self, PickleError> {
         let mut machine =

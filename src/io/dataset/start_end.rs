@@ -21,6 +21,7 @@ use common::stop::Stop;
 
 /// Opens a folder in this layout. Frame ids become `<state>_<number>`.
 ///
+/// # Errors
 /// [`CaptureError::Dataset`], also if there is no depth; [`CaptureError::Read`].
 pub fn open_start_end(folder: &Path, config: &CaptureConfig, stop: &Stop) -> Result<Capture, CaptureError> {
     let mut capture = Capture::of_states(2);

@@ -11,6 +11,7 @@ use io::{GrowingState, Grown};
 /// Does a run's work on new views: image features and, for a closed recording without poses, camera tracking.
 /// `None` if nothing is new, or the recording was read just now.
 ///
+/// # Errors
 /// [`CaptureError`]; it is not serious if the recording has only just begun.
 pub fn work_ahead(
     growing: &mut GrowingState,

@@ -40,7 +40,8 @@ const STEPS_OF_FRAMES: usize = 4;
 /// the object. `seed` is the run's, from which the search for background planes draws. Work done `ahead` only
 /// makes it faster.
 ///
-/// # Errors [`CaptureError`]; see its variants. Degradations are in [`Capture::warnings`].
+/// # Errors
+/// [`CaptureError`]; see its variants. Degradations are in [`Capture::warnings`].
 pub fn open(
     sources: &[PathBuf],
     config: &CaptureConfig,
@@ -97,7 +98,8 @@ pub type Trajectory = Vec<(i64, Pose)>;
 /// The camera's trajectory through each state, tracked by its images whether or not poses were recorded; and
 /// notes, then warnings, about it. The paths must be bags, one per state.
 ///
-/// # Errors Those of [`open`].
+/// # Errors
+/// Those of [`open`].
 pub fn track_camera(
     sources: &[PathBuf],
     config: &CaptureConfig,

@@ -40,7 +40,8 @@ pub(super) struct StateSeed {
 /// Tracks the camera through some views of a recording, in the order of time; `passed` is called with every
 /// view.
 ///
-/// # Errors Those of decoding; [`CaptureError::NotTracked`] if no two views can be connected.
+/// # Errors
+/// Those of decoding; [`CaptureError::NotTracked`] if no two views can be connected.
 pub(super) fn track(
     recording: &Recording,
     of_state: &[usize],

@@ -14,7 +14,7 @@ const LEAST_RIM: f64 = 2.0;
 /// tuned: made and recorded objects (docs/method.md 16): the rim of a bay twice as deep as the widest hole
 const MAX_RIM: f64 = 30.0;
 /// Cost of a mouth per length, to set against the length of its rim. tuned: made and recorded objects
-/// (docs/method.md 16); above 1, so that no mouth spans a straight rim
+/// (docs/method.md 16); above 1, so no mouth spans a straight rim
 const COST: f64 = 1.5;
 /// Distance behind the mouth, along the rim at both sides, after which the two sides of a bay must have
 /// opened by as much more, voxels. tuned: made and recorded objects (docs/method.md 16). The end of a slot,

@@ -63,7 +63,7 @@ pub(super) fn straightened_mesh(mesh: &TriangleMesh, voxel_m: f64, readings: &Re
     let mut inner = reach.vertices_within(&border, FOLLOWING * voxel_m).to_vec();
     inner.retain(|&v| passes[v as usize] == 0);
     for _ in 0..ROUNDS {
-        // In the order of distance and with the moves of this round, so that moves spread inward.
+        // In the order of distance and with the moves of this round, so moves spread inward.
         for &v in &inner {
             let around = neighbors.of_vertex(v);
             let sum: Vector3<f64> = around.iter().map(|&n| moves[n as usize]).sum();

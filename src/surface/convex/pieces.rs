@@ -32,7 +32,7 @@ pub(super) struct Piece {
     pub back: Vector3<f64>,
     /// This side's share of the wall, meters: half of it where its other side was seen.
     pub share_m: f64,
-    /// Whether its other side was not seen, so that its thickness is assumed.
+    /// Whether its other side was not seen, so its thickness is assumed.
     pub is_assumed: bool,
 }
 
@@ -87,7 +87,7 @@ fn clipped_polygon(polygon: &[Vector3<f64>], normal: &Vector3<f64>, offset_m: f6
 /// A sample of the surface, or of the side of a wall where the surface ends.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sample {
-    /// Position, meters: on the surface itself, not in the plane of its patch, so that noise counts.
+    /// Position, meters: on the surface itself, not in the plane of its patch, so noise counts.
     pub place: Vector3<f64>,
     /// Unit normal out of the object.
     pub normal: Vector3<f64>,

@@ -14,7 +14,7 @@ const BARE: f64 = 0.06;
 /// Least hidden share of a gap that is closed: a wall close by makes cells at its side look seen. tuned: made
 /// and recorded objects (docs/method.md 16)
 const HIDDEN: f64 = 2.0 / 3.0;
-/// Gaps of a smaller share of the patch come from the raster. tuned: made and recorded objects
+/// Gaps of a smaller share of the patch are artifacts of the raster. tuned: made and recorded objects
 /// (docs/method.md 16)
 const MIN_CLOSED: f64 = 0.02;
 

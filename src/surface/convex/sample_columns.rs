@@ -131,7 +131,7 @@ mod tests {
             sample(0.0, slanted),
             sample(0.7, Vector3::x()),
         ];
-        // Many of them, so that whole registers and the rest are both met.
+        // Many of them, so whole registers and the rest are both met.
         let many: Vec<Sample> = samples.iter().copied().cycle().take(4 * 11).collect();
         let found = SampleColumns::of_samples(many.iter()).distances_m(&planes);
         for of_four in found.chunks_exact(4) {

@@ -88,7 +88,7 @@ impl ConvexSolid {
     #[must_use]
     pub fn clipped_at(&self, plane: &Plane) -> Option<Self> {
         let side: Vec<f64> = self.vertices.iter().map(|p| plane.distance_m(p)).collect();
-        // Corners within rounding of the plane lie on it, so that no sliver is cut off.
+        // Corners within rounding of the plane lie on it, so no sliver is cut off.
         if side.iter().all(|s| *s <= ON_PLANE_M) {
             return Some(self.clone());
         }

@@ -125,7 +125,7 @@ impl LiveMesh {
             self.triangles -= known.map_or(0, |c| c.mesh.triangles.len());
             self.triangles += mesh.triangles.len();
             let id = known.map(|c| c.id);
-            // A chunk that lost its surface stays, empty, so that viewers remove it.
+            // A chunk that lost its surface stays, empty, so viewers remove it.
             if mesh.is_empty() && id.is_none() {
                 continue;
             }
