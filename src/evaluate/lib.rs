@@ -4,10 +4,10 @@
 //! wrong, parallel lines keep their distance, surfaces are measured in millimeters, and each Chamfer distance
 //! comes with the floor due to sampling.
 //!
-//! ```
-//! use evaluate::EvaluateOptions;
+//! ```no_run
+//! use evaluate::{EvaluateOptions, evaluate_runs};
 //!
-//! let report = evaluate::run(&["runs/drawer".into()], "bags/drawer".as_ref(), &EvaluateOptions::default())?;
+//! let report = evaluate_runs(&["runs/drawer".into()], "bags/drawer".as_ref(), &EvaluateOptions::default())?;
 //! println!("{:?}", report.trials[0].joints);
 //! # Ok::<(), evaluate::EvaluateError>(())
 //! ```

@@ -7,7 +7,7 @@
 //! ```
 //! use gap::model::effects::catalogue;
 //!
-//! Effects for a joint recorded without other joints.
+//! // Effects for a joint recorded without other joints.
 //! let names: Vec<_> = catalogue(0).iter().map(|effect| effect.name()).collect();
 //! assert!(names.contains(&"coulomb_friction") && names.contains(&"backlash"));
 //! ```

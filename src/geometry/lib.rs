@@ -7,7 +7,7 @@
 //! // A door turns by 0.5 rad about an upright hinge through (1, 0, 0).
 //! let hinge = Vector3::new(1.0, 0.0, 0.0);
 //! let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.5);
-//! let screw = Screw::of(&Pose::from_parts((hinge - turn * hinge).into(), turn)).ok_or("no motion")?;
+//! let screw = Screw::of_motion(&Pose::from_parts((hinge - turn * hinge).into(), turn)).ok_or("no motion")?;
 //! assert!((screw.angle_rad - 0.5).abs() < 1e-12);
 //! assert!((screw.point.coords - hinge).norm() < 1e-12);
 //! # Ok::<(), &str>(())

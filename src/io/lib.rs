@@ -1,6 +1,6 @@
 //! All disk access: bags, datasets, run folders.
 //!
-//! ```
+//! ```no_run
 //! use capture::CaptureConfig;
 //! use common::stop::Stop;
 //!

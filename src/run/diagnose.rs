@@ -40,7 +40,7 @@ use gap::{
     },
     twin_tree::{Motion, TwinTree},
 };
-use io::{self, Place, ResultKind, RunDir};
+use io::{Place, ResultKind, RunDir};
 use numeric::random::stage_rng;
 
 /// Request for a diagnosis.

@@ -1,6 +1,6 @@
 //! The pipeline: stages in order, progress, cancellation, checkpoints.
 //!
-//! ```
+//! ```no_run
 //! use run::{Monitor, ReconstructRequest, reconstruct};
 //!
 //! let outcome = reconstruct(&ReconstructRequest::new(["bags/drawer"], "runs"), &Monitor::silent())?;
