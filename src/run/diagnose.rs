@@ -490,8 +490,7 @@ fn split(
     }
     if held_out.is_empty() && fitted.len() <= MOST_DIVIDED {
         for log in std::mem::take(&mut fitted) {
-            // Split by time, not at random: neighboring samples are alike, and the proof would see fitted
-            // data.
+            // By time, not at random: neighboring samples are alike, and the proof would see fitted data.
             let cut = log.time_s.len() * 2 / 3;
             fitted.push(log.part_between(0, cut));
             held_out.push(log.part_between(cut, log.time_s.len()));
