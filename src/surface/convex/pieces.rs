@@ -105,7 +105,7 @@ impl Sample {
         way.norm_squared() < gap_m * gap_m && ahead > 0.0 && self.normal.dot(&other.normal) < -0.5
     }
 
-    /// Whether it lies behind a plane, as [`Piece::cut`] has it.
+    /// Whether it lies behind a plane, as [`Piece::cut_at`] has it.
     pub(super) fn is_behind(&self, plane: &Plane, slack_m: f64) -> bool {
         let height = plane.normal.dot(&self.place) - plane.offset_m;
         let along = plane.normal.dot(&self.normal);
