@@ -11,7 +11,7 @@
 //! let mut grid = Grid3 { origin: Point3::new(-0.15, -0.15, -0.15), spacing_m: 0.01, dims: [31; 3], values };
 //! let distance = sphere(0.1);
 //! for node in 0..grid.values.len() {
-//!     grid.values[node] = distance(&grid.position(node)) as f32;
+//!     grid.values[node] = distance(&grid.position_of_index(node)) as f32;
 //! }
 //! let area_m2 = marching_cubes(&grid, 0.0).area_m2();
 //! assert!((area_m2 / (4.0 * std::f64::consts::PI * 0.01) - 1.0).abs() < 0.02);

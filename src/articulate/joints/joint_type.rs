@@ -2,8 +2,8 @@
 //! docs/method.md 8.6.
 //!
 //! Every type is a family of motions relative to the parent, fitted to the same evidence. Its score is
-//! `cost + parameters * ln(independent residuals)`, where the cost excludes the share due to errors that leave
-//! no residual. The type with the lowest score wins; a screw must win decisively.
+//! `cost + parameters * ln(independent residuals)`, where the cost excludes the share of errors that leave no
+//! residual. The type with the lowest score wins; a screw must win decisively.
 
 use crate::joints::{
     free_motion::FREEDOMS,
