@@ -3,7 +3,7 @@
 //! ```
 //! use synth::{Family, SynthConfig, generate};
 //!
-//! let object = generate(&SynthConfig { family: Family::Clamshell, ..SynthConfig::default() })?;
+//! let object = generate(&SynthConfig { family: Some(Family::Clamshell), ..SynthConfig::default() })?;
 //! assert_eq!(object.parts.len(), 2);
 //! # Ok::<(), synth::NoShape>(())
 //! ```
