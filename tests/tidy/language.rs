@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, fmt};
 
-use super::reader::{Kind, Source, kinds, sources};
+use super::reader::{Kind, Source, block_length, depth_change, kinds, sources};
 
 /// What is counted in one crate, outside tests.
 #[derive(Clone, Debug, Default)]
@@ -164,7 +164,7 @@ fn named_closures(code: &str) -> Vec<NamedClosure> {
 fn statement_end(code: &str) -> usize {
     let mut depth = 0;
     let end = code.find(|c| {
-        depth += i32::from("([{".contains(c)) - i32::from(")]}".contains(c));
+        depth += depth_change(c);
         depth < 0 || depth == 0 && c == ';'
     });
     end.unwrap_or(code.len())
@@ -173,32 +173,20 @@ fn statement_end(code: &str) -> usize {
 fn tuple_lets(code: &str) -> usize {
     let is_tuple_let = |(at, _): &(usize, &str)| {
         let statement = &code[*at + 4..];
-        let Some(rest) = statement.get(block_end(statement)..) else { return false };
+        let Some(rest) = statement.get(block_length(statement)..) else { return false };
         let value = rest.trim_start().strip_prefix('=').map(str::trim_start);
         let Some(value) = value.filter(|value| value.starts_with('(')) else { return false };
-        let tuple = &value[..block_end(value)];
+        let tuple = &value[..block_length(value)];
         value[tuple.len()..].trim_start().starts_with(';') && has_comma(tuple)
     };
     code.match_indices("let (").filter(is_tuple_let).count()
-}
-
-/// Bytes of the group in brackets that starts here, its brackets counted.
-fn block_end(code: &str) -> usize {
-    let mut depth = 0;
-    for (at, c) in code.char_indices() {
-        depth += i32::from("([{".contains(c)) - i32::from(")]}".contains(c));
-        if depth == 0 {
-            return at + c.len_utf8();
-        }
-    }
-    code.len()
 }
 
 /// Whether a group in brackets has a comma of its own.
 fn has_comma(group: &str) -> bool {
     let mut depth = 0;
     group.chars().any(|c| {
-        depth += i32::from("([{".contains(c)) - i32::from(")]}".contains(c));
+        depth += depth_change(c);
         depth == 1 && c == ','
     })
 }
@@ -215,7 +203,7 @@ fn signatures(code: &str) -> Vec<Signature> {
         let name = word_at(&code[at + 3..]);
         let Some(open) = code[at..].find('(') else { continue };
         if !after_word && !name.is_empty() {
-            let parameters = &code[at + open..][..block_end(&code[at + open..])];
+            let parameters = &code[at + open..][..block_length(&code[at + open..])];
             let squeezed: String = parameters.chars().filter(|c| !c.is_whitespace()).collect();
             let has_tuple_parameter =
                 [":(", ":&(", "(("].iter().any(|mark| squeezed.contains(mark) && !squeezed.contains(":()"));

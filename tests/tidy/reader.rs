@@ -198,15 +198,16 @@ fn replace_tests(code: &str, by: impl Fn(&str) -> String) -> String {
     kept
 }
 
-/// Length of the block that starts with the brace at the start of `code`.
-fn block_length(code: &str) -> usize {
+/// How much deeper in brackets and braces code is behind a character.
+pub fn depth_change(c: char) -> i32 {
+    i32::from("([{".contains(c)) - i32::from(")]}".contains(c))
+}
+
+/// Length of the group that starts with the bracket or brace at the start of `code`.
+pub fn block_length(code: &str) -> usize {
     let mut depth = 0;
     for (at, c) in code.char_indices() {
-        match c {
-            '{' => depth += 1,
-            '}' => depth -= 1,
-            _ => {}
-        }
+        depth += depth_change(c);
         if depth == 0 {
             return at + 1;
         }

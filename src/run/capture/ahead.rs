@@ -29,7 +29,7 @@ pub fn work_ahead(
     }
     if let Some(recording) = &grown.to_track {
         let state = StateSeed { state: growing.state(), seed };
-        let key = tracked_key(&recording.bag.files, config, growing.state(), seed);
+        let key = tracked_key(&recording.bag.files, config, state);
         if let Some(key) = key.filter(|key| !ahead.knows(key)) {
             let found = track(recording, &recording.all(), config, state, ahead, &stop, &mut || {})?;
             ahead.keep(key, 1, Arc::new(found));

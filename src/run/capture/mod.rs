@@ -20,7 +20,7 @@ use self::{
     object::{denoised, filled, isolated},
     place::posed,
     poses::corrected,
-    read::{RecordedStates, each_a_state, frames_of, measure_noise, of_sources},
+    read::{RecordedStates, both_states, check_undivided, each_a_state, frames_of, measure_noise},
     steps::Steps,
 };
 use super::Monitor;
@@ -53,12 +53,14 @@ pub fn open(
     let source = Source::of(sources)?;
     let mut steps = Steps::new(monitor);
     let mut capture = match &source {
-        Source::States(_) | Source::Both(_) => {
-            let mut recorded = of_sources(&source, config, &steps.stop)?;
-            let mut capture = Capture::of_states(source.states());
-            posed(&mut capture, &mut recorded, config, seed, ahead, &mut steps)?;
-            frames_of(&mut capture, recorded, config, &mut steps)?;
-            capture
+        Source::States(paths) => {
+            check_undivided(paths.len(), config)?;
+            let recorded = each_a_state(paths, config, &steps.stop)?;
+            posed_frames(source.states(), recorded, config, seed, ahead, &mut steps)?
+        }
+        Source::Both(path) => {
+            let recorded = vec![both_states(path, config, &steps.stop)?];
+            posed_frames(source.states(), recorded, config, seed, ahead, &mut steps)?
         }
         Source::Keyframes(path) => open_keyframes(path, config, &steps.stop)?,
         Source::StartEnd(path) => open_start_end(path, config, &steps.stop)?,
@@ -89,6 +91,21 @@ pub fn open(
         filled(&mut capture, config, seed, &steps.stop)?;
     }
     steps.did(frames);
+    Ok(capture)
+}
+
+/// The frames of bags, with poses in one world.
+fn posed_frames(
+    states: usize,
+    mut recorded: Vec<RecordedStates>,
+    config: &CaptureConfig,
+    seed: u64,
+    ahead: &Ahead,
+    steps: &mut Steps<'_>,
+) -> Result<Capture, CaptureError> {
+    let mut capture = Capture::of_states(states);
+    posed(&mut capture, &mut recorded, config, seed, ahead, steps)?;
+    frames_of(&mut capture, recorded, config, steps)?;
     Ok(capture)
 }
 

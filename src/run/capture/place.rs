@@ -44,7 +44,7 @@ pub(super) fn posed(
         for (state, of_state) in states {
             let numbers = StateSeed { state: *state, seed };
             // Only recordings of one state are tracked ahead.
-            let key = tracked_key(&recording.bag.files, config, *state, seed).filter(|_| states.len() == 1);
+            let key = tracked_key(&recording.bag.files, config, numbers).filter(|_| states.len() == 1);
             tracked.push(match key.and_then(|key| ahead.take(&key)) {
                 Some(known) => known,
                 None => {

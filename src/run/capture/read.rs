@@ -1,12 +1,12 @@
 //! Reads recordings: from paths to views, and from views to frames.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::steps::Steps;
 use ::capture::{Capture, CaptureConfig, CaptureError, RgbdFrame, measured_noise};
 use common::note::{Note, NoteCode};
 use common::stop::Stop;
-use io::{Decoded, Recording, Source, views_kept};
+use io::{Decoded, Recording, views_kept};
 
 /// A recording with the indices of its states, and of the views of each.
 pub(super) struct RecordedStates {
@@ -14,37 +14,33 @@ pub(super) struct RecordedStates {
     pub states: Vec<(usize, Vec<usize>)>,
 }
 
-/// The recordings of bags, without pixels. All of them have poses, or none has.
+/// Refuses to divide recordings that show one state each.
 ///
 /// # Errors
-/// [`CaptureError::Split`] where recordings, one a state, are to be divided; those of [`Recording`].
-pub(super) fn of_sources(
-    source: &Source,
-    config: &CaptureConfig,
-    stop: &Stop,
-) -> Result<Vec<RecordedStates>, CaptureError> {
-    match source {
-        Source::States(paths) => {
-            // Refused, not ignored: the user must have meant one of the two.
-            if !config.split_secs.is_empty() || config.topics.marker.is_some() {
-                return Err(CaptureError::Split {
-                    reason: format!(
-                        "a split was asked for, but {} recordings were given, one per state",
-                        paths.len()
-                    ),
-                });
-            }
-            each_a_state(paths, config, stop)
-        }
-        Source::Both(path) => {
-            let (recording, of_states) = Recording::open_divided(path, config, stop)?;
-            Ok(vec![RecordedStates { recording, states: of_states.into_iter().enumerate().collect() }])
-        }
-        Source::Keyframes(_) | Source::StartEnd(_) => Ok(Vec::new()),
+/// [`CaptureError::Split`].
+pub(super) fn check_undivided(recordings: usize, config: &CaptureConfig) -> Result<(), CaptureError> {
+    // Refused, not ignored: the user must have meant one of the two.
+    if config.split_secs.is_empty() && config.topics.marker.is_none() {
+        return Ok(());
     }
+    let reason = format!("a split was asked for, but {recordings} recordings were given, one per state");
+    Err(CaptureError::Split { reason })
 }
 
-/// The recordings of all states, one a state.
+/// The recording of both states, divided, without pixels.
+///
+/// # Errors
+/// Those of [`Recording::open_divided`].
+pub(super) fn both_states(
+    path: &Path,
+    config: &CaptureConfig,
+    stop: &Stop,
+) -> Result<RecordedStates, CaptureError> {
+    let (recording, of_states) = Recording::open_divided(path, config, stop)?;
+    Ok(RecordedStates { recording, states: of_states.into_iter().enumerate().collect() })
+}
+
+/// The recordings of all states, one a state, without pixels. All of them have poses, or none has.
 pub(super) fn each_a_state(
     paths: &[PathBuf],
     config: &CaptureConfig,

@@ -162,7 +162,7 @@ fn the_way_of_a_camera_is_found_ahead_once() {
     let mut growing = GrowingState::new(&path, 0);
     assert!(work_ahead(&mut growing, &config, 3, &ahead, &Monitor::silent()).unwrap().is_some());
     let recording = Recording::open(&path, &config, 0, &Stop::never()).unwrap();
-    let key = |seed| tracked_key(&recording.bag.files, &config, 0, seed).unwrap();
+    let key = |seed| tracked_key(&recording.bag.files, &config, StateSeed { state: 0, seed }).unwrap();
     assert!(ahead.knows(&key(3)) && !ahead.knows(&key(4)));
     let all = recording.all();
     let none = Ahead::default();

@@ -17,7 +17,11 @@ use io::Recording;
 
 /// Key of the camera's trajectory through a state, from the files of its recording as they are now; `None` if
 /// one is gone.
-pub(super) fn tracked_key(files: &[PathBuf], config: &CaptureConfig, state: usize, seed: u64) -> Option<Key> {
+pub(super) fn tracked_key(
+    files: &[PathBuf],
+    config: &CaptureConfig,
+    StateSeed { state, seed }: StateSeed,
+) -> Option<Key> {
     let mut facts = Fingerprint::default().with("seed", seed).with_settings("capture", config).ok()?;
     for path in files {
         let metadata = fs::metadata(path).ok()?;
