@@ -35,6 +35,25 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
+//! That is one call. Two depths lie below it: [`stages`] has the stages as functions on plain types (frames, meshes,
+//! models; no files, no progress), with their engines in the same crates:
+//!
+//! ```no_run
+//! use artitwin::stages::{export, run};
+//! use artitwin::{Config, Monitor};
+//!
+//! let config = Config::preset("preview")?;
+//! let monitor = Monitor::silent();
+//! let paths = ["bags/drawer".into()];
+//! let mut frames = run::capture::open(&paths, &config.capture, 1, &Default::default(), &monitor)?;
+//! let mut stages = run::Stages::new(&monitor);
+//! let twin = run::reconstruct_twin("drawer", &mut frames, None, &config, &mut stages)?;
+//! let looks = export::link_looks(&twin.model, &frames, &config.look);
+//! let files = export::package(&twin.model, &looks, &config.export);
+//! println!("{} joints, {} files", twin.model.joints.len(), files.len());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! `examples/` has whole programs. Settings and what comes out are documented in `docs/`.
 //!
 //! Data flows one way:
@@ -49,6 +68,14 @@
 //! centers; depth is z-depth in meters and 0 means unknown; signed distances are negative inside.
 
 mod cli;
+
+/// The crates of the stages, in the order of the data flow: what a program uses that needs a step of the method
+/// by itself.
+pub mod stages {
+    pub use {
+        articulate, capture, evaluate, export, field, gap, geometry, io, model, numeric, run, surface, synth,
+    };
+}
 
 #[doc(hidden)]
 pub use cli::main;
