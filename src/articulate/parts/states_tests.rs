@@ -74,7 +74,7 @@ fn check(scenes: &[Scene], parts: usize) -> United {
             found: &found[k],
         })
         .collect();
-    let united = unite(&zero, Some(&free0), &pairs, None, &config).unwrap();
+    let united = unite(&zero, Some(&free0), &pairs, None).unwrap();
     assert_eq!(united.motions[0].len(), parts, "{:?}", united.curve);
     // Each part of the truth is one of the parts found, and moves as it did.
     for (k, scene) in scenes.iter().enumerate() {

@@ -2,6 +2,7 @@
 //! of them.
 
 use rayon::prelude::*;
+use tracing::debug;
 
 use crate::{
     fit::{
@@ -85,6 +86,12 @@ impl Search {
         let share = if set.fit.model.terms.len() > 1 && has_push { MAX_LEFT } else { MIN_SHARE };
         self.least_gain.max(gained * share)
     }
+}
+
+/// Names of the effects of a model, in the order of the catalogue.
+#[must_use]
+pub fn names_of_model(problem: &Problem, model: &JointModel) -> Vec<&'static str> {
+    model.effect_indices().into_iter().map(|e| problem.catalogue[e].name()).collect()
 }
 
 /// Price of a set of effects, for each parameter and each choice of a shape. See docs/method.md (14.15).
@@ -234,6 +241,10 @@ pub fn searched_sets(problem: &Problem, breadth: &Breadth, scope: &Scope) -> Sea
             sets = with_exchanges(problem, &by_size[0][0], sets, &by_size[1]);
         }
         let best = sets.first().map_or(f64::NEG_INFINITY, |c| c.score);
+        for set in sets.iter().take(FINALISTS) {
+            let gain = set.score - best_before;
+            debug!(size, effects = ?names_of_model(problem, &set.fit.model), score = set.score, gain, wanted, "effect added");
+        }
         // Growing one by one misses sets whose members are visible only together.
         let smaller: Vec<Candidate> = if size > 1 {
             sets.iter().take(2).flat_map(|c| without_one(problem, c, &by_size[size - 1])).collect()
@@ -445,6 +456,10 @@ fn ranked_hits(
     let price = problem.independent_count().ln();
     let value = |h: &[Hit]| h[0].gain - price * h[0].p.len() as f64;
     hits.sort_by(|a, b| value(b).total_cmp(&value(a)));
+    for (rank, hit) in hits.iter().enumerate() {
+        let effect = problem.catalogue[hit[0].effect].name();
+        debug!(effect, gain = hit[0].gain, worth = value(hit), tried = rank < count, "effect screened");
+    }
     hits.truncate(count);
     hits
 }

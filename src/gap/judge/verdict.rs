@@ -2,6 +2,7 @@
 //! for any of these.
 
 use rand_core::Rng;
+use tracing::debug;
 
 use crate::{
     fit::{
@@ -19,7 +20,7 @@ use crate::{
         offset::with_offset,
         refined::refined_model,
         screen::Screen,
-        search::{Candidate, Scope, Search, searched_sets},
+        search::{Candidate, Scope, Search, names_of_model, searched_sets},
         simplify::{refitted_set, simplified_set},
         spread::Spread,
         sure::is_surely_there,
@@ -285,6 +286,8 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     let (rivals, total) = in_doubt(diagnosis.weighed.clone());
     diagnosis.weighed.push((chosen.effects(), 1.0));
     diagnosis.verdict = if rivals.is_empty() { Verdict::Named } else { Verdict::Ambiguous };
+    let names = names_of_model(problem, &chosen.fit.model);
+    debug!(effects = ?names, rivals = rivals.len(), weight = 1.0 / total, left = diagnosis.left, "names weighed");
     let (model, spread) = refined_model(problem, &chosen.fit);
     let (model, spread) = with_offset(problem, model, spread, effects);
     diagnosis.findings = findings_of_model(problem, &model, &spread, &rivals, total);
@@ -293,7 +296,9 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     // Given effects are judged by the held-out runs only.
     if effects.is_empty() {
         diagnosis.mark_sure_effects(problem.catalogue);
-        if explains_too_little(problem, &diagnosis, base, chosen) {
+        let keeps = !explains_too_little(problem, &diagnosis, base, chosen);
+        debug!(effects = ?names, keeps, left = diagnosis.left, most_left = MAX_LEFT, "names kept or taken back");
+        if !keeps {
             diagnosis.withdraw_names();
         }
     }
@@ -374,9 +379,13 @@ fn chosen(problem: &Problem, effects: &[usize], seeds: &[JointModel]) -> (Search
             &Breadth::default(),
             &Scope { effects: &all, seeds, least_gain: least_gain(all.len()) },
         );
-        let mut chosen = simplified_set(problem, found.accepted_set());
+        let accepted = found.accepted_set();
+        debug!(effects = ?names_of_model(problem, &accepted.fit.model), score = accepted.score, "set accepted");
+        let mut chosen = simplified_set(problem, accepted);
+        debug!(effects = ?names_of_model(problem, &chosen.fit.model), score = chosen.score, "set simplified");
         if problem.weighing != Weighing::Innovations {
             chosen = predictive_set(problem, &found, &chosen);
+            debug!(effects = ?names_of_model(problem, &chosen.fit.model), score = chosen.score, "set that predicts");
         }
         chosen = credible(problem, chosen);
         (found, chosen)
