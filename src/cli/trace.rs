@@ -56,9 +56,9 @@ impl Subscriber for Trace {
     }
 
     fn event(&self, event: &Event<'_>) {
-        let mut line = Line::default();
+        let mut line = TraceLine::default();
         event.record(&mut line);
-        let Line { message, fields } = line;
+        let TraceLine { message, fields } = line;
         let metadata = event.metadata();
         terminal::print_line(&format!("{} {}: {message}{fields}", metadata.level(), metadata.target()));
     }
@@ -79,12 +79,12 @@ impl Subscriber for Trace {
 
 /// The parts of a line.
 #[derive(Default)]
-struct Line {
+struct TraceLine {
     message: String,
     fields: String,
 }
 
-impl Visit for Line {
+impl Visit for TraceLine {
     fn record_f64(&mut self, field: &Field, value: f64) {
         // Writing to a String cannot fail.
         _ = write!(self.fields, " {}={value:.4}", field.name());

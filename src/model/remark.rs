@@ -85,8 +85,8 @@ impl JointRemark {
                 format!("the parent: the motion against {name} is as simple, but {why}{off}")
             }
             Self::StateContradicts { state, off_m, off_rad } => format!(
-                "state {state} contradicts the other states: there the part is {:.1} mm and {:.1} deg off the \
-                 joint that they show; it is left out of the axis",
+                "state {state} contradicts the other states: there the part is {:.1} mm and {:.1} deg off \
+                 the joint that they show; it is left out of the axis",
                 1e3 * off_m,
                 off_rad.to_degrees()
             ),

@@ -232,7 +232,6 @@ mod tests {
             place: Place::at(folder.path().join("demo")),
             python: python.into(),
             robot: "gripper".to_owned(),
-            tries: 1,
             film: false,
         }
     }

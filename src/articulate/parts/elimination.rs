@@ -108,7 +108,7 @@ fn without_least(pair: &MatchedPair<'_>, motions: &[Pose], scores: &[f64]) -> Ve
     // Motions that matches support do not compete while others are left.
     let rivals = if unmatched > 0 { unmatched.min(RIVALS) } else { RIVALS };
     weakest.truncate(if clear { 1 } else { rivals });
-    debug!(candidates = ?weakest, evidence_cells = ?scores, matched_cells = ?matched, "motion dropped from a set");
+    debug!(weakest = ?weakest, evidence_cells = ?scores, matched_cells = ?matched, "motion dropped");
     let mut rest: Vec<(f64, Vec<Pose>)> = weakest.into_iter().map(|k| (0.0, without(motions, k))).collect();
     // Refitting is slow: only sets with similar evidence are refitted to decide.
     if rest.len() > 1 {

@@ -134,7 +134,7 @@ pub fn unite<'a>(
         return Err(RegisterError::NoOverlap { static_percent: 0.0 });
     };
     let ClassSet { mut classes, scores } = chosen.clone();
-    debug!(parts = classes.len(), evident, asked = parts, evidence_cells = ?scores, "parts of all states chosen");
+    debug!(parts = classes.len(), evident, asked = parts, evidence_cells = ?scores, "parts of all states");
     let mut notes = Vec::new();
     let mut warnings = Vec::new();
     if let Some(evident) = evident.filter(|e| *e > classes.len()) {

@@ -11,7 +11,7 @@ use gap::{
         law::{Curve, Law, Point, Way},
         locate::Variable,
         proof::{Gap, ResidualSeries, RunGap, RunSeries, WindowGap},
-        report::{Track, report, summary_of_joints},
+        report::{ExportStatus, Track, report, summary_of_joints},
         verdict::Diagnosis,
     },
     model::{

@@ -11,7 +11,7 @@ use crate::{
     },
     judge::{
         proof::{Gap, WindowGap, started_model, window_residuals},
-        search::{Candidate, Search, names_of_model},
+        search::{Candidate, Search},
         simplify::{fit_with_replacement, refitted_set, special_terms},
     },
     model::joint_model::JointModel,
@@ -57,7 +57,8 @@ pub fn predictive_set(problem: &Problem, found: &Search, chosen: &Candidate) -> 
             .or_else(|| least_worse(models_with_special_case(problem, &model, chosen), &with, predicted))
     {
         (model, with) = (simpler, residuals);
-        debug!(effects = ?names_of_model(problem, &model), "effect dropped: predictions are as good without");
+        let effects = model.effect_names(problem.catalogue);
+        debug!(?effects, "effect dropped: predictions are as good without");
     }
     let own = model_richness(&model);
     let mut contenders: Vec<&Candidate> =

@@ -88,12 +88,6 @@ impl Search {
     }
 }
 
-/// Names of the effects of a model, in the order of the catalogue.
-#[must_use]
-pub fn names_of_model(problem: &Problem, model: &JointModel) -> Vec<&'static str> {
-    model.effect_indices().into_iter().map(|e| problem.catalogue[e].name()).collect()
-}
-
 /// Price of a set of effects, for each parameter and each choice of a shape. See docs/method.md (14.15).
 #[must_use]
 pub fn price_of_model(problem: &Problem, model: &JointModel) -> f64 {
@@ -243,7 +237,8 @@ pub fn searched_sets(problem: &Problem, breadth: &Breadth, scope: &Scope) -> Sea
         let best = sets.first().map_or(f64::NEG_INFINITY, |c| c.score);
         for set in sets.iter().take(FINALISTS) {
             let gain = set.score - best_before;
-            debug!(size, effects = ?names_of_model(problem, &set.fit.model), score = set.score, gain, wanted, "effect added");
+            let effects = set.fit.model.effect_names(problem.catalogue);
+            debug!(size, ?effects, score = set.score, gain, wanted, "effect added");
         }
         // Growing one by one misses sets whose members are visible only together.
         let smaller: Vec<Candidate> = if size > 1 {

@@ -71,8 +71,8 @@ impl HandheldSensor {
 pub enum ParseSensorError {
     /// It has another form.
     #[error(
-        "give handheld, handheld:LEVEL with a level from 0 to {}, or handheld:LEVEL:EFFECT,... for these effects \
-         alone, e.g. handheld:0.5:depth_warp,clutter",
+        "give handheld, handheld:LEVEL with a level from 0 to {}, or handheld:LEVEL:EFFECT,... for these \
+         effects alone, e.g. handheld:0.5:depth_warp,clutter",
         HandheldSensor::MAX_LEVEL
     )]
     Form,
