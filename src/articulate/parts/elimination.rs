@@ -82,7 +82,7 @@ pub(crate) fn elimination_steps(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) 
             evidence_cells = point.evidence,
             weakest_cells = point.weakest,
             unexplained = point.unexplained,
-            stands = point.weakest.is_none_or(|w| w >= LEAST_SCORE),
+            least_cells = LEAST_SCORE,
             "set of motions weighed"
         );
         steps.push(Step { motions: motions.clone(), point, shares, divided: false });
