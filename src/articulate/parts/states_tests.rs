@@ -35,7 +35,7 @@ fn chest(lid: f64, drawer: f64) -> Scene {
 /// Unites the registrations of state 0 with the second state of every scene; checks labels and motions.
 fn check(scenes: &[Scene], parts: usize) -> United {
     let cameras = camera_ring(10);
-    let config = RegisterConfig::default();
+    let config = crate::RegisterConfig::default();
     let (zero, truth) = scenes[0].surface(0, &cameras, 0.01);
     let free0 = |p: &Point3<f64>| scenes[0].is_free(0, &cameras, p);
     let surfaces: Vec<_> = scenes.iter().map(|s| s.surface(1, &cameras, 0.01).0).collect();
