@@ -205,10 +205,10 @@ fn more_parts_than_the_recording_carries() {
 fn what_radiance_fields_cannot_do_is_refused_before_the_work() {
     let folder = tempfile::tempdir().unwrap();
     let radiance = ["--set", "run.method=radiance"];
-    let many = [&radiance[..], &["--init", "identity", "--set", "radiance.many_parts=true"]].concat();
+    let many = [&radiance[..], &["--set", "run.init=identity", "--set", "radiance.many_parts=true"]].concat();
     let ended = refused(&folder, &[&shipped("drawer")], &many, 1, &["give it with --parts N"]);
     assert!(!ended.stderr.contains(BEGUN), "{}", ended.stderr);
-    let burn = [&radiance[..], &["--engine", "burn"]].concat();
+    let burn = [&radiance[..], &["--set", "run.engine=burn"]].concat();
     let words = ["run.engine: radiance fields are trained on the CPU"];
     refused(&folder, &[&shipped("drawer")], &burn, 2, &words);
 }

@@ -140,17 +140,8 @@ fn reconstruct(out: &str, engine: &str, environment: &[(&str, &str)]) -> Run {
     let out = Path::new(env!("CARGO_TARGET_TMPDIR")).join(out);
     std::fs::remove_dir_all(&out).ok();
     let output = Command::new(env!("CARGO_BIN_EXE_artitwin"))
-        .args([
-            "reconstruct",
-            "bags/drawer",
-            "--preset",
-            "preview",
-            "--parts",
-            "2",
-            "--json",
-            "--engine",
-            engine,
-        ])
+        .args(["reconstruct", "bags/drawer", "--preset", "preview", "--parts", "2", "--json", "--set"])
+        .arg(format!("run.engine={engine}"))
         .args([
             "--set",
             "train.steps=120",

@@ -179,14 +179,14 @@ fn paper_from_a_near_start() {
     let refined = ["articulation.refine=true", "articulation.refine_steps=200"];
     let settings = [&one_round[..], &SHORT_FIELDS, &FEW_SAMPLES, &SHORT_CONSISTENCY, &refined].concat();
     // Measured: axis 0.10 deg, line 0.15 mm, motion 0.05 deg, 0.17 mm; the whole surface 0.34 mm.
-    let found = recorded.evaluated("paper", "--parts 2 --init registration", &settings);
+    let found = recorded.evaluated("paper", "--parts 2 --set run.init=registration", &settings);
     assert_joint(&found, "flap", &Bounds { axis_deg: 0.2, line_mm: 0.3, motion: 0.1 });
     let error_mm = |e: &Evaluation| e.joints[0].error_mm.expect("a motion");
     assert!(error_mm(&found) < 0.6 * error_mm(&start), "{} {}", error_mm(&found), error_mm(&start));
     assert!(accuracy_mm(&found, "whole") < 0.6, "{}", accuracy_mm(&found, "whole"));
     // Fields that learned nothing have no such surface.
     let one_step = [&settings[..], &["train.steps=1"]].concat();
-    let untrained = recorded.tried("paper", "--parts 2 --init registration", &one_step);
+    let untrained = recorded.tried("paper", "--parts 2 --set run.init=registration", &one_step);
     assert!(is_far(&untrained), "{untrained:?}");
 }
 
@@ -271,7 +271,7 @@ fn paris_depth_multi() {
     let near = ["radiance.motion_rate_scale=0.01", "radiance.depth_weight=0.05"];
     let rates = ["radiance.steps=500", "radiance.learning_rate=0.0025"];
     let settings = [&SMALL_RADIANCE[..], &COARSE[..3], &near, &rates].concat();
-    let options = "--parts 3 --init registration";
+    let options = "--parts 3 --set run.init=registration";
     // Measured: slider axis 3.2 deg, motion 3.9 mm; flap axis 3.0 deg, line 8.6 mm, motion 2.7 deg; surfaces
     // 9.2 and 7.4 mm, of the post 10.1 mm.
     let found = recorded.evaluated("paris-depth-multi", options, &settings);

@@ -426,8 +426,8 @@ fn a_full_standard_output_is_a_failure_of_every_command() {
         &["config", "show", "--origin"],
         &["inspect", &drawer],
         &["check", &twin],
-        &["evaluate", &twin, "--truth", &drawer, "--samples", "100"],
-        &["evaluate", &twin, "--truth", &drawer, "--samples", "100", "--json"],
+        &["evaluate", &twin, "--truth", &drawer],
+        &["evaluate", &twin, "--truth", &drawer, "--json"],
     ]
     .into_iter()
     .map(|arguments| {

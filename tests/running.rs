@@ -360,7 +360,7 @@ fn a_changed_setting_runs_only_the_stages_that_it_changes() {
     assert!(again == first);
     // Settings of all groups behind a stage; those of a group that a stage reads count there.
     let late =
-        ["joint.refine.reach=0.02", "model.wall_thickness_m=0.004", "look.max_faces=900", "export.prefix=a_"];
+        ["joint.square.share=0.5", "model.wall_thickness_m=0.004", "look.max_faces=900", "export.prefix=a_"];
     let early = ["surface.points=9000", "register.rounds=3"];
     for (name, settings, shared) in [
         ("export", &late[2..], &all[..all.len() - 1]),
@@ -519,7 +519,8 @@ fn from_the_identity_both_starts_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("runs");
     // Measured: with 60 steps the motion is still at 2 mm, with 300 and 500 it has come 160.25 and 160.24 mm.
-    let ended = end(&mut drawer(&out, &["--init", "identity", "--set", "articulation.identity_steps=300"]));
+    let ended =
+        end(&mut drawer(&out, &["--set", "run.init=identity", "--set", "articulation.identity_steps=300"]));
     assert!([0, 3].contains(&ended.code), "{}", ended.stderr);
     let report: Value =
         serde_json::from_slice(&std::fs::read(out.join("drawer/report.json")).unwrap()).unwrap();

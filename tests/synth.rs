@@ -436,11 +436,9 @@ fn wrong_options_are_told() {
     assert!(code == 2 && text.contains("2 to 7 parts"), "{text}");
     let (code, text) = told(&["--drift", "5"]);
     assert!(code == 2 && text.contains("MM,DEG"), "{text}");
-    let (code, text) = told(&["--sensor", "handheld", "--sensor-only", "depth_wrap"]);
+    let (code, text) = told(&["--sensor", "handheld:1:depth_wrap"]);
     assert!(code == 2 && Effect::ALL.iter().all(|e| text.contains(e.name())), "{text}");
     let (code, text) = told(&["--sensor", "kinect"]);
     assert!(code == 2 && text.contains("handheld:LEVEL"), "{text}");
-    let (code, _) = told(&["--sensor-without", "hand"]);
-    assert_eq!(code, 2);
     assert_eq!(Family::by_name("ship"), None);
 }

@@ -29,8 +29,8 @@ WIDTH, HEIGHT, LEFT, TOP = 230, 130, 46, 26
 
 def sensor(effect, level):
     """Options of `synth`."""
-    alone = [] if effect == ALL else ["--sensor-only", f"{effect},clutter"]
-    return ["--sensor", f"handheld:{level}", *alone]
+    alone = "" if effect == ALL else f":{effect},clutter"
+    return ["--sensor", f"handheld:{level}{alone}"]
 
 
 def classical_row(folder):

@@ -32,7 +32,7 @@ pub use joints::kinematic_tree::{TreeJointEstimate, kinematic_tree};
 pub use joints::motion_evidence::MatchEvidence;
 #[cfg(test)]
 pub use joints::motion_evidence::MotionEvidence;
-pub use joints::pair_evidence::{ObservedState, PairEvidence};
+pub use joints::pair_evidence::{JOINT_REACH, ObservedState, PairEvidence};
 pub use joints::part_evidence::PartEvidence;
 pub use joints::published_joint::published_joint;
 #[cfg(test)]
@@ -59,6 +59,7 @@ pub use parts::register::Registration;
 pub use parts::registrar::Registrar;
 #[cfg(test)]
 pub use parts::registrar::register;
+pub use parts::score::LEAST_SCORE;
 pub use parts::states::{StatePair, United, unite};
 pub use samples::mesh_samples::mesh_samples;
 pub use world::standing::standing_share;

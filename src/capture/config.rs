@@ -92,14 +92,6 @@ pub struct IsolateConfig {
     pub workspace: Option<[[f64; 3]; 2]>,
     /// A point on the object; the thing at this point is the object, whether it changed or not.
     pub at: Option<At>,
-    /// Whether the support plane is removed inside a workspace, too.
-    pub plane_in_workspace: bool,
-    /// Points closer to the support plane than this belong to it, meters.
-    pub plane_clearance_m: f64,
-    /// Points closer to it than this many standard deviations of the depth noise belong to it, too.
-    pub plane_sigmas: f64,
-    /// Largest gap between parts of the object, meters; `None`: from the depth noise.
-    pub link_distance_m: Option<f64>,
 }
 
 /// A point on the object.
@@ -145,15 +137,7 @@ impl Default for CaptureConfig {
 
 impl Default for IsolateConfig {
     fn default() -> Self {
-        Self {
-            use_masks: true,
-            workspace: None,
-            at: None,
-            plane_in_workspace: true,
-            plane_clearance_m: 0.002,
-            plane_sigmas: 3.0,
-            link_distance_m: None,
-        }
+        Self { use_masks: true, workspace: None, at: None }
     }
 }
 
@@ -228,12 +212,6 @@ impl CaptureConfig {
                 "capture.isolate.workspace",
                 "the lower corner must lie below the upper one along x, y and z",
             );
-        }
-        if !(self.isolate.plane_clearance_m >= 0.0 && self.isolate.plane_sigmas >= 0.0) {
-            return refuse("capture.isolate.plane_clearance_m", "clearance and sigmas must be zero or more");
-        }
-        if self.isolate.link_distance_m.is_some_and(|v| !positive(v)) {
-            return refuse("capture.isolate.link_distance_m", "must be positive");
         }
         Ok(())
     }

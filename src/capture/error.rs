@@ -146,7 +146,7 @@ pub enum CaptureError {
         /// Number of views.
         views: usize,
         /// Most frequent reason for which views have no place, and its remedy.
-        why: &'static str,
+        why: String,
     },
     /// The states cannot be brought into a common world.
     #[error(

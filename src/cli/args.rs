@@ -11,10 +11,9 @@ use super::{
     wanted::{local, name, topic_of_link, vector},
 };
 use capture::Paper;
-use evaluate::EvaluateOptions;
 use gap::record::command::{EffortUnit, ToldServo};
 use io::DatasetLayout;
-use synth::{Effect, HandheldSensor, PoseSpread, SynthConfig};
+use synth::{HandheldSensor, PoseSpread, SynthConfig};
 
 /// Layers of configuration, later wins.
 #[derive(Args, Clone, Debug, Default)]
@@ -22,8 +21,17 @@ use synth::{Effect, HandheldSensor, PoseSpread, SynthConfig};
 pub(super) struct SettingArgs {
     /// Settings of a built-in preset: default, fields, preview; to compare with: paper, paris, paris-depth,
     /// paris-depth-multi
-    #[arg(long, visible_alias = "method", value_name = "NAME")]
+    #[arg(long, value_name = "NAME")]
     pub preset: Option<String>,
+    /// The others.
+    #[command(flatten)]
+    pub changes: ChangeArgs,
+}
+
+/// Layers of configuration on the defaults or a preset, later wins.
+#[derive(Args, Clone, Debug, Default)]
+#[command(next_help_heading = "Configuration, later wins")]
+pub(super) struct ChangeArgs {
     /// YAML file that holds the settings that differ
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
@@ -47,9 +55,6 @@ pub(super) struct OutputArgs {
     /// Move what must not be replaced to NAME.bak instead of refusing; an input is never moved
     #[arg(long)]
     pub force: bool,
-    /// Show notes, too: what was chosen on the way, and why
-    #[arg(short, long)]
-    pub verbose: bool,
 }
 
 /// Options of `inspect`.
@@ -68,7 +73,7 @@ pub(super) struct InspectArgs {
     pub recording: RecordingArgs,
     /// Layers of configuration.
     #[command(flatten)]
-    pub settings: SettingArgs,
+    pub settings: ChangeArgs,
 }
 
 /// Options of `track`.
@@ -79,7 +84,7 @@ pub(super) struct TrackArgs {
     #[arg(value_name = "BAG", required = true)]
     pub sources: Vec<PathBuf>,
     #[command(flatten)]
-    pub settings: SettingArgs,
+    pub settings: ChangeArgs,
 }
 
 /// Options of `node`.
@@ -127,15 +132,6 @@ pub(super) struct EvaluateArgs {
     /// Folder with truth.json and truth/state0, truth/state1
     #[arg(long, value_name = "DIR")]
     pub truth: PathBuf,
-    /// Drop small mesh components first, as the published evaluation does
-    #[arg(long)]
-    pub filter_components: bool,
-    /// Points drawn on every surface
-    #[arg(long, value_name = "N", default_value_t = EvaluateOptions::default().samples)]
-    pub samples: usize,
-    /// Seed of these points
-    #[arg(long, value_name = "N", default_value_t = EvaluateOptions::default().seed)]
-    pub seed: u64,
     /// Print JSON
     #[arg(long)]
     pub json: bool,
@@ -155,9 +151,6 @@ pub(super) struct DemoArgs {
     /// Python with the packages mujoco, numpy and pillow; with av a film is written as MP4, too
     #[arg(long, value_name = "PATH", default_value = "python3")]
     pub python: PathBuf,
-    /// Most holds that are tried for one motion
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), default_value_t = 6)]
-    pub tries: u16,
     /// Write no film, which needs a machine that can draw
     #[arg(long)]
     pub no_film: bool,
@@ -243,6 +236,9 @@ pub(super) struct DiagnoseArgs {
     /// run or written
     #[arg(long)]
     pub estimate: bool,
+    /// Show notes, too: what was chosen on the way, and why
+    #[arg(short, long)]
+    pub verbose: bool,
     /// Where the result goes.
     #[command(flatten)]
     pub output: OutputArgs,
@@ -288,22 +284,10 @@ pub(super) struct SynthArgs {
     /// Share of the surface under dark lacquer, in patches: color is seen there, no depth is read
     #[arg(long, value_name = "SHARE", default_value_t = SynthConfig::default().lacquer)]
     pub lacquer: f64,
-    /// Record as a camera carried by hand does, errors and surroundings and all, without masks: handheld, or
-    /// handheld:LEVEL with a factor on all errors
-    #[arg(long, value_name = "handheld[:LEVEL]")]
+    /// Record as a camera carried by hand does, errors and surroundings and all, without masks: handheld;
+    /// handheld:LEVEL with a factor on all errors; handheld:LEVEL:EFFECT,... with these effects alone
+    #[arg(long, value_name = "handheld[:LEVEL[:EFFECT,...]]")]
     pub sensor: Option<HandheldSensor>,
-    /// These effects of the sensor and no other
-    #[arg(long, value_name = "EFFECT,...", requires = "sensor", value_delimiter = ',')]
-    pub sensor_only: Vec<Effect>,
-    /// All effects of the sensor but these
-    #[arg(
-        long,
-        value_name = "EFFECT,...",
-        requires = "sensor",
-        conflicts_with = "sensor_only",
-        value_delimiter = ','
-    )]
-    pub sensor_without: Vec<Effect>,
     /// Lay a printed board of tags before the object; PAPER: a4, a3 or letter
     #[arg(long, value_name = "PAPER", value_parser = paper, num_args = 0..=1, default_missing_value = "a4")]
     pub board: Option<Paper>,
@@ -362,19 +346,6 @@ pub(super) struct ReconstructArgs {
     /// How the recording is read.
     #[command(flatten)]
     pub recording: RecordingArgs,
-    /// Where the part motions start from
-    #[arg(long, value_parser = ["registration", "identity"])]
-    pub init: Option<String>,
-    /// Joint limits: what was observed and the closed pose (default), what was observed alone, or as far as
-    /// the collision solids allow
-    #[arg(long, value_parser = ["seated", "observed", "swept"])]
-    pub limits: Option<String>,
-    /// Put before the name of every link and joint: several twins in one scene
-    #[arg(long, value_name = "TEXT")]
-    pub prefix: Option<String>,
-    /// Whether the twin stands still in the world or moves freely
-    #[arg(long, value_parser = ["fixed", "floating"])]
-    pub base: Option<String>,
     /// Model that matches pairs of images, in place of the built-in matcher; needs a build with `--features
     /// onnx`
     ///
@@ -384,9 +355,6 @@ pub(super) struct ReconstructArgs {
     /// in the file, 512 MiB at most.
     #[arg(long, value_name = "FILE.onnx")]
     pub matcher: Option<PathBuf>,
-    /// What trains the fields
-    #[arg(long, value_parser = ["cpu", "burn", "gpu"])]
-    pub engine: Option<String>,
     /// Also write views, fused surfaces, parts and joints as a recording of rerun, to a file that is not
     /// there yet; needs a build with `--features rerun`
     #[arg(long, value_name = "FILE.rrd", conflicts_with_all = ["jobs", "resume"])]
@@ -410,6 +378,9 @@ pub(super) struct ReconstructArgs {
     /// run or written
     #[arg(long, conflicts_with = "jobs")]
     pub estimate: bool,
+    /// Show notes, too: what was chosen on the way, and why
+    #[arg(short, long)]
+    pub verbose: bool,
     /// Where the result goes.
     #[command(flatten)]
     pub output: OutputArgs,

@@ -24,7 +24,6 @@ pub(super) fn run_demo(args: &DemoArgs) -> Result<Exit, CliError> {
         place: Place { out, name, force, inputs: vec![args.twin.clone()] },
         python: args.python.clone(),
         robot: args.robot.clone(),
-        tries: args.tries,
         film: !args.no_film,
     };
     let stop = Arc::new(AtomicBool::new(false));

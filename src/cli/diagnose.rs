@@ -70,7 +70,7 @@ pub(super) fn summary_text(outcome: &DiagnoseOutcome) -> String {
 /// If the twin or a run cannot be read, or the result cannot be written.
 pub(super) fn run_diagnose(args: &DiagnoseArgs) -> Result<Exit, CliError> {
     let stop = Arc::<AtomicBool>::default();
-    let shown = Shown { json: args.json, verbose: args.output.verbose };
+    let shown = Shown { json: args.json, verbose: args.verbose };
     let (progress, events) = Progress::start(shown, Arc::clone(&stop));
     let monitor = Monitor::new(events.clone(), stop);
     let found =

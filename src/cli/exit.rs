@@ -86,9 +86,6 @@ pub(super) enum CliError {
     /// The signal handler could not be set.
     #[error("cannot listen for Ctrl-C")]
     Signal(#[from] ctrlc::Error),
-    /// The machine cannot do what the configuration asks.
-    #[error("{0}")]
-    Machine(String),
     /// The options of the command line contradict each other.
     #[error("{0}")]
     Usage(&'static str),

@@ -30,6 +30,7 @@ mod shell;
 mod stop;
 mod synth;
 mod terminal;
+mod trace;
 mod track;
 mod trials;
 mod wanted;
@@ -76,6 +77,7 @@ fn exit_code_of(outcome: Result<Exit, CliError>) -> ExitCode {
 }
 
 fn run_command(command: Command) -> Result<Exit, CliError> {
+    trace::start_trace();
     // Not in commands of days: the memory of a burst of messages would stay.
     if command.ends_by_itself() {
         memory::keep_freed();
@@ -101,6 +103,6 @@ fn run_command(command: Command) -> Result<Exit, CliError> {
         Command::Gallery(args) => gallery::write_gallery(&args),
         Command::Completions(args) => shell::print_completions(&args),
         Command::Man(args) => shell::print_man_page(&args),
-        Command::Doctor(settings) => doctor::print_machine(&settings),
+        Command::Doctor => doctor::print_machine(),
     }
 }

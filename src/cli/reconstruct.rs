@@ -24,7 +24,7 @@ use run::{self, Event, Monitor, Outcome, ReconstructRequest, RunError};
 pub(super) fn run_reconstruct(args: &ReconstructArgs) -> Result<Exit, CliError> {
     let stop = Arc::new(AtomicBool::new(false));
     let (progress, events) =
-        Progress::start(Shown { json: args.json, verbose: args.output.verbose }, Arc::clone(&stop));
+        Progress::start(Shown { json: args.json, verbose: args.verbose }, Arc::clone(&stop));
     let outcomes = outcomes_of_objects(args, &events, &stop);
     if let Err(error) = &outcomes {
         events.send(Event::Error { message: error.chain(), exit_code: error.exit() as u8 }).ok();
@@ -67,10 +67,10 @@ fn outcomes_of_objects(
     stop_on_request(events.clone(), Arc::clone(stop))?;
     let monitor = Monitor::new(events.clone(), Arc::clone(stop));
     let Some(jobs) = args.jobs else {
-        if args.bags.len() > 1 && (!args.recording.split.is_empty() || args.recording.marker_topic.is_some())
-        {
+        let topics = &resolved.config.capture.topics;
+        if args.bags.len() > 1 && (!args.recording.split.is_empty() || topics.marker.is_some()) {
             return Err(CliError::Usage(
-                "--split and --marker-topic divide one recording, but one for each state was given; leave \
+                "--split and a marker topic divide one recording, but one for each state was given; leave \
                  out one or the other",
             ));
         }
@@ -105,6 +105,6 @@ fn request_for(
         force: args.output.force,
         rerun: args.rerun.clone(),
         // Of other objects too.
-        beside: args.bags.iter().chain(&args.settings.config).cloned().collect(),
+        beside: args.bags.iter().chain(&args.settings.changes.config).cloned().collect(),
     }
 }

@@ -11,11 +11,8 @@ use config::{ConfigError, Layers};
 #[derive(Args, Clone, Debug)]
 pub(super) struct RecordingArgs {
     /// Where one recording changes state: T, or T0,T1 to leave out what lies between; seconds from its start
-    #[arg(long, value_name = "T[,T1]", value_delimiter = ',', num_args = 1, conflicts_with = "marker_topic")]
+    #[arg(long, value_name = "T[,T1]", value_delimiter = ',', num_args = 1)]
     pub split: Vec<f64>,
-    /// Topic whose messages separate the states of one recording
-    #[arg(long, value_name = "TOPIC")]
-    pub marker_topic: Option<String>,
     /// Box around the object in the world frame, meters: x0,y0,z0,x1,y1,z1
     #[arg(long, value_name = "BOX", value_parser = workspace, allow_hyphen_values = true)]
     pub workspace: Option<[[f64; 3]; 2]>,
@@ -24,7 +21,8 @@ pub(super) struct RecordingArgs {
     #[arg(long, value_name = "X,Y,Z", value_parser = at, allow_hyphen_values = true)]
     #[arg(conflicts_with = "workspace")]
     pub at: Option<At>,
-    /// Topic to read: color, depth, color_info, depth_info, mask or pose; may be repeated
+    /// Topic to read: color, depth, color_info, depth_info, mask or pose, or marker, whose messages separate
+    /// the states of one recording; may be repeated
     #[arg(long, value_name = "KIND=TOPIC", value_parser = topic)]
     pub topic: Vec<(String, String)>,
 }
@@ -38,7 +36,6 @@ impl RecordingArgs {
         let numbers = |n: &[f64]| Value::Sequence(n.iter().map(|v| Value::from(*v)).collect());
         let options = [
             ("--split", "capture.split_secs", (!self.split.is_empty()).then(|| numbers(&self.split))),
-            ("--marker-topic", "capture.topics.marker", self.marker_topic.clone().map(Value::from)),
             (
                 "--workspace",
                 "capture.isolate.workspace",

@@ -2,7 +2,7 @@
 
 use serde_norway::Value;
 
-use super::args::{InspectArgs, ReconstructArgs, SettingArgs};
+use super::args::{ChangeArgs, InspectArgs, ReconstructArgs, SettingArgs};
 use config::{Config, ConfigError, Layers, Resolved};
 
 impl SettingArgs {
@@ -17,9 +17,29 @@ impl SettingArgs {
     fn merged_layers(&self) -> Result<Layers, ConfigError> {
         let mut layers = Layers::new(&Config::default())?;
         self.preset.iter().try_for_each(|name| layers.add_preset(name))?;
-        self.config.iter().try_for_each(|path| layers.add_file(path))?;
-        self.set.iter().try_for_each(|assignment| layers.add_setting(assignment))?;
+        self.changes.add_to(&mut layers)?;
         Ok(layers)
+    }
+}
+
+impl ChangeArgs {
+    /// Merges file and `--set` with the defaults.
+    ///
+    /// # Errors
+    /// If a layer is wrong or the values cannot be used.
+    pub(super) fn resolved_config(&self) -> Result<Resolved<Config>, ConfigError> {
+        Config::from_layers(self.merged_layers()?)
+    }
+
+    fn merged_layers(&self) -> Result<Layers, ConfigError> {
+        let mut layers = Layers::new(&Config::default())?;
+        self.add_to(&mut layers)?;
+        Ok(layers)
+    }
+
+    fn add_to(&self, layers: &mut Layers) -> Result<(), ConfigError> {
+        self.config.iter().try_for_each(|path| layers.add_file(path))?;
+        self.set.iter().try_for_each(|assignment| layers.add_setting(assignment))
     }
 }
 
@@ -34,16 +54,11 @@ impl ReconstructArgs {
         let options = [
             ("--parts", "run.parts", self.parts.map(|n| Value::from(n as u64))),
             ("--seed", "run.seed", self.seed.map(Value::from)),
-            ("--init", "run.init", self.init.clone().map(Value::from)),
-            ("--limits", "model.limits", self.limits.clone().map(Value::from)),
             (
                 "--matcher",
                 "matching.onnx",
                 self.matcher.as_ref().map(|p| Value::from(p.to_string_lossy().into_owned())),
             ),
-            ("--prefix", "export.prefix", self.prefix.clone().map(Value::from)),
-            ("--base", "export.base", self.base.clone().map(Value::from)),
-            ("--engine", "run.engine", self.engine.clone().map(Value::from)),
         ];
         for (option, key, value) in options {
             value.into_iter().try_for_each(|value| layers.add_option(option, key, value))?;
@@ -71,7 +86,6 @@ mod tests {
 
     use super::*;
     use crate::cli::command::{Cli, Command};
-    use export::Base;
 
     fn resolved(options: &[&str]) -> Result<Config, ConfigError> {
         let all = ["artitwin", "reconstruct", "bag", "--out", "runs"].iter().chain(options);
@@ -82,11 +96,11 @@ mod tests {
     }
 
     #[test]
-    fn prefix_and_base_are_settings_of_the_export() {
-        assert_eq!(resolved(&[]).unwrap().export, export::ExportConfig::default());
-        let export = resolved(&["--prefix", "left_", "--base", "floating"]).unwrap().export;
-        assert_eq!((export.prefix.as_str(), export.base), ("left_", Base::Floating));
-        let message = resolved(&["--prefix", "../x"]).unwrap_err().to_string();
-        assert!(message.contains("export.prefix") && message.ends_with("(--prefix)"), "{message}");
+    fn an_option_wins_over_the_same_key_and_is_named_where_it_is_refused() {
+        assert_eq!(resolved(&[]).unwrap(), Config::default());
+        let config = resolved(&["--parts", "3", "--set", "run.parts=4", "--preset", "preview"]).unwrap();
+        assert_eq!((config.run.parts, config.capture.frames_per_state), (Some(3), 20));
+        let message = resolved(&["--parts", "99"]).unwrap_err().to_string();
+        assert!(message.contains("run.parts") && message.ends_with("(--parts)"), "{message}");
     }
 }

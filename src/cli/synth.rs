@@ -14,10 +14,6 @@ use synth::{Family, HandleStyle, SynthConfig};
 /// # Errors
 /// If the options do not fit together or the folder cannot be written.
 pub(super) fn write_object(args: &SynthArgs) -> Result<Exit, CliError> {
-    let sensor = args.sensor.map(|sensor| match &args.sensor_only[..] {
-        [] => sensor.without(&args.sensor_without),
-        only => sensor.only(only),
-    });
     let config = SynthConfig {
         seed: args.seed,
         parts: args.parts,
@@ -36,7 +32,7 @@ pub(super) fn write_object(args: &SynthArgs) -> Result<Exit, CliError> {
         rate_hz: args.rate,
         width: args.width,
         height: args.height,
-        sensor,
+        sensor: args.sensor,
         board: args.board,
         imu: args.imu,
     };

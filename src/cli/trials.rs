@@ -52,9 +52,6 @@ pub(super) struct TrialsArgs {
     /// Events as lines of JSON on standard output
     #[arg(long)]
     pub json: bool,
-    /// Show notes, too
-    #[arg(short, long)]
-    pub verbose: bool,
 }
 
 /// The method of the ablations.
@@ -85,8 +82,7 @@ pub(super) fn run_trials(args: &TrialsArgs) -> Result<Exit, CliError> {
         out: args.out.clone(),
     };
     let stop = Arc::new(AtomicBool::new(false));
-    let (progress, events) =
-        Progress::start(Shown { json: args.json, verbose: args.verbose }, Arc::clone(&stop));
+    let (progress, events) = Progress::start(Shown { json: args.json, verbose: false }, Arc::clone(&stop));
     stop_on_request(events.clone(), Arc::clone(&stop))?;
     let table = run::trials(&request, &Monitor::new(events, stop));
     progress.finish().map_err(CliError::Events)?;

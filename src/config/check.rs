@@ -108,66 +108,26 @@ fn surface(config: &Config) -> Ranges {
         ("surface.distance_nodes", s.distance_nodes as f64, 16.0, 512.0),
         ("surface.points", s.points as f64, 100.0, 1e7),
         ("surface.min_component", s.min_component, 0.0, 1.0),
-        ("surface.truncation_m", s.truncation_m.unwrap_or(1.0), 1e-5, 1e3),
         ("surface.truncation_normalized", s.truncation_normalized.unwrap_or(1.0), 1e-3, 1.0),
-        ("surface.min_readings", s.min_readings, 0.0, 1e6),
     ]
 }
 
 fn matching(config: &Config) -> Ranges {
     let m = &config.matching;
-    let f = &config.matching.features;
     vec![
         ("matching.neighbors", m.neighbors as f64, 1.0, 1e4),
-        ("matching.ratio", f64::from(m.ratio), POSITIVE, 1.0),
         ("matching.onnx_max_side_px", m.onnx_max_side_px as f64, 32.0, 4096.0),
         ("matching.onnx_min_confidence", f64::from(m.onnx_min_confidence), 0.0, 1.0),
-        ("matching.features.scales", f.scales as f64, 1.0, 16.0),
-        ("matching.features.sigma_px", f64::from(f.sigma_px), 0.5, 16.0),
-        ("matching.features.contrast", f64::from(f.contrast), 0.0, 1.0),
-        ("matching.features.edge_ratio", f64::from(f.edge_ratio), 1.0, 1e6),
-        ("matching.features.mask_erosion_px", f.mask_erosion_px as f64, 0.0, 1e3),
-        ("matching.features.limit", f.limit as f64, 1.0, 1e5),
     ]
 }
 
 fn register(config: &Config) -> Ranges {
     let r = &config.register;
-    let q = &config.register.ransac;
-    vec![
-        ("register.first_reach", r.first_reach, 1e-4, 1.0),
-        ("register.last_reach", r.last_reach, 1e-4, 1.0),
-        ("register.rounds", r.rounds as f64, 0.0, 1e3),
-        ("register.least_score", r.least_score, 0.0, 1e9),
-        ("register.least_static_share", r.least_static_share, 0.0, 1.0),
-        ("register.ransac.trials", q.trials as f64, 1.0, 1e7),
-        ("register.ransac.gate_sigmas", q.gate_sigmas, POSITIVE, 1e3),
-        ("register.ransac.gate", q.gate, 1e-4, 1.0),
-        ("register.ransac.moved", q.moved, 0.0, 1.0),
-        ("register.ransac.cell", q.cell, 1e-4, 1.0),
-        ("register.ransac.least_support", q.least_support, 0.0, 1e9),
-        ("register.ransac.slack_thresholds", q.slack_thresholds, 0.0, 1e3),
-        ("register.ransac.spare", q.spare as f64, 0.0, 100.0),
-    ]
+    vec![("register.rounds", r.rounds as f64, 0.0, 1e3)]
 }
 
 fn joint(config: &Config) -> Ranges {
-    let r = &config.joint.refine;
-    let t = &config.joint.texture;
-    vec![
-        ("joint.refine.iterations", r.iterations as f64, 1.0, 1e4),
-        ("joint.refine.robust_sigmas", r.robust_sigmas, POSITIVE, 1e3),
-        ("joint.refine.reach", r.reach, 1e-4, 1.0),
-        ("joint.refine.normal_cosine", r.normal_cosine, -1.0, 1.0),
-        ("joint.refine.correlation_spacings", r.correlation_spacings, POSITIVE, 1e3),
-        ("joint.refine.match_pixel_sigma", r.match_pixel_sigma, POSITIVE, 1e3),
-        ("joint.texture.points", t.points as f64, 0.0, 1e7),
-        ("joint.texture.frames", t.frames as f64, 1.0, 1e4),
-        ("joint.texture.spacing_pixels", t.spacing_pixels, 0.1, 100.0),
-        ("joint.texture.min_contrast", t.min_contrast, 0.0, 1.0),
-        ("joint.texture.min_correlation", t.min_correlation, -1.0, 1.0),
-        ("joint.texture.pixel_sigma", t.pixel_sigma, POSITIVE, 1e3),
-    ]
+    vec![("joint.square.share", config.joint.square.share, 0.0, 1.0)]
 }
 
 fn model(config: &Config) -> Ranges {
@@ -223,15 +183,15 @@ mod tests {
             "train.field.levels=99",
             "radiance.rays=0",
             "surface.nodes=1",
-            "surface.truncation_m=-1",
-            "matching.ratio=0",
+            "surface.truncation_normalized=-1",
+            "matching.neighbors=0",
             "matching.onnx_max_side_px=31",
             "matching.onnx_max_side_px=4097",
             "matching.onnx_min_confidence=1.5",
-            "register.ransac.cell=0",
+            "register.rounds=2000",
             "articulation.grid_nodes=1",
-            "articulation.late_start=2",
-            "joint.refine.reach=0",
+            "articulation.unseen_weight=2",
+            "joint.square.share=1.5",
             "model.density_kg_m3=0",
             "export.prefix=2_",
             "export.license=''",

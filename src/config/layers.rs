@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, fmt::Write as _, io::ErrorKind, path::Path};
 use serde::{Serialize, de::DeserializeOwned};
 use serde_norway::{Mapping, Value};
 
-use super::{error::ConfigError, lines::key_lines, nearest, origins::Origins, preset::preset};
+use super::{error::ConfigError, lines::key_lines, nearest, origins::Origins, preset::preset, removed};
 use common::files;
 use common::limits::{CONFIG, YamlError, parse_yaml};
 
@@ -239,7 +239,8 @@ fn merge_layer(
         };
         let below = if path.is_empty() { name.clone() } else { format!("{path}.{name}") };
         let (Some(schema), Some(merged)) = (group.get(&name), merged.get_mut(&name)) else {
-            let hint = nearest::nearest_hint(&below, &(target.valid)());
+            let hint = removed::replacement_hint(&below)
+                .unwrap_or_else(|| nearest::nearest_hint(&below, &(target.valid)()));
             return Err(ConfigError::UnknownKey { origin: (target.origin)(&below), key: below, hint });
         };
         merge_layer(target, &below, schema, merged, value)?;

@@ -21,6 +21,7 @@ mod lines;
 mod nearest;
 mod origins;
 mod preset;
+mod removed;
 mod run;
 
 use serde::{Deserialize, Serialize};

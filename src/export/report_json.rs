@@ -315,6 +315,7 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
     let extent_m = model.extent_m();
     let direction = Unit::new_normalize(axis);
     let deviation = Deviations::of_covariance(&e.covariance, &direction, joint.kind.turns(), extent_m);
+    let link_name = |link: usize| model.links[link].name.clone();
     // Standard deviations are known to a few digits only.
     let spread = |value: Option<f64>, factor: f64| value.map(|v| round_significant(factor * v, 4));
     JointReport {
@@ -354,13 +355,13 @@ fn joint_report(model: &ArticulatedModel, index: usize, joint: &Joint) -> JointR
             .map(|(k, v)| (k.name().to_owned(), round_significant(v, DIGITS)))
             .collect(),
         dispersion: round_significant(e.dispersion, 4),
-        parents: e.parents.iter().map(|(name, p)| (name.clone(), parent_report(p))).collect(),
+        parents: e.parents.iter().map(|(link, p)| (link_name(*link), parent_report(p))).collect(),
         axis_alone: e.axis_alone.map(|a| AxisAloneReport {
             axis: std::array::from_fn(|k| round_significant(a.axis[k], DIGITS)),
             std_deg: spread(a.deviation_rad(), 1f64.to_degrees()),
         }),
-        cautions: e.cautions.clone(),
-        not_observable: e.not_observable.clone(),
+        cautions: e.cautions.iter().map(|remark| remark.note(link_name)).collect(),
+        not_observable: e.not_observable.iter().map(|remark| remark.note(link_name)).collect(),
     }
 }
 

@@ -20,41 +20,26 @@ pub struct TrainConfig {
     pub free_samples: usize,
     /// Samples per ray within the truncation of the surface.
     pub band_samples: usize,
-    /// Share of background rays (past the object), if there are any.
-    pub background_share: f64,
-    /// Largest distance of background rays from the object's mask, pixels.
-    pub background_ring_px: usize,
     /// Loss of the TSDF on background rays.
     pub background: BackgroundLoss,
     /// Learning rate of the first step.
     pub learning_rate: f64,
-    /// Factor on the learning rate reached at the last step.
-    pub learning_rate_decay: f64,
     /// Weight of the empty-space loss.
     pub empty_weight: f64,
     /// Weight of the surface loss, in units of squared truncation: the balance with empty space is then
     /// independent of the truncation. The published 6000, in units of the normalized cube, equal 5.4 at the
     /// published truncation of 0.03.
     pub surface_weight: f64,
-    /// Weight of the color loss.
-    pub color_weight: f64,
     /// Share of the object rays with a color loss.
     pub color_share: f64,
-    /// Sharpness `a` of the color weights along a ray: `sigmoid(a q) sigmoid(-a q)`, q in truncations.
-    pub color_sharpness: f64,
     /// Truncation of the signed distance, meters; `None`: [`Self::derived_truncation_m`]. This is not a
-    /// setting: `surface.truncation_m` sets it for fields and surfaces.
+    /// setting: the run passes that of the surfaces.
     #[serde(skip)]
     pub truncation_m: Option<f64>,
     /// Whether the network learns a residual on the fused distances instead of the distance itself.
     pub residual: bool,
     /// Whether a ray supervises only its camera's side of the fused surface.
     pub side_test: bool,
-    /// Initial TSDF of a new field, in truncations (bias of the last geometry layer). Unobserved space stays
-    /// near it. A residual starts from 0.
-    pub initial_tsdf: f64,
-    /// Target distance of the surface loss.
-    pub distance: SurfaceDistance,
     /// Whether the surface loss fades with depth behind the surface, so that both sides of a thin wall
     /// survive.
     pub behind_falloff: bool,
@@ -62,8 +47,6 @@ pub struct TrainConfig {
     pub noise_weights: bool,
     /// Residual at which readings lose their weight late in training, standard deviations; 0 = never.
     pub outlier_sigmas: f64,
-    /// Share of the steps before outliers are determined.
-    pub outlier_from: f64,
     /// Depth noise. This is not a setting: the run passes its measurement (`capture.noise`,
     /// `capture.measure_noise`).
     #[serde(skip)]
@@ -83,18 +66,6 @@ pub enum BackgroundLoss {
     NonNegative,
 }
 
-/// Target distance of the surface loss.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum SurfaceDistance {
-    /// Along the optical axis (the released code).
-    Depth,
-    /// Along the ray (the paper).
-    Ray,
-    /// To the plane of the observed surface: closest to the true distance for slanted surfaces.
-    Plane,
-}
-
 /// Weight of the loss on rays without a hit. derived: the weight in the released code
 pub(super) const NON_NEGATIVE_WEIGHT: f64 = 100.0;
 
@@ -106,25 +77,17 @@ impl Default for TrainConfig {
             rays: 2048,
             free_samples: 8,
             band_samples: 8,
-            background_share: 0.2,
-            background_ring_px: 30,
             background: BackgroundLoss::NonNegative,
             learning_rate: 0.01,
-            learning_rate_decay: 0.1,
             empty_weight: 1.0,
             surface_weight: 5.4,
-            color_weight: 10.0,
             color_share: 1.0,
-            color_sharpness: 5.0,
             truncation_m: None,
             residual: true,
             side_test: true,
-            initial_tsdf: -1.0,
-            distance: SurfaceDistance::Ray,
             behind_falloff: true,
             noise_weights: true,
             outlier_sigmas: 4.0,
-            outlier_from: 0.5,
             noise: NoiseConfig::default(),
         }
     }
@@ -148,18 +111,11 @@ impl TrainConfig {
         ensure_within("rays", self.rays as f64, 1.0, 1e6)?;
         ensure_within("free_samples", self.free_samples as f64, 0.0, 1024.0)?;
         ensure_within("band_samples", self.band_samples as f64, 1.0, 1024.0)?;
-        ensure_within("background_share", self.background_share, 0.0, 0.9)?;
-        ensure_within("background_ring_px", self.background_ring_px as f64, 0.0, 10_000.0)?;
         ensure_within("learning_rate", self.learning_rate, 1e-8, 1.0)?;
-        ensure_within("learning_rate_decay", self.learning_rate_decay, 1e-6, 1.0)?;
         ensure_within("empty_weight", self.empty_weight, 0.0, 1e6)?;
         ensure_within("surface_weight", self.surface_weight, 0.0, 1e9)?;
-        ensure_within("color_weight", self.color_weight, 0.0, 1e6)?;
         ensure_within("color_share", self.color_share, 0.0, 1.0)?;
-        ensure_within("color_sharpness", self.color_sharpness, 0.1, 100.0)?;
-        ensure_within("initial_tsdf", self.initial_tsdf, -10.0, 10.0)?;
         ensure_within("outlier_sigmas", self.outlier_sigmas, 0.0, 1e3)?;
-        ensure_within("outlier_from", self.outlier_from, 0.0, 1.0)?;
         self.truncation_m.map_or(Ok(()), |t| ensure_within("truncation_m", t, 1e-5, 1e3))
     }
 }

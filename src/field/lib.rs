@@ -47,7 +47,7 @@ mod trainer;
 
 pub use burn_device::{Adapter, EngineError, adapters};
 pub use burn_engine::BurnEngine;
-pub use config::{BackgroundLoss, FieldError, SurfaceDistance, TrainConfig};
+pub use config::{BackgroundLoss, FieldError, TrainConfig};
 pub use cpu::{CpuEngine, StepPhase};
 pub use engine::{ADAM_BETAS, ADAM_EPSILON, EngineState, FieldEngine, FieldLosses, SampleBatch, SdfTarget};
 pub use harmonics::view_coefficients;

@@ -14,6 +14,8 @@ pub(super) const NEAR_M: f64 = 0.1;
 pub(super) const FAR_M: f64 = 10.0;
 /// Width of the zone at the mask's border that counts neither as object nor as background, pixels.
 const GUARD_PX: usize = 2;
+/// Largest distance of background rays from that zone, pixels.
+const RING_PX: usize = 30;
 
 /// A pixel with usable depth on the object.
 #[derive(Clone, Copy, Debug)]
@@ -147,7 +149,7 @@ fn frame_rays(
         let w = frame.intrinsics.width;
         let h = frame.intrinsics.height;
         let near = dilated_mask(mask, w, h, GUARD_PX);
-        let ring = dilated_mask(mask, w, h, config.background_ring_px + GUARD_PX);
+        let ring = dilated_mask(mask, w, h, RING_PX + GUARD_PX);
         let mut intervals = Vec::new();
         for pixel in (0..mask.len()).filter(|&p| ring[p] && !near[p]) {
             let (origin, direction) = view.pixel_ray(pixel as u32);

@@ -7,10 +7,19 @@ use super::config::NON_NEGATIVE_WEIGHT;
 use super::engine::BACKGROUND_TSDF;
 use super::fused::sees_side;
 use super::pool::{FAR_M, NEAR_M, RayPool, SurfaceRay};
-use super::{BackgroundLoss, Occupancy, SampleBatch, SdfTarget, SurfaceDistance, TrainConfig};
+use super::{BackgroundLoss, Occupancy, SampleBatch, SdfTarget, TrainConfig};
 use geometry::{Grid3, SceneBox};
 use numeric::random::{STREAM_STEP, split_mix, unit_of};
 
+/// Share of background rays (past the object), if there are any.
+/// chosen: enough for the outline, most rays for the surface
+const BACKGROUND_SHARE: f64 = 0.2;
+/// Weight of the color loss.
+/// derived: the published one
+const COLOR_WEIGHT: f32 = 10.0;
+/// Sharpness `a` of the color weights along a ray: `sigmoid(a q) sigmoid(-a q)`, q in truncations.
+/// derived: the published one
+const COLOR_SHARPNESS: f64 = 5.0;
 /// Rays drawn per task.
 const RAYS_PER_TASK: usize = 256;
 
@@ -59,8 +68,7 @@ impl Sampler<'_> {
         let rays = c.rays;
         let per_ray = c.free_samples + c.band_samples;
         let with_background = c.background != BackgroundLoss::Off && !self.pool.background.is_empty();
-        let background =
-            if with_background { (c.background_share * rays as f64).round() as usize } else { 0 };
+        let background = if with_background { (BACKGROUND_SHARE * rays as f64).round() as usize } else { 0 };
         let mut b = SampleBatch {
             rays,
             samples_per_ray: per_ray,
@@ -111,11 +119,7 @@ impl Sampler<'_> {
         let weight = self.surface_weight(&ray, self.trust[index]);
         // Signed distance, in truncations, per meter of z-depth.
         // docs/method.md (12.3).
-        let per_depth = match c.distance {
-            SurfaceDistance::Depth => 1.0,
-            SurfaceDistance::Ray => length,
-            SurfaceDistance::Plane => length * f64::from(ray.cosine),
-        } / tau;
+        let per_depth = length / tau;
         // Range of z-depth, meters, over which the signed distance spans the truncation.
         let band = 1.0 / per_depth;
         self.occupancy.occupied_intervals(&origin, &direction, NEAR_M, depth - band, intervals);
@@ -149,14 +153,14 @@ impl Sampler<'_> {
                 slot.targets[i] = SdfTarget::Surface { value, weight: weight * falloff as f32 };
             }
             // docs/method.md (12.8): the derivative of a logistic function, a bell about the surface.
-            let e = (-c.color_sharpness * value).exp();
+            let e = (-COLOR_SHARPNESS * value).exp();
             slot.color_weights[i] = if colored { (e / ((1.0 + e) * (1.0 + e))) as f32 } else { 0.0 };
             bell += slot.color_weights[i];
         }
         // The weights of a ray sum to 1, as in the volume rendering of an opaque surface.
         if colored && bell > 0.0 {
             slot.color_weights.iter_mut().for_each(|w| *w /= bell);
-            *slot.ray_weight = c.color_weight as f32 * f32::from(self.trust[index]) / 255.0;
+            *slot.ray_weight = COLOR_WEIGHT * f32::from(self.trust[index]) / 255.0;
         }
         *slot.color = ray.rgb.map(|v| f32::from(v) / 255.0);
         *slot.direction = (direction / length).map(|x| x as f32).into();

@@ -18,6 +18,17 @@ use capture::RgbdFrame;
 use geometry::{Grid3, SceneBox};
 use numeric::random::stage_rng;
 
+/// Initial TSDF of a new field, in truncations (bias of the last geometry layer). Unobserved space stays near
+/// it. A residual starts from 0.
+/// chosen: behind a surface, where most space is never seen
+const INITIAL_TSDF: f32 = -1.0;
+/// Factor on the learning rate reached at the last step.
+/// derived: the published one
+const LEARNING_RATE_DECAY: f64 = 0.1;
+/// Share of the steps before outliers are determined.
+/// chosen: the surface stands by then, and half of the steps are left
+const OUTLIERS_FROM: f64 = 0.5;
+
 /// Creates an engine from a state.
 pub(crate) type EngineFactory<'a> = &'a dyn Fn(EngineState) -> Box<dyn FieldEngine>;
 
@@ -105,7 +116,7 @@ impl FieldTrainer {
             last.biases[0] = 0.0;
             last.weights[..last.inputs].fill(0.0);
         } else {
-            last.biases[0] = config.initial_tsdf as f32;
+            last.biases[0] = INITIAL_TSDF;
         }
         let n = params.parameter_count();
         let engine = factory(EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 });
@@ -164,7 +175,7 @@ impl FieldTrainer {
     /// One optimiser step.
     pub fn train_step(&mut self) -> FieldLosses {
         let config = &self.config;
-        let outliers_at = (config.outlier_from * config.steps as f64).round() as usize;
+        let outliers_at = (OUTLIERS_FROM * config.steps as f64).round() as usize;
         // Once, with the field at that step: earlier residuals say little about the readings.
         if config.outlier_sigmas > 0.0 && self.done == outliers_at.max(1) {
             self.judge_rays();
@@ -184,8 +195,7 @@ impl FieldTrainer {
         };
         let batch = sampler.step_batch(key);
         // docs/method.md (12.9).
-        let rate =
-            config.learning_rate * config.learning_rate_decay.powf(self.done as f64 / config.steps as f64);
+        let rate = config.learning_rate * LEARNING_RATE_DECAY.powf(self.done as f64 / config.steps as f64);
         self.done += 1;
         self.engine.train_step(&batch, rate as f32)
     }

@@ -5,8 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Point3, SMatrix, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{JointFamily, TypeScores};
-use common::note::Note;
+use super::{JointFamily, JointRemark, TypeScores};
 use geometry::Pose;
 use surface::{ConvexSolid, TriangleMesh};
 
@@ -230,14 +229,14 @@ pub struct JointEvidence {
     pub dispersion: f64,
     /// Score of every type of joint.
     pub type_scores: TypeScores,
-    /// Possible parents of the part, by name.
-    pub parents: BTreeMap<String, ParentScore>,
+    /// Possible parents of the part, by the index of their link.
+    pub parents: BTreeMap<usize, ParentScore>,
     /// The axis from the motion alone, if the object's other axes and faces influenced the final one.
     pub axis_alone: Option<AxisAlone>,
     /// What speaks against the estimate: little information, disagreement; empty if nothing does.
-    pub cautions: Vec<Note>,
+    pub cautions: Vec<JointRemark>,
     /// Properties that the states cannot show.
-    pub not_observable: Vec<Note>,
+    pub not_observable: Vec<JointRemark>,
 }
 
 /// An axis estimated from the motion of its part alone.

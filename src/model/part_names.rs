@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{ArticulatedModel, JointKind, names::is_word};
+use super::{ArticulatedModel, JointKind};
 
 /// An axis is level, or upright, within this sine or cosine. chosen: about 17 deg.
 const SQUARE: f64 = 0.3;
@@ -35,7 +35,7 @@ pub enum PartNames {
     Semantic,
 }
 
-/// The model with its links and joints renamed, also in the joints' evidence; `prefix` precedes all names.
+/// The model with its links and joints renamed; `prefix` precedes all names.
 #[must_use]
 pub fn renamed_model(mut model: ArticulatedModel, names: PartNames, prefix: &str) -> ArticulatedModel {
     let (links, joints) = match names {
@@ -45,41 +45,9 @@ pub fn renamed_model(mut model: ArticulatedModel, names: PartNames, prefix: &str
         ),
         PartNames::Semantic => semantic_names(&model),
     };
-    let [links, joints] = [links, joints]
-        .map(|names: Vec<String>| names.into_iter().map(|n| format!("{prefix}{n}")).collect::<Vec<_>>());
-    let old = model.links.iter().map(|l| &l.name).chain(model.joints.iter().map(|j| &j.name));
-    let new: BTreeMap<String, String> = old.cloned().zip(links.iter().chain(&joints).cloned()).collect();
-    model.links.iter_mut().zip(links).for_each(|(link, name)| link.name = name);
-    for (joint, name) in model.joints.iter_mut().zip(joints) {
-        joint.name = name;
-        let evidence = &mut joint.evidence;
-        let parents = std::mem::take(&mut evidence.parents);
-        evidence.parents = parents
-            .into_iter()
-            .map(|(link, score)| (new.get(&link).cloned().unwrap_or(link), score))
-            .collect();
-        for note in evidence.cautions.iter_mut().chain(&mut evidence.not_observable) {
-            note.text = replaced_words(&note.text, &new);
-        }
-    }
+    model.links.iter_mut().zip(links).for_each(|(link, name)| link.name = format!("{prefix}{name}"));
+    model.joints.iter_mut().zip(joints).for_each(|(joint, name)| joint.name = format!("{prefix}{name}"));
     model
-}
-
-/// A text with whole words replaced.
-fn replaced_words(text: &str, words: &BTreeMap<String, String>) -> String {
-    let mut out = String::with_capacity(text.len());
-    let mut rest = text;
-    while !rest.is_empty() {
-        let word = rest.find(|c| !is_word(c)).unwrap_or(rest.len());
-        let (front, behind) = if word > 0 {
-            rest.split_at(word)
-        } else {
-            rest.split_at(rest.find(is_word).unwrap_or(rest.len()))
-        };
-        out.push_str(words.get(front).map_or(front, String::as_str));
-        rest = behind;
-    }
-    out
 }
 
 /// Names of links and of joints: the root keeps its own; equal ones are numbered.
@@ -206,10 +174,11 @@ fn object_size_m(model: &ArticulatedModel, positions: &[f64]) -> Option<f64> {
 mod tests {
     use super::*;
     use crate::{
+        JointRemark,
         example::{box_mesh, cabinet},
         validate,
     };
-    use common::note::{Note, NoteCode};
+    use common::note::NoteCode;
     use geometry::Pose;
 
     /// The cabinet with names as reconstruction gives them.
@@ -270,20 +239,16 @@ mod tests {
         let mut model = numbered();
         model.joints[0] = crate::Joint { child: 1, name: "joint_1".into(), ..model.joints[1].clone() };
         model.links[1].visual = model.links[2].visual.clone();
-        let score = crate::ParentScore { excess: 0.0, gap_m: 0.0 };
-        model.joints[0].evidence.parents.insert("part_2".to_owned(), score);
-        let text = "the parent: part_2 would do as well as body, part_21 not";
-        model.joints[0].evidence.not_observable.push(Note::new(NoteCode::ParentNotDecided, text));
+        let remark = JointRemark::OtherParents { others: vec![2], parent: 0 };
+        model.joints[0].evidence.not_observable.push(remark);
         let named = renamed_model(model, PartNames::Semantic, "left_");
         let links: Vec<&str> = named.links.iter().map(|l| l.name.as_str()).collect();
         assert_eq!(links, ["left_body", "left_drawer_1", "left_drawer_2"]);
         let joints: Vec<&str> = named.joints.iter().map(|j| j.name.as_str()).collect();
         assert_eq!(joints, ["left_drawer_1_slide", "left_drawer_2_slide"]);
-        let evidence = &named.joints[0].evidence;
-        assert!(evidence.parents.contains_key("left_drawer_2"), "{:?}", evidence.parents);
-        assert_eq!(
-            evidence.not_observable[0].text,
-            "the parent: left_drawer_2 would do as well as left_body, part_21 not"
-        );
+        let note = named.joints[0].evidence.not_observable[0].note(|link| named.links[link].name.clone());
+        let expected =
+            "the parent: left_drawer_2 would do as well as left_body, which the shortest chain makes it";
+        assert_eq!((note.code, note.text.as_str()), (NoteCode::ParentNotDecided, expected));
     }
 }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::{ArticulatedModel, Joint, JointKind};
 use geometry::Pose;
-use surface::{ConvexConfig, ConvexSolid, Plane, TriangleMesh};
+use surface::{ConvexConfig, ConvexSolid, MIN_THICKNESS_M, Plane, TriangleMesh};
 
 /// Longest way between two examined positions of a sweep, meters.
 /// chosen: no more than the thickness of walls, so none is skipped
@@ -70,7 +70,7 @@ pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
                 for (positions, gap) in stretches {
                     let path = relative_poses(model, j, other, &state, positions);
                     let sweep = Sweep { joint: &joint, path: &path, seen: &seen, gap, grazed_m };
-                    carve_paths(&mut model.links[other].collision, &moving, &sweep, config);
+                    carve_paths(&mut model.links[other].collision, &moving, &sweep);
                 }
             }
         }
@@ -226,29 +226,18 @@ struct Sweep<'a> {
 
 /// Cuts moving solids out of the fixed ones: along the whole path where they only graze one, else only at the
 /// observed poses.
-fn carve_paths(
-    fixed: &mut Vec<ConvexSolid>,
-    moving: &[ConvexSolid],
-    sweep: &Sweep<'_>,
-    config: &ConvexConfig,
-) {
+fn carve_paths(fixed: &mut Vec<ConvexSolid>, moving: &[ConvexSolid], sweep: &Sweep<'_>) {
     let paths: Vec<[Path; 2]> = moving
         .par_iter()
         .map(|solid| [sweep.path, sweep.seen].map(|poses| Path::new(sweep.joint, solid, poses)))
         .collect();
-    let pieces =
-        std::mem::take(fixed).into_par_iter().map(|solid| carved_solid(solid, &paths, sweep, config));
+    let pieces = std::mem::take(fixed).into_par_iter().map(|solid| carved_solid(solid, &paths, sweep));
     let pieces: Vec<Vec<ConvexSolid>> = pieces.collect();
     *fixed = pieces.into_iter().flatten().collect();
 }
 
 /// A solid with the paths of moving ones cut out.
-fn carved_solid(
-    solid: ConvexSolid,
-    paths: &[[Path<'_>; 2]],
-    sweep: &Sweep<'_>,
-    config: &ConvexConfig,
-) -> Vec<ConvexSolid> {
+fn carved_solid(solid: ConvexSolid, paths: &[[Path<'_>; 2]], sweep: &Sweep<'_>) -> Vec<ConvexSolid> {
     // Along the solid's own axes: cuts run with its faces.
     let axes = solid.main_axes();
     let mut gaps = Vec::new();
@@ -260,7 +249,7 @@ fn carved_solid(
     }
     let mut pieces = vec![solid];
     for gap in fused_blocks(gaps) {
-        pieces = pieces.into_iter().flat_map(|p| without_block(p, &axes, &gap, config)).collect();
+        pieces = pieces.into_iter().flat_map(|p| without_block(p, &axes, &gap)).collect();
     }
     pieces
 }
@@ -398,12 +387,7 @@ fn nearest_solid(solids: &[Vec<Plane>], place: &Point3<f64>, within_m: f64) -> O
 
 /// Cuts a block along `axes` out of a solid: the block's sides cut it one after the other, the side that
 /// leaves most first.
-fn without_block(
-    piece: ConvexSolid,
-    axes: &Matrix3<f64>,
-    block: &CutBlock,
-    config: &ConvexConfig,
-) -> Vec<ConvexSolid> {
+fn without_block(piece: ConvexSolid, axes: &Matrix3<f64>, block: &CutBlock) -> Vec<ConvexSolid> {
     let mut sides = Vec::with_capacity(6);
     for k in 0..3 {
         let axis = axes.column(k).into_owned();
@@ -422,7 +406,7 @@ fn without_block(
             solid
                 .clipped_at(&plane)
                 // Simulators refuse smaller or thinner hulls.
-                .filter(|s| s.volume_m3() > MIN_VOLUME_M3 && s.thickness_m() >= config.min_thickness_m),
+                .filter(|s| s.volume_m3() > MIN_VOLUME_M3 && s.thickness_m() >= MIN_THICKNESS_M),
         );
         // What lies beyond this side is left out of the next cuts, so the pieces do not overlap.
         rest = solid.clipped_at(&Plane { normal: -plane.normal, offset_m: -plane.offset_m });

@@ -16,7 +16,7 @@ pub(super) fn checked_name(request: &ReconstructRequest) -> Result<String, RunEr
     if states > 2 && request.config.takes_two_states() {
         let message = format!(
             "{states} states were given, but fields are made consistent, and joints inferred as published, \
-             between two; give two states, or leave out `--init identity`, the presets fields, paper and \
+             between two; give two states, or leave out `run.init=identity`, the presets fields, paper and \
              paris, `articulation.refine` and `joint.inference`"
         );
         return Err(RunError::stage("articulate", message));

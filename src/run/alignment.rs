@@ -35,8 +35,7 @@ pub(super) struct Drift {
 impl Drift {
     /// Moves frames of the state into the world frame of state 0.
     fn undo(&self, frames: &mut [RgbdFrame]) {
-        let back = self.world_from_world0.inverse();
-        frames.iter_mut().for_each(|f| f.world_from_camera = back * f.world_from_camera);
+        move_back(&self.world_from_world0, frames);
     }
 
     /// Moves the ends of matches in the state into that frame.
@@ -44,6 +43,12 @@ impl Drift {
         let back = self.world_from_world0.inverse();
         matches.iter_mut().for_each(|m| m.point1 = back * m.point1);
     }
+}
+
+/// Moves frames by the inverse of a motion of their world.
+fn move_back(world_from_world0: &Pose, frames: &mut [RgbdFrame]) {
+    let back = world_from_world0.inverse();
+    frames.iter_mut().for_each(|f| f.world_from_camera = back * f.world_from_camera);
 }
 
 /// Matches and drift of a state relative to state 0; empty for state 0 itself.
@@ -126,7 +131,7 @@ fn drift(
     let around = || surroundings_matches(frames, noise, config);
     let mut rng = stage_rng(config.run.seed, "align", state as u64 - 1);
     let standing = |motion: &Pose| standing_share(frames, motion, noise);
-    let found = align_states(matches, around, standing, scene.extent_m(), &config.register.ransac, &mut rng)
+    let found = align_states(matches, around, standing, scene.extent_m(), &mut rng)
         .map_err(|e| RunError::stage("align", e))?;
     Ok(found.map(|alignment| refined(alignment, state, frames, scene, noise, stop)).transpose()?)
 }
@@ -141,33 +146,31 @@ fn refined(
     stop: &Stop,
 ) -> Result<Drift, Stopped> {
     let StateAlignment { state1_from_state0: world_from_world0, by, cells } = alignment;
-    let mut drift =
-        Drift { world_from_world0, covariance: None, note: Note::new(NoteCode::WorldFrameDiffers, "") };
     // Surfaces are compared where they project, so they must already be near each other.
     let mut near = frames[1].to_vec();
-    drift.undo(&mut near);
+    move_back(&world_from_world0, &mut near);
     // Rule 4 of docs/method.md 5: the surroundings did not move like this and must not pull.
     let only_object = by == AlignedBy::LargestPart;
     // docs/method.md (2.13) between the states, kept if held-out surfels gain by it (2.16).
     let fine = align_worlds([frames[0], &near], noise, &PoseNoise::EXPECTED, only_object, stop)?;
-    if let Some(fine) = fine {
-        drift.world_from_world0 *= fine.corrected_from_reported.inverse();
-        drift.covariance = fine.covariance;
-    }
-    let motion = &drift.world_from_world0;
+    let (motion, covariance) = match fine {
+        Some(fine) => (world_from_world0 * fine.corrected_from_reported.inverse(), fine.covariance),
+        None => (world_from_world0, None),
+    };
     let center = scene.center;
     let by = match by {
         AlignedBy::Surroundings => "its surroundings",
         AlignedBy::LargestPart => "its largest part",
     };
-    drift.note.text = format!(
+    let text = format!(
         "state {state} was recorded in another world frame than state 0, or the object was moved as a whole: \
          by {:.1} mm and {:.2} deg, by {cells:.0} cells of matches on {by}; state {state} was moved back, \
          and the twin stands as in state 0",
         1e3 * (motion * center - center).norm(),
         motion.rotation.angle().to_degrees(),
     );
-    Ok(drift)
+    let note = Note::new(NoteCode::WorldFrameDiffers, text);
+    Ok(Drift { world_from_world0: motion, covariance, note })
 }
 
 /// Matches of the surroundings of the object in two states.

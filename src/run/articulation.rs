@@ -70,7 +70,7 @@ pub(super) fn register_state(
     let surfaces = pair.map(|s| &s.samples);
     if scene.config.register.method == RegisterMethod::Difference {
         // Without a number of parts there are two, the fewest.
-        return register_by_difference(surfaces, parts.unwrap_or(2), &scene.config.register).map_err(failed);
+        return register_by_difference(surfaces, parts.unwrap_or(2)).map_err(failed);
     }
     let empty = pair.map(empty_in);
     // A random stream for each state, so draws for one do not depend on the others.
@@ -110,7 +110,7 @@ pub(super) fn unite_states(
         let surface = &state.surface.samples;
         pairs.push(StatePair { matches, surface, free: Some(empty), found });
     }
-    unite(&states[0].surface.samples, Some(&empty[0]), &pairs, scene.config.run.parts, &scene.config.register)
+    unite(&states[0].surface.samples, Some(&empty[0]), &pairs, scene.config.run.parts)
         .map_err(|e| RunError::stage("register", e))
 }
 
@@ -230,10 +230,10 @@ fn surface_rays(frames: &[RgbdFrame], noise: &NoiseConfig, count: usize) -> Vec<
         .collect();
     // Evenly over all frames, without a draw.
     let stride = (usable.len() / count.max(1)).max(1);
-    usable.into_iter().step_by(stride).map(|(f, i)| surface_ray(f, &frames[f], i, noise)).collect()
+    usable.into_iter().step_by(stride).map(|(f, i)| surface_ray(f, &frames[f], i)).collect()
 }
 
-fn surface_ray(index: usize, frame: &RgbdFrame, pixel: usize, noise: &NoiseConfig) -> SurfaceRay {
+fn surface_ray(index: usize, frame: &RgbdFrame, pixel: usize) -> SurfaceRay {
     let depth_m = f64::from(frame.depth_m[pixel]);
     let u = pixel % frame.intrinsics.width;
     let v = pixel / frame.intrinsics.width;
@@ -242,7 +242,6 @@ fn surface_ray(index: usize, frame: &RgbdFrame, pixel: usize, noise: &NoiseConfi
         // Of unit depth, not of unit length, as depth is along the optical axis.
         direction: frame.world_from_camera * frame.intrinsics.ray_at(u as f64, v as f64),
         depth_m,
-        sigma_m: frame.sigma_m(pixel, noise),
         frame: index,
         rgb: frame.rgb[pixel].map(|c| f32::from(c) / 255.0),
     }

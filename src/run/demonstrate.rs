@@ -49,8 +49,6 @@ pub struct DemonstrateRequest {
     pub python: PathBuf,
     /// `gripper` or `panda`.
     pub robot: String,
-    /// Largest number of holds tried for one motion.
-    pub tries: u16,
     /// Whether a film is made.
     pub film: bool,
 }
@@ -163,7 +161,7 @@ struct JointReport {
 fn started(request: &DemonstrateRequest, twin: &Path, dir: &RunDir) -> Result<Child, DemonstrateError> {
     let mut command = Command::new(&request.python);
     command.args(["-c", BOOTSTRAP]).arg(twin).arg(dir.working());
-    command.args(["--robot", &request.robot, "--tries", &request.tries.to_string()]);
+    command.args(["--robot", &request.robot]);
     if !request.film {
         command.arg("--no-film");
     }
@@ -234,7 +232,6 @@ mod tests {
             place: Place::at(folder.path().join("demo")),
             python: python.into(),
             robot: "gripper".to_owned(),
-            tries: 1,
             film: false,
         }
     }

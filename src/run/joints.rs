@@ -5,8 +5,8 @@ use rayon::prelude::*;
 
 use super::{articulation::Articulation, scene::Scene, state::State};
 use articulate::{
-    JointInference, LiftedMatch, ObservedState, PairEvidence, ParentMotion, PartEvidence, SurfaceDraws,
-    TreeJointEstimate, kinematic_tree, published_joint, static_motion,
+    JOINT_REACH, JointInference, LiftedMatch, ObservedState, PairEvidence, ParentMotion, PartEvidence,
+    SurfaceDraws, TreeJointEstimate, kinematic_tree, published_joint, static_motion,
 };
 use capture::PoseFindings;
 use geometry::{NearestPoints, Pose};
@@ -87,7 +87,7 @@ impl<'a> Evidence<'a> {
             nearest: NearestPoints::new(&states[0].surface.samples.points),
             labels: &parts[0].labels,
         };
-        let reach_m = scene.config.joint.refine.reach * scene.bounds.extent_m();
+        let reach_m = JOINT_REACH * scene.bounds.extent_m();
         let mut matches = Vec::with_capacity(states.len());
         for (state, parts) in states.iter().zip(parts) {
             let owners = match_owners(&state.matches, &parts.motions, &labelled, reach_m);
@@ -117,7 +117,6 @@ impl<'a> Evidence<'a> {
             &matches,
             &self.scene.noise,
             self.scene.bounds.extent_m(),
-            &self.scene.config.joint,
         )
     }
 
@@ -132,7 +131,7 @@ impl<'a> Evidence<'a> {
         if state.drift.is_none() && !poses.has_changes() {
             return ParentMotion::static_part();
         }
-        let own = self.pair(0, number).free_motion(&self.scene.config.joint);
+        let own = self.pair(0, number).free_motion();
         // Uncertainty of the alignment of still surfaces in the state.
         // (5.3) combines this with the part's own motion.
         let still = match &state.drift {

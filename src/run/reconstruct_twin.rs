@@ -13,6 +13,7 @@ use super::{
     scene::Scene,
     state::{State, observe},
 };
+use articulate::LEAST_SCORE;
 use capture::Capture;
 use common::note::{Note, NoteCode};
 use config::{Config, Init, Method};
@@ -143,8 +144,7 @@ fn twin(
     forms.iter().for_each(|n| stages.monitor.note(n));
     notes.extend(forms);
     let config = scene.config;
-    let part_count =
-        PartCountReport::new(config.run.parts, model.links.len(), &curve, config.register.least_score);
+    let part_count = PartCountReport::new(config.run.parts, model.links.len(), &curve, LEAST_SCORE);
     let later: Vec<Option<&Drift>> = drifts.iter().skip(1).copied().collect();
     Twin {
         // The first part is the static one.
@@ -162,7 +162,11 @@ fn twin(
 
 /// Cautions about the joints.
 pub(super) fn cautions(model: &ArticulatedModel) -> impl Iterator<Item = Note> {
-    model.joints.iter().flat_map(|j| j.evidence.cautions.iter().map(move |c| c.about(&j.name)))
+    let link_name = |link: usize| model.links[link].name.clone();
+    model
+        .joints
+        .iter()
+        .flat_map(move |j| j.evidence.cautions.iter().map(move |c| c.note(link_name).about(&j.name)))
 }
 
 /// Warnings about parts whose collision solids do not fit their surface.

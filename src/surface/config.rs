@@ -16,14 +16,10 @@ pub struct SurfaceConfig {
     pub points: usize,
     /// Components with a smaller share of the largest one's triangles are dropped.
     pub min_component: f64,
-    /// Truncation distance in meters; null = the larger of 2 % of the object's extent and four times the
-    /// median of the expected depth noise.
-    pub truncation_m: Option<f64>,
-    /// The truncation in the normalized cube of half side 1 (docs/method.md 1.3), the units of published
-    /// constants; `truncation_m` takes precedence.
+    /// Truncation distance in the normalized cube of half side 1 (docs/method.md 1.3), the units of published
+    /// constants; null = the larger of 2 % of the object's extent and four times the median of the expected
+    /// depth noise.
     pub truncation_normalized: Option<f64>,
-    /// A node counts as observed from the weight of this many frontal readings at the median depth.
-    pub min_readings: f64,
     /// Whether shreds are removed from the borders of part surfaces and their rims straightened.
     pub mend_borders: bool,
     /// Whether mending also closes small holes and bays in flat faces, where no view saw through.
@@ -49,9 +45,7 @@ impl Default for SurfaceConfig {
             distance_nodes: 201,
             points: 25_000,
             min_component: 0.02,
-            truncation_m: None,
             truncation_normalized: None,
-            min_readings: 0.2,
             mend_borders: true,
             close_holes: true,
         }

@@ -64,7 +64,9 @@ pub use closest::MeshDistance;
 pub use color_field::{ColorField, ColorSample};
 pub use components::{connected_components, keep_components};
 pub use config::{SurfaceConfig, SurfaceSource};
-pub use convex::{ConvexConfig, ConvexSolid, Hidden, Plane, SolidFit, Walls, convex_hull, few_triangles};
+pub use convex::{
+    ConvexConfig, ConvexSolid, Hidden, MIN_THICKNESS_M, Plane, SolidFit, Walls, convex_hull, few_triangles,
+};
 pub use difference::{Difference, differences};
 pub use distance::{DistanceError, DistanceOptions, signed_distance};
 pub use inertia::ShellInertia;

@@ -8,7 +8,6 @@ use crate::joints::{
     joint_fit::{JointMotion, Residuals},
     joint_motion::{Freedom, frame_across},
     minimise::{DIFFERENCE, left_difference},
-    motion_evidence::RefineConfig,
     square_axes::SeenDirection,
 };
 use geometry::Pose;
@@ -89,7 +88,7 @@ impl JointEstimate {
 
     /// A turning joint with its axis moved to the best place for its fixed direction; any other joint is
     /// returned as it is. A motion left out of the joint stays out.
-    pub fn settled(mut self, motions: &[JointMotion], config: &RefineConfig) -> Self {
+    pub fn settled(mut self, motions: &[JointMotion]) -> Self {
         if !matches!(self.kind, JointKind::Revolute | JointKind::Screw { .. }) {
             return self;
         }
@@ -105,7 +104,7 @@ impl JointEstimate {
         // The first two parameters are the direction: the prior has decided them, so they are held.
         let mut start = self.placed_joint();
         start.positions = kept.iter().map(|&k| self.positions[k]).collect();
-        let joint = Residuals { motions: &chosen, sigma_m, config }.fitted_joint(start, 2).joint;
+        let joint = Residuals { motions: &chosen, sigma_m }.fitted_joint(start, 2).joint;
         for (k, m) in motions.iter().enumerate() {
             self.positions[k] = match kept.iter().position(|&own| own == k) {
                 Some(own) => joint.positions[own],

@@ -13,10 +13,8 @@ use crate::joints::{
     joint_fit::{FreeFits, JointFit, JointMotion, PartPlace},
     joint_motion::{Freedom, PlacedJoint, foot_on_line},
     joint_type::{DECISIVE, TypeFits, excess_over_free},
-    motion_evidence::RefineConfig,
 };
-use common::note::{Note, NoteCode};
-use model::{JointEvidence, JointKind, TypeScores};
+use model::{JointEvidence, JointKind, JointRemark, TypeScores};
 
 /// A motion is left out if without it the excess is below this share of the excess with it.
 ///
@@ -42,17 +40,16 @@ pub(crate) fn estimate_joint(
     motions: &[JointMotion],
     place: PartPlace,
     choice: JointChoice,
-    config: &RefineConfig,
 ) -> JointEstimate {
-    let found = FreeFits::new(motions, place, config);
+    let found = FreeFits::new(motions, place);
     let types = TypeFits::new(&found);
     if choice.doubt
         && motions.len() > 1
-        && let Some(left_out) = outlier_motion(motions, place, excess_over_free(&types.scores, true), config)
+        && let Some(left_out) = outlier_motion(motions, place, excess_over_free(&types.scores, true))
     {
         // At most one motion is left out: without `doubt` the call does not come here again.
         let others = motions_without(motions, left_out);
-        let estimate = estimate_joint(&others, place, JointChoice { doubt: false, ..choice }, config);
+        let estimate = estimate_joint(&others, place, JointChoice { doubt: false, ..choice });
         return with_contradiction(estimate, &found, left_out);
     }
     let (fit, scores) = types.chosen_fit(choice.kind);
@@ -65,12 +62,7 @@ fn motions_without<'a>(motions: &[JointMotion<'a>], left_out: usize) -> Vec<Join
 }
 
 /// The motion without which the others agree on a joint though all together do not (their excess is `all`).
-fn outlier_motion(
-    motions: &[JointMotion],
-    place: PartPlace,
-    all: f64,
-    config: &RefineConfig,
-) -> Option<usize> {
+fn outlier_motion(motions: &[JointMotion], place: PartPlace, all: f64) -> Option<usize> {
     // Where a joint explains all motions about as well as free motions do, there is nothing to doubt.
     if all <= DECISIVE {
         return None;
@@ -79,7 +71,7 @@ fn outlier_motion(
     let mut best: Option<(f64, usize)> = None;
     for k in 0..motions.len() {
         let others = motions_without(motions, k);
-        let left = excess_over_free(&TypeFits::new(&FreeFits::new(&others, place, config)).scores, true);
+        let left = excess_over_free(&TypeFits::new(&FreeFits::new(&others, place)).scores, true);
         if best.is_none_or(|b| left < b.0) {
             best = Some((left, k));
         }
@@ -98,16 +90,11 @@ fn with_contradiction(mut estimate: JointEstimate, found: &FreeFits, left_out: u
     let pose = parent.state1_from_state0 * joint.motion_at(q);
     // In the coordinates of state 0, where the part's middle is known.
     let off = pose.inverse() * found.free[left_out].motion;
-    estimate.evidence.cautions.push(Note::new(
-        NoteCode::StateContradicts,
-        format!(
-            "state {} contradicts the other states: there the part is {:.1} mm and {:.1} deg off the joint \
-         that they show; it is left out of the axis",
-            left_out + 1,
-            1e3 * (off * middle - middle).norm(),
-            off.rotation.angle().to_degrees()
-        ),
-    ));
+    estimate.evidence.cautions.push(JointRemark::StateContradicts {
+        state: left_out + 1,
+        off_m: (off * middle - middle).norm(),
+        off_rad: off.rotation.angle(),
+    });
     estimate.positions.insert(left_out, q);
     estimate.motions.insert(left_out, pose);
     estimate.covariances.insert(left_out, parent.covariance);
@@ -155,10 +142,13 @@ fn estimate(found: &FreeFits, fit: &JointFit, scores: TypeScores) -> JointEstima
         residual_rms_m: residual_rms_m(fit),
         dispersion: covariance.dispersion,
         axis_alone: None,
-        cautions: cautions(&judged),
+        cautions: cautions(&judged).into_iter().map(JointRemark::from).collect(),
         type_scores: scores,
         parents: BTreeMap::new(),
-        not_observable: not_observable(kind, joint.positions.len() + 1),
+        not_observable: not_observable(kind, joint.positions.len() + 1)
+            .into_iter()
+            .map(JointRemark::from)
+            .collect(),
     };
     JointEstimate {
         kind,

@@ -68,7 +68,8 @@ fn a_joint_is_the_same_from_either_sense_of_its_axis() {
             assert!((joint.positions[0] + 0.2).abs() < 1e-6 && (joint.positions[1] - 0.5).abs() < 1e-6);
             assert_eq!(joint.kind, JointKind::Revolute);
             // State 0 and two more.
-            assert_eq!(joint.evidence.not_observable, not_observable(JointKind::Revolute, 3));
+            let open = not_observable(JointKind::Revolute, 3).into_iter().map(JointRemark::from);
+            assert_eq!(joint.evidence.not_observable, open.collect::<Vec<_>>());
         }
         let size = a.evidence.covariance.amax();
         assert!((a.evidence.covariance - b.evidence.covariance).amax() < 1e-6 * size);

@@ -2,13 +2,11 @@
 
 use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
 
-use crate::joints::{
-    minimise::minimise,
-    motion_evidence::{MotionEvidence, RefineConfig},
-    quadratic::Quadratic,
-};
+use crate::joints::{minimise::minimise, motion_evidence::MotionEvidence, quadratic::Quadratic};
 use geometry::{Pose, exp_so3};
 
+/// Gauss-Newton iterations at most.
+pub(crate) const ITERATIONS: usize = 30;
 /// Smallest standard deviation of a surface residual, as a share of the reach: poses and surfaces have
 /// systematic errors of this size, whatever the number of points.
 ///
@@ -61,11 +59,11 @@ pub(crate) struct FreeFit {
 impl FreeFit {
     /// Fits a rigid motion to evidence twice: first with the standard deviation of the surface residuals at
     /// the start, then with that at the motion found.
-    pub(crate) fn new(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> Self {
+    pub(crate) fn new(start: &Pose, evidence: &MotionEvidence) -> Self {
         // Far from the true motion residuals are large; only near it they have the scale of the errors.
-        let (near, _) = fitted_motion(start, evidence, surface_sigma_m(evidence, start), config);
+        let (near, _) = fitted_motion(start, evidence, surface_sigma_m(evidence, start));
         let sigma_m = surface_sigma_m(evidence, &near);
-        let (motion, quadratic) = fitted_motion(&near, evidence, sigma_m, config);
+        let (motion, quadratic) = fitted_motion(&near, evidence, sigma_m);
         // Errors may exceed the stated ones within blocks or across them: the larger excess counts.
         let scale = quadratic.cost / quadratic.independent.max(2.0);
         let dispersion = scale.max(quadratic.dispersion());
@@ -83,16 +81,11 @@ pub(crate) fn surface_sigma_m(evidence: &MotionEvidence, motion: &Pose) -> f64 {
     evidence.surface_sigma_m(motion, evidence.reach_m * SIGMA_FLOOR)
 }
 
-fn fitted_motion(
-    start: &Pose,
-    evidence: &MotionEvidence,
-    sigma_m: f64,
-    config: &RefineConfig,
-) -> (Pose, Quadratic) {
+fn fitted_motion(start: &Pose, evidence: &MotionEvidence, sigma_m: f64) -> (Pose, Quadratic) {
     minimise(
         *start,
-        config.iterations,
-        |motion| evidence.linearise(motion, sigma_m, config),
+        ITERATIONS,
+        |motion| evidence.linearise(motion, sigma_m),
         |q| q.cost,
         |_, q| {
             let information = DMatrix::from_column_slice(6, 6, q.information.as_slice());
@@ -108,17 +101,15 @@ fn fitted_motion(
 /// The motion of a part without a joint, with its covariance, which is zero where some direction is not
 /// observed.
 #[must_use]
-pub(crate) fn free_motion(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> ParentMotion {
-    let free = FreeFit::new(start, evidence, config);
+pub(crate) fn free_motion(start: &Pose, evidence: &MotionEvidence) -> ParentMotion {
+    let free = FreeFit::new(start, evidence);
     let displacements = free.quadratic.displacement_covariance();
     let inverse = free.quadratic.information.cholesky().map(|c| c.inverse());
     // Zeros mark an unobserved direction, as `static_motion` expects.
     let covariance = inverse.map_or_else(Matrix6::zeros, |c| c * free.dispersion + c * displacements * c);
     // The motion shifts so that it cancels the change of the gradient in a draw.
     let drawn = match inverse {
-        Some(c) => {
-            evidence.drawn_gradients(&free.motion, free.sigma_m, config).iter().map(|g| -(c * g)).collect()
-        }
+        Some(c) => evidence.drawn_gradients(&free.motion, free.sigma_m).iter().map(|g| -(c * g)).collect(),
         None => Vec::new(),
     };
     ParentMotion { state1_from_state0: free.motion, covariance, drawn }

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::joints::{motion_evidence::RefineConfig, square_axes::SquareConfig, texture::TextureConfig};
+use crate::joints::square_axes::SquareConfig;
 
 /// Settings of the joint estimation.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -10,10 +10,6 @@ use crate::joints::{motion_evidence::RefineConfig, square_axes::SquareConfig, te
 pub struct JointConfig {
     /// How joints are estimated.
     pub inference: JointInference,
-    /// Robust refinement of motions.
-    pub refine: RefineConfig,
-    /// Dense texture matches.
-    pub texture: TextureConfig,
     /// Joint axes parallel or perpendicular to each other.
     pub square: SquareConfig,
 }

@@ -9,7 +9,6 @@ use crate::{
         drawn_residuals::DrawnResiduals,
         joint_fit::{JointMotion, PartPlace, Residuals},
         joint_motion::PlacedJoint,
-        motion_evidence::RefineConfig,
         quadratic::{Block, DisplacedPatch, Quadratic},
         surface_draws::SurfaceDraws,
     },
@@ -103,9 +102,8 @@ fn of_joint(freedom: Freedom, positions: [f64; STATES], test: impl Fn(&JointFit,
             |sum: DMatrix<f64>, (t, q)| sum + t.transpose() * q.information * t,
         );
     let inverse = information.try_inverse();
-    let config = RefineConfig::default();
     let found = FreeFits {
-        residuals: Residuals { motions: &motions, sigma_m: vec![1e-3; STATES], config: &config },
+        residuals: Residuals { motions: &motions, sigma_m: vec![1e-3; STATES] },
         free: Vec::new(),
         dispersion: DISPERSION,
         count: 100.0,

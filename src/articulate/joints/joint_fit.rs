@@ -5,10 +5,10 @@
 use nalgebra::{DMatrix, DVector, Matrix6, Point3, Vector6};
 
 use crate::joints::{
-    free_motion::{FreeFit, ParentMotion},
+    free_motion::{FreeFit, ITERATIONS, ParentMotion},
     joint_motion::PlacedJoint,
     minimise::minimise,
-    motion_evidence::{MotionEvidence, RefineConfig},
+    motion_evidence::MotionEvidence,
     quadratic::Quadratic,
 };
 use geometry::Pose;
@@ -56,14 +56,13 @@ impl JointFit {
 pub(crate) struct Residuals<'a> {
     pub motions: &'a [JointMotion<'a>],
     pub sigma_m: Vec<f64>,
-    pub config: &'a RefineConfig,
 }
 
 impl Residuals<'_> {
     /// Quadratic models of the costs of all motions, each at pose `motion(k)`.
     pub(crate) fn models_at(&self, motion: impl Fn(usize) -> Pose) -> Vec<Quadratic> {
         let numbered = self.motions.iter().enumerate();
-        numbered.map(|(k, m)| m.evidence.linearise(&motion(k), self.sigma_m[k], self.config)).collect()
+        numbered.map(|(k, m)| m.evidence.linearise(&motion(k), self.sigma_m[k])).collect()
     }
 
     fn at_joint(&self, joint: &PlacedJoint) -> Vec<Quadratic> {
@@ -74,7 +73,7 @@ impl Residuals<'_> {
     pub(crate) fn fitted_joint(&self, start: PlacedJoint, held: usize) -> JointFit {
         let (joint, quadratics) = minimise(
             start,
-            self.config.iterations,
+            ITERATIONS,
             |joint| self.at_joint(joint),
             |all| all.iter().map(|q| q.cost).sum(),
             |joint, all| {
@@ -121,9 +120,8 @@ pub(crate) struct FreeFits<'a> {
 }
 
 impl<'a> FreeFits<'a> {
-    pub(crate) fn new(motions: &'a [JointMotion<'a>], place: PartPlace, config: &'a RefineConfig) -> Self {
-        let free: Vec<FreeFit> =
-            motions.iter().map(|m| FreeFit::new(&m.start, &m.evidence, config)).collect();
+    pub(crate) fn new(motions: &'a [JointMotion<'a>], place: PartPlace) -> Self {
+        let free: Vec<FreeFit> = motions.iter().map(|m| FreeFit::new(&m.start, &m.evidence)).collect();
         // A motion with more residuals shows more of their errors.
         let independent: f64 = free.iter().map(FreeFit::independent_residuals).sum();
         let weighed: f64 = free.iter().map(|f| f.independent_residuals() * f.dispersion).sum();
@@ -131,7 +129,7 @@ impl<'a> FreeFits<'a> {
         // All types are judged by one scale, the free motions': by its own, the worst fit would excuse
         // itself.
         let sigma_m = free.iter().map(|f| f.sigma_m).collect();
-        let residuals = Residuals { motions, sigma_m, config };
+        let residuals = Residuals { motions, sigma_m };
         // At least two: the logarithm of one is 0, and parameters would cost nothing.
         Self { residuals, free, dispersion, count: (independent / dispersion).max(2.0), place }
     }
@@ -154,8 +152,8 @@ impl<'a> FreeFits<'a> {
         motion: &Pose,
         information: &Matrix6<f64>,
     ) -> Vec<Vector6<f64>> {
-        let Residuals { motions, sigma_m, config } = &self.residuals;
-        let own = motions[k].evidence.drawn_gradients(motion, sigma_m[k], config).into_iter().enumerate();
+        let Residuals { motions, sigma_m } = &self.residuals;
+        let own = motions[k].evidence.drawn_gradients(motion, sigma_m[k]).into_iter().enumerate();
         own.map(|(draw, g)| g + information * self.parent_motion(k).drawn_perturbation(draw)).collect()
     }
 

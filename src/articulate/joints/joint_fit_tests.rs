@@ -115,7 +115,7 @@ pub fn of_motions(relative: &[Pose], errors_m: &[f64], draws: usize, test: impl 
             evidence: around[k].evidence(&all[k]),
         })
         .collect();
-    test(&FreeFits::new(&motions, PLACE, &RefineConfig::default()), &world);
+    test(&FreeFits::new(&motions, PLACE), &world);
 }
 
 /// Information of a motion by the matches alone: of each the identity and a turn about the origin, by the
@@ -158,19 +158,17 @@ fn free_motions_are_found_and_weighed_by_what_bears_them_out() {
     let still = ParentMotion::static_part();
     let motion = JointMotion { start: screw(0.4, 0.0), parent: &still, evidence: around.evidence(&[]) };
     let motions = [motion];
-    let config = RefineConfig::default();
-    let found = FreeFits::new(&motions, PLACE, &config);
+    let found = FreeFits::new(&motions, PLACE);
     assert_eq!((found.free[0].independent_residuals(), found.count), (2.0, 2.0));
 }
 
 #[test]
 fn a_free_motion_is_known_as_well_as_its_matches() {
     let motion = screw(0.4, 0.01);
-    let config = RefineConfig::default();
     let eight = matches(&motion, 0.0, 8);
     let draws = [Vector3::new(2e-3, 0.0, 0.0), Vector3::new(0.0, 0.0, -1e-3)];
     let around = Empty::new(&eight, &draws);
-    let found = free_motion(&motion, &around.evidence(&eight), &config);
+    let found = free_motion(&motion, &around.evidence(&eight));
     let expected = information(&motion).try_inverse().unwrap();
     assert!((found.covariance - expected).amax() < 1e-6 * expected.amax(), "{}", found.covariance);
     // Where every match of the other state is displaced, so is the motion, without a turn.
@@ -187,12 +185,12 @@ fn a_free_motion_is_known_as_well_as_its_matches() {
     let rough = matches(&motion, 0.004, 8);
     let around = Empty::new(&rough, &[]);
     let evidence = around.evidence(&rough);
-    let fit = FreeFit::new(&motion, &evidence, &config);
-    let wide = free_motion(&motion, &evidence, &config).covariance;
+    let fit = FreeFit::new(&motion, &evidence);
+    let wide = free_motion(&motion, &evidence).covariance;
     let alone = fit.quadratic.information.try_inverse().unwrap();
     assert!(fit.dispersion > 2.0 && (wide - alone * fit.dispersion).amax() < 1e-6 * wide.amax(), "{wide}");
     // Without a match nothing is observed.
-    let none = free_motion(&motion, &around.evidence(&[]), &config);
+    let none = free_motion(&motion, &around.evidence(&[]));
     assert!(none.covariance == Matrix6::zeros() && none.drawn.is_empty());
     let still = ParentMotion::static_part();
     assert!(still.state1_from_state0 == Pose::identity() && still.covariance == Matrix6::zeros());

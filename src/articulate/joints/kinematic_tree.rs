@@ -27,7 +27,7 @@ use crate::{
     samples::hinge::HINGE,
 };
 use common::note::{Note, NoteCode};
-use model::JointKind;
+use model::{JointKind, JointRemark};
 
 /// A joint and its parent.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -52,37 +52,35 @@ pub fn kinematic_tree(
     let contact_m = (HINGE * extent_m).max(2.0 * states[0].sdf.spacing_m);
     let still: Vec<SurfaceSamples> = states.iter().map(|s| s.samples_of_part(0)).collect();
     // Contact and simplicity decide the tree before priors move any axis towards another.
-    let candidates = parent_candidates(root, parts, &still, contact_m, config);
+    let candidates = parent_candidates(root, parts, &still, contact_m);
     let parents = chosen_parents(&candidates, contact_m);
     let doubtful = JointChoice { doubt: true, kind: None };
     // The prior of each axis comes from the other axes, each estimated from its motions alone.
-    let alone =
-        joints_of_tree(&parents, root, |k, carried| parts[k].estimated_joint(carried, doubtful, config));
+    let alone = joints_of_tree(&parents, root, |k, carried| parts[k].estimated_joint(carried, doubtful));
     let axes: Vec<_> = alone.iter().map(JointEstimate::seen_direction).collect();
     let priors = square_priors(&axes, &flat_faces(&still[0]), &config.square);
     let mut joints = joints_of_tree(&parents, root, |k, carried| {
         // Where the parent's joint changes, so does the motion relative to it, but not its kind.
         let known = JointChoice { kind: Some(alone[k].kind), ..doubtful };
-        let joint =
-            if parents[k] == 0 { alone[k].clone() } else { parts[k].estimated_joint(carried, known, config) };
-        with_prior(joint, priors[k].as_ref(), &parts[k], carried, config)
+        let joint = if parents[k] == 0 { alone[k].clone() } else { parts[k].estimated_joint(carried, known) };
+        with_prior(joint, priors[k].as_ref(), &parts[k], carried)
     });
     for (k, joint) in joints.iter_mut().enumerate() {
-        add_open_properties(joint, &parts[k], extent_m, config);
+        add_open_properties(joint, &parts[k], extent_m);
         candidates[k].add_doubts(joint, k, parents[k]);
     }
     joints.into_iter().zip(parents).map(|(joint, parent)| TreeJointEstimate { parent, joint }).collect()
 }
 
 /// Adds notes on properties of a joint that the motions of its part do not determine.
-fn add_open_properties(joint: &mut JointEstimate, part: &PartEvidence, extent_m: f64, config: &JointConfig) {
+fn add_open_properties(joint: &mut JointEstimate, part: &PartEvidence, extent_m: f64) {
     // A turning part has shown its turn; a round one may have turned while it slid.
-    if joint.kind == JointKind::Prismatic && part.looks_alike_round(joint, config) {
+    if joint.kind == JointKind::Prismatic && part.looks_alike_round(joint) {
         let open = "a turn about its axis: the part looks alike all round, so that a screw would do as well";
-        joint.evidence.not_observable.push(Note::new(NoteCode::SpinNotObserved, open));
+        joint.evidence.not_observable.push(Note::new(NoteCode::SpinNotObserved, open).into());
     }
     let vague = vagueness(joint, extent_m);
-    joint.evidence.cautions.splice(0..0, vague);
+    joint.evidence.cautions.splice(0..0, vague.into_iter().map(JointRemark::from));
 }
 
 /// A joint with a prior of its direction from the other axes and the faces.
@@ -91,10 +89,9 @@ fn with_prior(
     prior: Option<&SeenDirection>,
     part: &PartEvidence,
     carried: &[ParentMotion],
-    config: &JointConfig,
 ) -> JointEstimate {
     match prior {
-        Some(prior) => part.settled(joint.with_axis_prior(prior, carried), carried, config),
+        Some(prior) => part.settled(joint.with_axis_prior(prior, carried), carried),
         None => joint,
     }
 }

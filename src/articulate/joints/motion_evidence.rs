@@ -15,7 +15,6 @@ use std::ops::{Range, RangeInclusive};
 
 use nalgebra::{Matrix3, Point3, Vector3, Vector6};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
 use crate::{
     joints::{
@@ -27,36 +26,12 @@ use crate::{
 use geometry::{Grid3, Pose};
 use numeric::statistics::{SIGMAS_PER_MAD, median};
 
-/// Settings of the refinement.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct RefineConfig {
-    /// Gauss-Newton iterations at most.
-    pub iterations: usize,
-    /// Robust scale (Geman-McClure), in standard deviations.
-    pub robust_sigmas: f64,
-    /// Largest distance between corresponding points, as a share of the object's extent.
-    pub reach: f64,
-    /// Smallest cosine between a moved normal and the other surface's normal.
-    pub normal_cosine: f64,
-    /// Length over which errors of a reconstructed surface are correlated, in grid spacings.
-    pub correlation_spacings: f64,
-    /// Standard deviation of a match's position in the image, pixels.
-    pub match_pixel_sigma: f64,
-}
-
-impl Default for RefineConfig {
-    fn default() -> Self {
-        Self {
-            iterations: 30,
-            robust_sigmas: 2.5,
-            reach: 0.03,
-            normal_cosine: 0.5,
-            correlation_spacings: 3.0,
-            match_pixel_sigma: 1.0,
-        }
-    }
-}
+/// Robust scale (Geman-McClure), in standard deviations.
+/// chosen: 1 % of the errors of a normal distribution are larger
+pub(crate) const ROBUST_SIGMAS: f64 = 2.5;
+/// Least cosine between a moved normal and the other surface's normal.
+/// chosen: 60 degrees; beyond, it is another face or the back of a wall
+const NORMAL_COSINE: f64 = 0.5;
 
 /// A lifted match with the covariance of `point1 - T point0` for a motion near the current one.
 #[derive(Clone, Debug)]
@@ -118,20 +93,20 @@ impl MotionEvidence<'_> {
     /// Robust quadratic model of the cost at a motion. `sigma_m` is the standard deviation of a surface
     /// residual.
     #[must_use]
-    pub fn linearise(&self, motion: &Pose, sigma_m: f64, config: &RefineConfig) -> Quadratic {
-        self.linearise_drawn(motion, sigma_m, config, 0)
+    pub fn linearise(&self, motion: &Pose, sigma_m: f64) -> Quadratic {
+        self.linearise_drawn(motion, sigma_m, 0)
     }
 
     /// Changes of half the gradient of [`Self::linearise`] by drawn errors of poses and depth, per draw.
     #[must_use]
-    pub fn drawn_gradients(&self, motion: &Pose, sigma_m: f64, config: &RefineConfig) -> Vec<Vector6<f64>> {
+    pub fn drawn_gradients(&self, motion: &Pose, sigma_m: f64) -> Vec<Vector6<f64>> {
         match self.drawn.draw_count() {
             0 => Vec::new(),
-            count => self.linearise_drawn(motion, sigma_m, config, count).drawn,
+            count => self.linearise_drawn(motion, sigma_m, count).drawn,
         }
     }
 
-    fn linearise_drawn(&self, motion: &Pose, sigma_m: f64, config: &RefineConfig, draws: usize) -> Quadratic {
+    fn linearise_drawn(&self, motion: &Pose, sigma_m: f64, draws: usize) -> Quadratic {
         let mut q = Quadratic::with_draws(draws);
         for state in [0, 1] {
             let parts: Vec<Quadratic> = self.surfaces[state]
@@ -144,7 +119,6 @@ impl MotionEvidence<'_> {
                         chunk * CHUNK..chunk * CHUNK + points.len(),
                         motion,
                         sigma_m,
-                        config,
                         draws,
                     )
                 })
@@ -152,7 +126,7 @@ impl MotionEvidence<'_> {
             // Merged in the order of the chunks, as sums of floats depend on it.
             q = parts.into_iter().fold(q, Quadratic::merge);
         }
-        self.linearise_matches(&mut q, motion, config);
+        self.linearise_matches(&mut q, motion);
         q
     }
 
@@ -162,7 +136,6 @@ impl MotionEvidence<'_> {
         points: Range<usize>,
         motion: &Pose,
         sigma_m: f64,
-        config: &RefineConfig,
         draws: usize,
     ) -> Quadratic {
         let mut q = Quadratic::with_draws(draws);
@@ -170,7 +143,7 @@ impl MotionEvidence<'_> {
         let warp = if state == 0 { *motion } else { motion.inverse() };
         let share = self.independent_share(state);
         // A point without a partner costs as much as the worst partner: losing evidence must not pay.
-        let missing = share * config.robust_sigmas * config.robust_sigmas;
+        let missing = share * ROBUST_SIGMAS * ROBUST_SIGMAS;
         for i in points {
             let x = &self.surfaces[state].points[i];
             let n = &self.surfaces[state].normals[i];
@@ -181,7 +154,7 @@ impl MotionEvidence<'_> {
             };
             q.tried += 1;
             // The back of a thin wall is as near as its front, but faces away.
-            if g.dot(&(warp * n)) < config.normal_cosine * g.norm() {
+            if g.dot(&(warp * n)) < NORMAL_COSINE * g.norm() {
                 q.cost += missing;
                 continue;
             }
@@ -192,18 +165,13 @@ impl MotionEvidence<'_> {
             let row = Vector6::new(slope.x, slope.y, slope.z, w.x, w.y, w.z) / sigma_m;
             let d = d + self.offset_m(state, i);
             let r = d / sigma_m;
-            if r.abs() < config.robust_sigmas {
+            if r.abs() < ROBUST_SIGMAS {
                 q.inliers += 1;
                 q.surface_inliers += 1;
                 q.squared_m2 += d * d;
             }
-            let weight = q.add_residual(
-                r,
-                &row,
-                share,
-                config.robust_sigmas,
-                Block::block_of(x, self.block_m, source),
-            );
+            let weight =
+                q.add_residual(r, &row, share, ROBUST_SIGMAS, Block::block_of(x, self.block_m, source));
             // The change of the gradient by a displacement of the patch, e_c of docs/method.md (8.12).
             *q.displaced.entry(DisplacedPatch::patch_of(x, n, self.patch_m, source)).or_default() +=
                 row * (weight * self.displacement_m / sigma_m);
@@ -239,7 +207,7 @@ impl MotionEvidence<'_> {
         self.offsets_m[state].get(point).copied().unwrap_or(0.0)
     }
 
-    fn linearise_matches(&self, q: &mut Quadratic, motion: &Pose, config: &RefineConfig) {
+    fn linearise_matches(&self, q: &mut Quadratic, motion: &Pose) {
         let rotation = motion.rotation.to_rotation_matrix();
         for (number, m) in self.matches.iter().enumerate() {
             let y = motion * m.point0;
@@ -254,9 +222,9 @@ impl MotionEvidence<'_> {
             let residual = whiten * (m.point1 - y);
             q.tried += 1;
             let distance = residual.norm();
-            q.inliers += usize::from(distance < 2.0 * config.robust_sigmas);
+            q.inliers += usize::from(distance < 2.0 * ROBUST_SIGMAS);
             // One robust weight per match: its three rows fade together.
-            let k = 4.0 * config.robust_sigmas * config.robust_sigmas;
+            let k = 4.0 * ROBUST_SIGMAS * ROBUST_SIGMAS;
             let u = k / (k + distance * distance);
             let weight = m.share * u * u;
             let move_by = whiten;
@@ -370,7 +338,7 @@ mod tests {
         };
         let start =
             Pose::from_parts(Vector3::new(0.0, 0.003, 0.0).into(), exp_so3(&Vector3::new(0.0, 0.0, 0.01)));
-        let found = FreeFit::new(&start, &evidence, &RefineConfig::default());
+        let found = FreeFit::new(&start, &evidence);
         for corner in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
             let corner = Point3::new(corner.0 * HALF.x, 0.0, corner.1 * HALF.z);
             let off_m = (found.motion * corner - corner).y.abs();

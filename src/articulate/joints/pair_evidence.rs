@@ -7,7 +7,6 @@ use crate::{
         drawn_residuals::DrawnResiduals,
         estimate::{JointChoice, estimate_joint},
         free_motion::{ParentMotion, free_motion},
-        joint_config::JointConfig,
         joint_fit::{JointMotion, PartPlace},
         match_evidence::match_evidence,
         motion_evidence::{MatchEvidence, MotionEvidence},
@@ -51,6 +50,18 @@ impl ObservedState<'_> {
     }
 }
 
+/// Largest distance between corresponding points of a part, as a share of the object's longest side.
+///
+/// chosen: far beyond the errors of motions by then, below the size of a part
+pub const JOINT_REACH: f64 = 0.03;
+/// Length over which errors of a reconstructed surface are correlated, in grid spacings.
+///
+/// chosen: fusion smooths over neighboring nodes
+const CORRELATION_SPACINGS: f64 = 3.0;
+/// Standard deviation of a match's position in the image, pixels.
+///
+/// chosen: features are found to a fraction of a pixel in a doubled image, and seen from two sides
+const MATCH_SIGMA_PX: f64 = 1.0;
 /// Rounds of texture matching and motion refinement; each starts from a better motion.
 const ROUNDS: usize = 2;
 /// Number of blocks of correlated surface errors along the side of a square with the area of a part: enough
@@ -104,7 +115,6 @@ impl<'a> PairEvidence<'a> {
         matches: &[LiftedMatch],
         noise: &NoiseConfig,
         extent_m: f64,
-        config: &JointConfig,
     ) -> Self {
         let surfaces = states.each_ref().map(|s| s.samples_of_part(part));
         let areas_m2 = [0, 1].map(|s| {
@@ -115,22 +125,21 @@ impl<'a> PairEvidence<'a> {
         let frames = states.map(|s| s.frames);
         let spacing_m = states[0].sdf.spacing_m;
         let smoothing_m = states.iter().map(|s| smoothing_m(s.frames)).fold(0.0, f64::max);
-        let matches =
-            match_evidence(matches, frames, noise, config.refine.match_pixel_sigma, 2.0 * spacing_m);
+        let matches = match_evidence(matches, frames, noise, MATCH_SIGMA_PX, 2.0 * spacing_m);
         let mut pair = Self {
             states,
             place: place_of_surface(&surfaces[0]),
             surfaces,
             matches,
             motion: *start,
-            correlation_m: (config.refine.correlation_spacings * spacing_m).max(smoothing_m),
+            correlation_m: (CORRELATION_SPACINGS * spacing_m).max(smoothing_m),
             areas_m2,
-            reach_m: config.refine.reach * extent_m,
+            reach_m: JOINT_REACH * extent_m,
             displacement_m: 0.0,
             offsets_m: [Vec::new(), Vec::new()],
             drawn: DrawnResiduals::default(),
         };
-        pair.refine_motion(noise, config);
+        pair.refine_motion(noise);
         let draws = states.map(|s| s.draws.chosen_samples(&s.points_of(part)));
         let matches: Vec<[Point3<f64>; 2]> = pair.matches.iter().map(|m| [m.point0, m.point1]).collect();
         pair.drawn =
@@ -139,7 +148,7 @@ impl<'a> PairEvidence<'a> {
     }
 
     /// Repeats: surface offsets, joint, dense texture.
-    fn refine_motion(&mut self, noise: &NoiseConfig, config: &JointConfig) {
+    fn refine_motion(&mut self, noise: &NoiseConfig) {
         let (frames, sdf) = (self.states.map(|s| s.frames), self.states.map(|s| s.sdf));
         let spacing_m = sdf[0].spacing_m;
         let correlation_m = self.correlation_m;
@@ -151,15 +160,10 @@ impl<'a> PairEvidence<'a> {
             let offsets_m = heights.offsets_m(self.surfaces.each_ref(), &self.motion, correlation_m);
             self.offsets_m = offsets_m.map(|o| clear_offsets(o, unclear_m));
             let still = ParentMotion::static_part();
-            let found = estimate_joint(
-                &[self.joint_motion(&still)],
-                self.place,
-                JointChoice::default(),
-                &config.refine,
-            );
+            let found = estimate_joint(&[self.joint_motion(&still)], self.place, JointChoice::default());
             let surfaces = self.surfaces.each_ref();
             let motion = &found.motions[0];
-            let dense = texture_matches(surfaces, frames, sdf, motion, noise, &config.texture);
+            let dense = texture_matches(surfaces, frames, sdf, motion, noise);
             self.matches.truncate(sparse);
             self.matches.extend(dense);
             // Texture was looked for under the joint's motion (less affected by noise); fits start from the
@@ -180,8 +184,8 @@ impl<'a> PairEvidence<'a> {
 
     /// The motion of this part without a joint, with its covariance.
     #[must_use]
-    pub fn free_motion(&self, config: &JointConfig) -> ParentMotion {
-        free_motion(&self.motion, &self.motion_evidence(), &config.refine)
+    pub fn free_motion(&self) -> ParentMotion {
+        free_motion(&self.motion, &self.motion_evidence())
     }
 
     /// The evidence that gives the residuals of a motion.

@@ -7,16 +7,14 @@ use crate::{
         estimate::JointChoice,
         free_motion::ParentMotion,
         joint::JointEstimate,
-        joint_config::JointConfig,
         joint_type::{DECISIVE, excess_over_free},
         part_evidence::PartEvidence,
     },
     observations::SurfaceSamples,
     samples::{hinge::axis_off_m, sample_index::SampleIndex},
 };
-use common::note::{Note, NoteCode};
 use geometry::Pose;
-use model::{JointKind, ParentScore, link_name};
+use model::{JointKind, JointRemark, ParentScore};
 
 /// Evidence for a part as the parent of another.
 #[derive(Clone, Debug)]
@@ -59,49 +57,31 @@ impl Candidates {
 
     /// Adds notes on doubts about the parent of part number `part` and on other possible parents.
     pub(crate) fn add_doubts(&self, joint: &mut JointEstimate, part: usize, parent: usize) {
-        let all = if joint.positions.len() == 1 { "both" } else { "all" };
-        let scores =
-            self.all.iter().map(|c| (link_name(c.parent), ParentScore { excess: c.excess, gap_m: c.gap_m }));
+        let scores = self.all.iter().map(|c| (c.parent, ParentScore { excess: c.excess, gap_m: c.gap_m }));
         joint.evidence.parents.extend(scores);
         let qualified = self.qualified();
-        let others: Vec<String> =
-            qualified.iter().filter(|c| c.parent != parent).map(|c| link_name(c.parent)).collect();
+        let others: Vec<usize> = qualified.iter().map(|c| c.parent).filter(|p| *p != parent).collect();
         if !others.is_empty() {
-            joint.evidence.not_observable.push(Note::new(
-                NoteCode::ParentNotDecided,
-                format!(
-                    "the parent: {} would do as well as {}, which the shortest chain makes it",
-                    others.join(" or "),
-                    link_name(parent)
-                ),
-            ));
+            joint.evidence.not_observable.push(JointRemark::OtherParents { others, parent });
         }
         let base = self.all.iter().find(|c| c.parent == 0 && parent != 0 && self.as_simple(c));
         let against_base = base.map(|base| self.against_base(base, joint));
         joint.evidence.not_observable.extend(against_base);
         if self.all.len() > 1 && qualified.is_empty() {
-            let name = link_name(part + 1);
-            joint.evidence.cautions.push(Note::new(
-                NoteCode::PartUntouched,
-                format!("no part touches {name} in {all} states; it hangs on the static part"),
-            ));
+            let states = joint.positions.len() + 1;
+            joint.evidence.cautions.push(JointRemark::Untouched { link: part + 1, states });
         }
     }
 
     /// Why a part that moves as simply relative to the static part does not have it as parent.
-    fn against_base(&self, base: &ParentCandidate, joint: &JointEstimate) -> Note {
-        let name = link_name(base.parent);
-        let why = if base.gap_m < self.contact_m {
-            "its axis would not run by both".to_owned()
-        } else {
-            format!("{name} is {:.0} mm away", 1e3 * base.gap_m)
-        };
-        let mut sentence = format!("the parent: the motion against {name} is as simple, but {why}");
-        if joint.kind.turns() && base.joint.kind.turns() {
-            let off_mm = 1e3 * (base.joint.point - joint.point).cross(&base.joint.axis).norm();
-            sentence += &format!("; there the axis would lie {off_mm:.0} mm from here");
+    fn against_base(&self, base: &ParentCandidate, joint: &JointEstimate) -> JointRemark {
+        let touches = base.gap_m < self.contact_m;
+        let both_turn = joint.kind.turns() && base.joint.kind.turns();
+        JointRemark::StaticAsSimple {
+            link: base.parent,
+            gap_m: (!touches).then_some(base.gap_m),
+            axis_off_m: both_turn.then(|| (base.joint.point - joint.point).cross(&base.joint.axis).norm()),
         }
-        Note::new(NoteCode::ParentNotDecided, sentence)
     }
 }
 
@@ -144,7 +124,6 @@ pub(crate) fn parent_candidates(
     parts: &[PartEvidence],
     still: &[SurfaceSamples],
     contact_m: f64,
-    config: &JointConfig,
 ) -> Vec<Candidates> {
     // Gaps beyond contact need not be known; twice its distance leaves room for the report.
     let reach_m = 2.0 * contact_m;
@@ -158,8 +137,8 @@ pub(crate) fn parent_candidates(
         .into_par_iter()
         .map(|k| {
             let others = (0..bodies.len()).into_par_iter().filter(|&parent| parent != k + 1);
-            let all = others
-                .map(|parent| parent_candidate(&parts[k], &bodies[k + 1], parent, &bodies[parent], config));
+            let all =
+                others.map(|parent| parent_candidate(&parts[k], &bodies[k + 1], parent, &bodies[parent]));
             Candidates { all: all.collect(), contact_m }
         })
         .collect()
@@ -171,9 +150,8 @@ fn parent_candidate(
     own: &PossibleParent,
     parent: usize,
     body: &PossibleParent,
-    config: &JointConfig,
 ) -> ParentCandidate {
-    let joint = part.estimated_joint(&body.motions, JointChoice::default(), config);
+    let joint = part.estimated_joint(&body.motions, JointChoice::default());
     // Any motion has a screw axis: beside the part, it does not make a parent simple.
     let threaded = matches!(joint.kind, JointKind::Screw { .. });
     let excess = excess_over_free(&joint.evidence.type_scores, threaded);

@@ -5,7 +5,6 @@ use crate::{
         estimate::{JointChoice, estimate_joint},
         free_motion::ParentMotion,
         joint::JointEstimate,
-        joint_config::JointConfig,
         joint_fit::{JointMotion, PartPlace},
         pair_evidence::PairEvidence,
         symmetry::looks_alike_round,
@@ -45,32 +44,22 @@ impl<'a> PartEvidence<'a> {
 
     /// Estimates the joint between this part and a parent with the given motions to all other states.
     #[must_use]
-    pub fn estimated_joint(
-        &self,
-        parents: &[ParentMotion],
-        choice: JointChoice,
-        config: &JointConfig,
-    ) -> JointEstimate {
-        estimate_joint(&self.joint_motions(parents), self.place(), choice, &config.refine)
+    pub fn estimated_joint(&self, parents: &[ParentMotion], choice: JointChoice) -> JointEstimate {
+        estimate_joint(&self.joint_motions(parents), self.place(), choice)
     }
 
     /// A turning joint with its axis at the best place for its fixed direction.
     #[must_use]
-    pub fn settled(
-        &self,
-        joint: JointEstimate,
-        parents: &[ParentMotion],
-        config: &JointConfig,
-    ) -> JointEstimate {
-        joint.settled(&self.joint_motions(parents), &config.refine)
+    pub fn settled(&self, joint: JointEstimate, parents: &[ParentMotion]) -> JointEstimate {
+        joint.settled(&self.joint_motions(parents))
     }
 
     /// Whether the part would fit all states as well after a turn about the axis of a joint.
     #[must_use]
-    pub fn looks_alike_round(&self, joint: &JointEstimate, config: &JointConfig) -> bool {
-        self.pairs().zip(&joint.motions).all(|(pair, motion)| {
-            looks_alike_round(&pair.motion_evidence(), motion, &joint.axis, &config.refine)
-        })
+    pub fn looks_alike_round(&self, joint: &JointEstimate) -> bool {
+        self.pairs()
+            .zip(&joint.motions)
+            .all(|(pair, motion)| looks_alike_round(&pair.motion_evidence(), motion, &joint.axis))
     }
 
     /// The evidence for all motions, with one block size: the blocks of state 0 are joined across motions.

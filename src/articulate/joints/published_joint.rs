@@ -52,7 +52,7 @@ pub fn published_joint(state1_from_state0: &Pose, middle: &Point3<f64>) -> TreeJ
         type_scores: TypeScores::default(),
         parents: BTreeMap::new(),
         axis_alone: None,
-        cautions: vec![Note::new(NoteCode::JointAsPublished, text)],
+        cautions: vec![Note::new(NoteCode::JointAsPublished, text).into()],
         not_observable: Vec::new(),
     };
     let joint = JointEstimate {

@@ -21,13 +21,11 @@ pub struct SquareConfig {
     /// Share of the axes parallel or perpendicular to the others; 0 leaves every axis as its motion alone
     /// gives it.
     pub share: f64,
-    /// Standard deviation of the angle of such an axis from square, degrees.
-    pub tolerance_deg: f64,
 }
 
 impl Default for SquareConfig {
     fn default() -> Self {
-        Self { share: 0.8, tolerance_deg: 0.3 }
+        Self { share: 0.8 }
     }
 }
 
@@ -40,6 +38,10 @@ pub struct SeenDirection {
     pub covariance: Matrix3<f64>,
 }
 
+/// Standard deviation of the angle of a square axis from square, degrees.
+///
+/// chosen: 2 mm across the width of a door, as furniture and devices are made
+const TOLERANCE_DEG: f64 = 0.3;
 /// Share of axes tilted on purpose or by error among the square ones: these are not drawn to square.
 ///
 /// tuned: random objects (artitwin synth --skew)
@@ -84,7 +86,7 @@ impl View {
         let across = Matrix3x2::from_columns(&[a, b]);
         let offset = across.transpose() * seen.direction.into_inner();
         let own = across.transpose() * seen.covariance * across;
-        let precision = (own + square_deg(config.tolerance_deg)).try_inverse()?;
+        let precision = (own + square_deg(TOLERANCE_DEG)).try_inverse()?;
         let likelihood = Likelihood::new(&offset, &own, config)?;
         let slope = -across.transpose() * along.cross_matrix();
         Some(Self { along, across, offset, slope, precision, likelihood })
@@ -113,7 +115,7 @@ impl View {
         let frame = self.slope * turn * self.slope.transpose();
         let own = self.across.transpose() * seen.covariance * self.across;
         let likelihood = Likelihood::new(&(self.offset - mean), &(frame + own), config)?;
-        let spread = frame + square_deg(config.tolerance_deg);
+        let spread = frame + square_deg(TOLERANCE_DEG);
         let direction = Unit::new_normalize(self.along + self.across * mean);
         let covariance = self.across * spread * self.across.transpose();
         (likelihood.square > likelihood.other).then_some(SeenDirection { direction, covariance })
@@ -129,11 +131,9 @@ struct Likelihood {
 impl Likelihood {
     /// For a direction `offset` from one of the frame's, with its covariance without the tolerance.
     fn new(offset: &Vector2<f64>, covariance: &Matrix2<f64>, config: &SquareConfig) -> Option<Self> {
-        let [tilted, square] = [
-            (config.share * TILTED, TILT_DEG.max(config.tolerance_deg)),
-            (config.share * (1.0 - TILTED), config.tolerance_deg),
-        ]
-        .map(|(share, std_deg)| component_log_density(offset, covariance, share, std_deg));
+        let [tilted, square] =
+            [(config.share * TILTED, TILT_DEG), (config.share * (1.0 - TILTED), TOLERANCE_DEG)]
+                .map(|(share, std_deg)| component_log_density(offset, covariance, share, std_deg));
         // Tilted axes count with the arbitrary ones: they must not be drawn to square.
         Some(Self { square: square?, other: log_sum(tilted?, any_log_density(config)) })
     }
@@ -322,7 +322,7 @@ mod tests {
         ]);
         let priors = square_priors(&all, &[], &SquareConfig::default());
         assert!(priors[0].is_some() && priors[1].is_some() && priors[2].is_none() && priors[3].is_none());
-        let none = SquareConfig { share: 0.0, ..SquareConfig::default() };
+        let none = SquareConfig { share: 0.0 };
         assert!(square_priors(&all, &[], &none).iter().all(Option::is_none));
     }
 

@@ -5,10 +5,7 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 
 use crate::{
-    joints::{
-        free_motion::surface_sigma_m,
-        motion_evidence::{MotionEvidence, RefineConfig},
-    },
+    joints::{free_motion::surface_sigma_m, motion_evidence::MotionEvidence},
     observations::SurfaceSamples,
 };
 use geometry::{Pose, Screw};
@@ -32,14 +29,13 @@ pub(crate) fn looks_alike_round(
     evidence: &MotionEvidence,
     motion: &Pose,
     direction: &Unit<Vector3<f64>>,
-    config: &RefineConfig,
 ) -> bool {
     let sigma_m = surface_sigma_m(evidence, motion);
     let Some(center) = axis_center(evidence.surfaces[0], direction) else { return false };
     let mut agreements = (0..TURNS).map(|k| {
         let angle_rad = TAU * k as f64 / TURNS as f64;
         let turn = Screw { direction: *direction, point: center, angle_rad, advance_m: 0.0 };
-        let q = evidence.linearise(&(motion * turn.to_motion()), sigma_m, config);
+        let q = evidence.linearise(&(motion * turn.to_motion()), sigma_m);
         (q.inliers as f64, q.tried as f64)
     });
     let Some((inliers, tried)) = agreements.next() else { return false };
@@ -141,7 +137,7 @@ mod tests {
             patch_m: 0.05,
             drawn: &DrawnResiduals::default(),
         };
-        looks_alike_round(&evidence, &lift, &Vector3::z_axis(), &RefineConfig::default())
+        looks_alike_round(&evidence, &lift, &Vector3::z_axis())
     }
 
     #[test]

@@ -7,7 +7,6 @@
 
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
 use crate::{
     joints::{
@@ -25,36 +24,22 @@ use geometry::{Grid3, Pose};
 /// chosen: 45 degrees; beyond, it is not the moved surface
 const SAME_WAY_COSINE: f64 = 0.7;
 
-/// Settings of the texture alignment.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct TextureConfig {
-    /// Surface points tried per part and state.
-    pub points: usize,
-    /// Largest number of frames averaged into a patch.
-    pub frames: usize,
-    /// Distance between patch samples, in pixels of the closest camera.
-    pub spacing_pixels: f64,
-    /// Smallest contrast of a patch (standard deviation of the gray value, 0 to 1).
-    pub min_contrast: f64,
-    /// Smallest normalized correlation of an aligned pair.
-    pub min_correlation: f64,
-    /// Smallest standard deviation of an aligned patch, pixels of the closest camera.
-    pub pixel_sigma: f64,
-}
-
-impl Default for TextureConfig {
-    fn default() -> Self {
-        Self {
-            points: 3000,
-            frames: 8,
-            spacing_pixels: 2.0,
-            min_contrast: 0.015,
-            min_correlation: 0.8,
-            pixel_sigma: 0.5,
-        }
-    }
-}
+/// Surface points tried per part and state.
+const POINTS: usize = 3000;
+/// Largest number of frames averaged into a patch.
+const FRAMES: usize = 8;
+/// Distance between patch samples, in pixels of the closest camera.
+/// chosen: the mean of frames is blurred by about as much
+const SPACING_PX: f64 = 2.0;
+/// Least contrast of a patch, the standard deviation of gray values of 0 to 1.
+/// chosen: four steps of 8 bits, somewhat above the noise of a camera
+const LEAST_CONTRAST: f64 = 0.015;
+/// Least normalized correlation of an aligned pair.
+/// chosen: two thirds of the variance are the same texture
+const LEAST_CORRELATION: f64 = 0.8;
+/// Least standard deviation of an aligned patch, pixels of the closest camera.
+/// chosen: errors of poses and of the averaging, which no residual shows
+const LEAST_SIGMA_PX: f64 = 0.5;
 
 /// Dense matches of one part under a motion near the true one. `sdf` are the distance fields of both states,
 /// meters.
@@ -65,7 +50,6 @@ pub(crate) fn texture_matches(
     sdf: [&Grid3<f32>; 2],
     motion: &Pose,
     noise: &NoiseConfig,
-    config: &TextureConfig,
 ) -> Vec<MatchEvidence> {
     let gray = [GrayFrames::new(states[0], noise), GrayFrames::new(states[1], noise)];
     let mut all = Vec::new();
@@ -73,20 +57,12 @@ pub(crate) fn texture_matches(
         let to = 1 - from;
         let warp = if from == 0 { *motion } else { motion.inverse() };
         let surface = surfaces[from];
-        let stride = surface.points.len().div_ceil(config.points.max(1)).max(1);
+        let stride = surface.points.len().div_ceil(POINTS).max(1);
         let picked: Vec<usize> = (0..surface.points.len()).step_by(stride).collect();
         let found: Vec<Option<(Point3<f64>, Point3<f64>, Matrix3<f64>, f64)>> = picked
             .par_iter()
             .map(|&i| {
-                match_point(
-                    &surface.points[i],
-                    &surface.normals[i],
-                    &warp,
-                    &gray[from],
-                    &gray[to],
-                    sdf[to],
-                    config,
-                )
+                match_point(&surface.points[i], &surface.normals[i], &warp, &gray[from], &gray[to], sdf[to])
             })
             .collect();
         for (point, other, covariance, patch_area_m2) in found.into_iter().flatten() {
@@ -122,7 +98,6 @@ fn match_point(
     from: &GrayFrames,
     to: &GrayFrames,
     sdf: &Grid3<f32>,
-    config: &TextureConfig,
 ) -> Option<(Point3<f64>, Point3<f64>, Matrix3<f64>, f64)> {
     let warped = warp * point;
     let (distance, gradient) = sdf.sample_with_gradient(&warped);
@@ -134,8 +109,8 @@ fn match_point(
     }
     // Onto the other state's surface: off it, frames from different sides would see it displaced.
     let center = warped - other_normal * f64::from(distance);
-    let (frames, pixel_m) = from.best_frames(point, normal, config.frames);
-    let (other_frames, other_pixel_m) = to.best_frames(&center, &other_normal, config.frames);
+    let (frames, pixel_m) = from.best_frames(point, normal, FRAMES);
+    let (other_frames, other_pixel_m) = to.best_frames(&center, &other_normal, FRAMES);
     if frames.is_empty() || other_frames.is_empty() {
         return None;
     }
@@ -143,21 +118,21 @@ fn match_point(
     let axes = [a, b];
     // The coarser camera decides, as a finer patch would contain texture unseen in one state.
     let pixel_m = pixel_m.max(other_pixel_m);
-    let spacing_m = config.spacing_pixels * pixel_m;
+    let spacing_m = SPACING_PX * pixel_m;
     let here = Tangent { center: *point, normal: *normal, axes, spacing_m };
     let there = Tangent { center, normal: other_normal, axes: axes.map(|a| warp.rotation * a), spacing_m };
     let reference = from.mean_patch(&here, &frames, RADIUS);
-    if reference.is_lost(config.min_contrast) {
+    if reference.is_lost(LEAST_CONTRAST) {
         return None;
     }
     let target = to.mean_patch(&there, &other_frames, RADIUS + REACH);
-    let Shift { shift, covariance, correlation } = aligned_shift(&reference, &target, config.min_contrast)?;
-    if correlation < config.min_correlation {
+    let Shift { shift, covariance, correlation } = aligned_shift(&reference, &target, LEAST_CONTRAST)?;
+    if correlation < LEAST_CORRELATION {
         return None;
     }
     let other = center + (there.axes[0] * shift.x + there.axes[1] * shift.y) * spacing_m;
     // The covariance of docs/method.md (8.6) in the tangent plane.
-    let floor = (config.pixel_sigma * pixel_m).powi(2);
+    let floor = (LEAST_SIGMA_PX * pixel_m).powi(2);
     let mut spread = Matrix3::identity() * floor;
     for i in 0..2 {
         for j in 0..2 {

@@ -12,10 +12,6 @@ use crate::{
     observations::LiftedMatch,
 };
 
-/// Least standard deviation of a match, truncation distances.
-/// chosen: far below any match's; it keeps the slope finite
-const LEAST_SIGMA: f64 = 1e-6;
-
 /// Some matches, the state they are moved to, and the motions.
 pub(crate) struct Matching<'a> {
     pub matches: &'a [LiftedMatch],
@@ -64,6 +60,7 @@ impl Matching<'_> {
             // The slope of the projection docs/method.md (1.1).
             let by_camera = Vector3::new(su, sv, -(su * point.x + sv * point.y) / point.z);
             let by_blend = (world_from_camera.rotation * by_camera) / self.target.scene.scale;
+            // docs/method.md (12.18).
             Some(((residual[0].abs() + residual[1].abs()) / height, by_blend))
         });
         // The count is known only now: matches whose image is behind the camera do not count.
@@ -76,22 +73,6 @@ impl Matching<'_> {
         )
         .scaled(factor);
         term
-    }
-
-    /// Mean of `(sqrt(distance^2 + sigma^2) - sigma) / truncation` between moved and lifted point.
-    pub(crate) fn point_loss(&self, probabilities: &[f32]) -> LossTerm {
-        let count = self.matches.len().max(1) as f64;
-        self.sum(probabilities, |pair, blend| {
-            let target =
-                self.target.scene.normalise(if self.end() == 1 { &pair.point1 } else { &pair.point0 });
-            let unit = self.target.scene.scale * self.target.truncation_m;
-            // Quadratic within the noise of the match, absolute beyond.
-            let sigma = (pair.sigma_m / self.target.truncation_m).max(LEAST_SIGMA);
-            let offset = (blend - target) / unit;
-            // docs/method.md (12.18).
-            let size = (offset.norm_squared() + sigma * sigma).sqrt();
-            Some(((size - sigma) / count, offset / (size * unit * count)))
-        })
     }
 
     /// Sums a loss of the blended image, given together with its gradient by the image.

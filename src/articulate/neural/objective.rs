@@ -35,8 +35,6 @@ pub struct ArticulationLosses {
     pub collision_uniform: f64,
     /// Reprojection of matches, image heights.
     pub matching: f64,
-    /// Distance of lifted matches, truncation distances.
-    pub matching_3d: f64,
     /// Cross-entropy of given labels, nats, while they are fitted.
     pub labels: f64,
     /// The weighted sum that is minimised.
@@ -54,7 +52,6 @@ impl ArticulationLosses {
             collision_rays: m(|l| l.collision_rays),
             collision_uniform: m(|l| l.collision_uniform),
             matching: m(|l| l.matching),
-            matching_3d: m(|l| l.matching_3d),
             labels: m(|l| l.labels),
             total: m(|l| l.total),
         }
@@ -230,9 +227,6 @@ impl Objective<'_> {
         let p = &probabilities[queries.row(range)];
         if weights.matching > 0.0 && !range.is_empty() {
             losses.matching = queries.add(range, weights.matching, matching.pixel_loss(p));
-        }
-        if weights.matching_3d > 0.0 && !range.is_empty() {
-            losses.matching_3d = queries.add(range, weights.matching_3d, matching.point_loss(p));
         }
     }
 

@@ -9,7 +9,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::neural::{
-    config::{ArticulationConfig, MethodVersion},
+    config::ArticulationConfig,
     loss_term::{CHUNK, LossTerm},
     motion_params::{MotionGradient, Motions, Way},
     state_model::Volume,
@@ -126,7 +126,7 @@ impl<'a> BackwardFlow<'a> {
 
 /// Occupancy consistency: the mean of `v (O(x) - target(x))^2`, where `v` is 1 if the point was seen here and
 /// one of its candidates in the other state, else the unseen weight. The target is the occupancy of the
-/// points' own state; the released program takes the other state's at the same place.
+/// points' own state.
 pub(crate) fn occupancy_loss(
     flow: &BackwardFlow<'_>,
     probabilities: &[f32],
@@ -136,23 +136,15 @@ pub(crate) fn occupancy_loss(
 ) -> LossTerm {
     flow.occupancy_mean_loss(probabilities, |k, predicted| {
         let x = &flow.points[k];
-        let target = match config.compatibility.occupancy_target {
-            MethodVersion::Paper => here.occupancy(x).0,
-            MethodVersion::Released => other.occupancy(x).0,
-        };
         // docs/method.md (12.17).
-        let error = predicted - target;
+        let error = predicted - here.occupancy(x).0;
         // True for most points; visibility is queried only where it counts.
         if error == 0.0 {
             return (0.0, 0.0);
         }
         let seen = here.is_visible(x)
             && (0..flow.motions.parts.len()).any(|i| other.is_visible(&flow.motions.apply(i, flow.way, x)));
-        let v = if seen == (config.compatibility.visibility == MethodVersion::Paper) {
-            1.0
-        } else {
-            config.unseen_weight
-        };
+        let v = if seen { 1.0 } else { config.unseen_weight };
         (v * error * error, 2.0 * v * error)
     })
 }

@@ -24,12 +24,23 @@ use crate::{
 };
 use geometry::{Pose, SceneBox};
 use numeric::random::{index_below, stage_rng};
-use numeric::statistics::median;
 use rand_core::Rng;
 use rand_pcg::Pcg64Mcg;
 
 /// Names of the random streams of the two states.
 const STREAMS: [&str; 2] = ["articulate/state0", "articulate/state1"];
+
+/// First and last learning rate of the segmentation fields; it falls exponentially.
+/// derived: the published ones
+const FIELD_RATE: [f64; 2] = [0.01, 0.001];
+/// First and last learning rate of motions started from the identity, in radians and half sides of the scene
+/// cube. derived: the published ones
+const IDENTITY_MOTION_RATE: [f64; 2] = [0.01, 1e-5];
+/// The same for motions started from a registration. chosen: a tenth, as they are close to the solution
+const REFINE_MOTION_RATE: [f64; 2] = [1e-3, 1e-5];
+/// Share of the steps after which occupancy and collision count.
+/// derived: the published 500 of 2000 steps (docs/method.md 12.8)
+const LATE_START: f64 = 0.25;
 
 /// Where the search starts.
 #[derive(Clone, Copy, Default)]
@@ -72,7 +83,6 @@ pub struct ArticulationCheckpoint {
 pub struct ArticulationTrainer<'a> {
     volumes: [Volume<'a>; 2],
     occupied: [OccupiedVoxels; 2],
-    typical_sigma_m: [f64; 2],
     matches: Vec<LiftedMatch>,
     labels: Option<[LabelSet; 2]>,
     scene: SceneBox,
@@ -105,15 +115,14 @@ impl<'a> ArticulationTrainer<'a> {
 
         // A registration is close to the solution: fewer and smaller steps.
         let (main_steps, motion_rate) = match start.motions {
-            None => (config.identity_steps, config.identity_motion_rate),
-            Some(_) => (config.refine_steps, config.refine_motion_rate),
+            None => (config.identity_steps, IDENTITY_MOTION_RATE),
+            Some(_) => (config.refine_steps, REFINE_MOTION_RATE),
         };
         let volumes = problem.states.map(|model| Volume {
             model,
             scene: problem.scene,
             truncation_m: problem.truncation_m,
-            ramp_m: config.occupancy_ramp_m.unwrap_or(model.sdf.spacing_m),
-            alignment: config.compatibility.grid_alignment,
+            ramp_m: model.sdf.spacing_m,
         });
         let identity = vec![Pose::identity(); parts];
         let motions = Motions::from_world(start.motions.unwrap_or(&identity), &problem.scene);
@@ -131,8 +140,6 @@ impl<'a> ArticulationTrainer<'a> {
         let moments = [FieldMoments::new(&fields[0]), FieldMoments::new(&fields[1])];
         Ok(Self {
             occupied: [OccupiedVoxels::of(&volumes[0]), OccupiedVoxels::of(&volumes[1])],
-            // A ray of median noise has the weight 1.
-            typical_sigma_m: problem.states.map(|s| median_sigma_m(&s)),
             matches: problem.matches.to_vec(),
             labels,
             scene: problem.scene,
@@ -242,7 +249,7 @@ impl<'a> ArticulationTrainer<'a> {
             || labels[1].loss(&fields[1], count, reach, g1, &mut stage_rng(seed, STREAMS[1], step)),
         );
         // Labels are only a start, so their learning rate does not fall.
-        self.step_fields(self.config.field_rate[0]);
+        self.step_fields(FIELD_RATE[0]);
         let mean = 0.5 * (a + b);
         ArticulationLosses { labels: mean, total: mean, ..ArticulationLosses::default() }
     }
@@ -250,22 +257,21 @@ impl<'a> ArticulationTrainer<'a> {
     fn motion_step(&mut self) -> ArticulationLosses {
         let done = self.state.steps - self.label_steps;
         let main = self.state.total - self.label_steps;
-        let (losses, by_motions) =
-            self.losses_and_gradients(done as f64 >= self.config.late_start * main as f64);
-        self.step_fields(rate_at(self.config.field_rate, done, main));
+        let (losses, by_motions) = self.losses_and_gradients(done as f64 >= LATE_START * main as f64);
+        self.step_fields(rate_at(FIELD_RATE, done, main));
         self.state.motions.step(&by_motions, rate_at(self.motion_rate, done, main));
         losses
     }
 
     /// Losses and gradients of both states at fresh samples.
     fn losses_and_gradients(&mut self, volumes_active: bool) -> (ArticulationLosses, MotionGradient) {
-        let Self { volumes, occupied, matches, config, state, gradients, typical_sigma_m, .. } = self;
+        let Self { volumes, occupied, matches, config, state, gradients, .. } = self;
         // Seeded by the step number, so a resumed run draws the same as an uninterrupted one.
         let mut rngs = STREAMS.map(|name| stage_rng(state.seed, name, state.steps as u64));
         let [r0, r1] = &mut rngs;
         let (a, b) = rayon::join(
-            || RayBatch::draw(&volumes[0], config, typical_sigma_m[0], r0),
-            || RayBatch::draw(&volumes[1], config, typical_sigma_m[1], r1),
+            || RayBatch::draw(&volumes[0], config, r0),
+            || RayBatch::draw(&volumes[1], config, r1),
         );
         // The rays of both states serve the losses of both: as a state's own samples and as collision points
         // of the other.
@@ -342,8 +348,4 @@ fn choose_matches(matches: &[LiftedMatch], count: usize, rng: &mut impl Rng) -> 
     } else {
         (0..count).map(|_| matches[index_below(rng, matches.len())]).collect()
     }
-}
-
-fn median_sigma_m(model: &StateModel<'_>) -> f64 {
-    median(model.rays.iter().map(|r| r.sigma_m).collect()).unwrap_or_default()
 }

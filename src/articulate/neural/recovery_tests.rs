@@ -47,7 +47,6 @@ fn check_recovery(scene: &TestScene, trainer: &mut ArticulationTrainer<'_>) {
 fn quick() -> ArticulationConfig {
     ArticulationConfig {
         rays: 192,
-        samples_per_ray: 8,
         uniform_points: 2000,
         matches: 256,
         grid_nodes: 30,
@@ -222,12 +221,7 @@ fn step_time() {
     let problem = scene.problem(&scene.matches);
     let labels = [scene.labelled(0), scene.labelled(1)];
     let start = ArticulationStart { motions: Some(&scene.motions), labels: Some([&labels[0], &labels[1]]) };
-    let config = ArticulationConfig {
-        late_start: 0.5,
-        refine_steps: 200,
-        label_steps: 50,
-        ..ArticulationConfig::default()
-    };
+    let config = ArticulationConfig { refine_steps: 200, label_steps: 50, ..ArticulationConfig::default() };
     // Processor time of all threads, from the kernel's 10 ms ticks: other work on the machine does not count.
     let processor_ms = || -> f64 {
         let stat = std::fs::read_to_string("/proc/self/stat").unwrap();

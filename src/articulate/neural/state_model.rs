@@ -2,7 +2,6 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::neural::config::MethodVersion;
 use geometry::{Grid3, Intrinsics, Pose, SceneBox};
 use surface::ColorField;
 
@@ -15,8 +14,6 @@ pub struct SurfaceRay {
     pub direction: Vector3<f64>,
     /// Measured z-depth, meters.
     pub depth_m: f64,
-    /// Expected standard deviation of the depth, meters.
-    pub sigma_m: f64,
     /// Index of the frame.
     pub frame: usize,
     /// Observed color in `[0, 1]`.
@@ -46,7 +43,6 @@ pub(crate) struct Volume<'a> {
     pub truncation_m: f64,
     /// Width over which occupancy falls from 1 to 0, meters.
     pub ramp_m: f64,
-    pub alignment: MethodVersion,
 }
 
 impl Volume<'_> {
@@ -81,14 +77,9 @@ impl Volume<'_> {
 
     fn sdf_m(&self, point: &Point3<f64>) -> (f64, Vector3<f64>) {
         let grid = self.model.sdf;
-        // The released program treats the grid as one of N cells a side, though it has N nodes.
-        let stretch = match self.alignment {
-            MethodVersion::Paper => 1.0,
-            MethodVersion::Released => grid.dims[0] as f64 / (grid.dims[0] - 1) as f64,
-        };
-        let (d, g) = grid.sample_with_gradient(&self.scene.to_world(&(point * stretch)));
+        let (d, g) = grid.sample_with_gradient(&self.scene.to_world(point));
         // Converts the gradient from meters to normalized units.
-        (f64::from(d), g.cast::<f64>() * (stretch / self.scene.scale))
+        (f64::from(d), g.cast::<f64>() * (1.0 / self.scene.scale))
     }
 }
 
@@ -98,10 +89,9 @@ mod tests {
     use crate::neural::test_scene::two_blocks;
 
     #[test]
-    fn occupancy_falls_over_the_ramp_and_the_released_grid_is_stretched() {
+    fn occupancy_falls_over_the_ramp() {
         let scene = two_blocks(Pose::translation(0.1, 0.0, 0.0), 41);
-        let mut volume = scene.volume(0, &crate::neural::config::ArticulationConfig::default());
-        volume.ramp_m = 0.02;
+        let volume = Volume { ramp_m: 0.02, ..scene.volume(0) };
         // Below the middle of the base's lower face, which lies at -0.1 m.
         let at = |height_m: f64| volume.scene.normalise(&Point3::new(-0.04, 0.0, -0.1 + height_m));
         assert_eq!(volume.occupancy(&at(0.02)), (1.0, Vector3::zeros()));
@@ -112,12 +102,6 @@ mod tests {
             (gradient.z - 1.0 / (0.02 * volume.scene.scale)).abs() < 0.1 * gradient.z
                 && gradient.xy().norm() < 1e-3
         );
-
-        let x = at(-0.004);
-        let stretched = Volume { alignment: MethodVersion::Released, ..volume };
-        let (expected, gradient) = volume.sdf(&(x * (41.0 / 40.0)));
-        let (value, by_x) = stretched.sdf(&x);
-        assert!((value - expected).abs() < 1e-9 && (by_x - gradient * (41.0 / 40.0)).norm() < 1e-6);
         let above = volume.scene.normalise(&Point3::new(-0.2, 0.0, 0.0));
         assert!(volume.is_visible(&above) && !volume.is_visible(&Point3::new(3.0, 0.0, 0.0)));
     }

@@ -4,7 +4,6 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use crate::{
     neural::{
-        config::{ArticulationConfig, MethodVersion},
         optimise::ArticulationProblem,
         state_model::{StateModel, SurfaceRay, Volume},
     },
@@ -177,13 +176,12 @@ impl TestScene {
         }
     }
 
-    pub fn volume(&self, state: usize, config: &ArticulationConfig) -> Volume<'_> {
+    pub fn volume(&self, state: usize) -> Volume<'_> {
         Volume {
             model: self.model(state),
             scene: self.scene,
             truncation_m: TRUNCATION_M,
-            ramp_m: config.occupancy_ramp_m.unwrap_or(self.sdf[state].spacing_m),
-            alignment: MethodVersion::Paper,
+            ramp_m: self.sdf[state].spacing_m,
         }
     }
 
@@ -206,7 +204,7 @@ fn cast(shape: &Shape, cameras: &[(Intrinsics, Pose)]) -> Vec<SurfaceRay> {
             let origin = Point3::from(pose.translation.vector);
             let direction = pose.rotation * k.ray_at(u, v);
             if let Some(depth_m) = shape.hit(&origin, &direction) {
-                rays.push(SurfaceRay { origin, direction, depth_m, sigma_m: 0.002, frame, rgb: [0.5; 3] });
+                rays.push(SurfaceRay { origin, direction, depth_m, frame, rgb: [0.5; 3] });
             }
         }
     }

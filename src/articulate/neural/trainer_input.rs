@@ -33,8 +33,6 @@ fn is_valid(r: &SurfaceRay) -> bool {
         && r.direction.norm() > 0.0
         && r.depth_m.is_finite()
         && r.depth_m > 0.0
-        && r.sigma_m.is_finite()
-        && r.sigma_m > 0.0
 }
 
 /// Refuses a state that cannot be sampled.
@@ -46,9 +44,7 @@ pub(crate) fn check_state(state: usize, model: &StateModel<'_>) -> Result<(), Tr
     if let Some(index) = model.rays.iter().position(|r| !is_valid(r)) {
         return mismatch(
             "ray",
-            format!(
-                "ray {index} is not finite, or has no direction, depth or noise; drop invalid pixels first"
-            ),
+            format!("ray {index} is not finite, or has no direction or depth; drop invalid pixels first"),
         );
     }
     for (what, dims, values) in [

@@ -1,7 +1,7 @@
 //! The choice among hand-made sets of motions.
 
 use super::*;
-use crate::{RegisterConfig, samples::synthetic::Scene};
+use crate::samples::synthetic::Scene;
 
 /// The test of a box with a lid, which moved unless it is `at_rest`.
 fn of_box(at_rest: bool, test: impl Fn(&MatchedPair<'_>, Pose)) {
@@ -10,7 +10,7 @@ fn of_box(at_rest: bool, test: impl Fn(&MatchedPair<'_>, Pose)) {
         scene.parts.iter_mut().for_each(|p| p.motion = Pose::identity());
     }
     scene.seen(0.02, 0.02, |surfaces, _| {
-        test(&MatchedPair::new(&[], 0.4, &RegisterConfig::default(), surfaces), scene.truth(1));
+        test(&MatchedPair::new(&[], 0.4, surfaces), scene.truth(1));
     });
 }
 

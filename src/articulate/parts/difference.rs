@@ -7,9 +7,9 @@ use nalgebra::{Point3, Vector3};
 use crate::{
     observations::SurfaceSamples,
     parts::{
-        config::RegisterConfig,
         error::RegisterError,
         register::{MotionSupport, Registration, checked_extent_m},
+        registrar::LAST_REACH,
     },
 };
 use geometry::{NearestPoints, Pose, rigid_fit};
@@ -27,9 +27,8 @@ const STILL: f64 = 1e-6;
 pub fn register_by_difference(
     surfaces: [&SurfaceSamples; 2],
     parts: usize,
-    config: &RegisterConfig,
 ) -> Result<Registration, RegisterError> {
-    let reach_m = config.last_reach * checked_extent_m(&surfaces, Some(parts))?;
+    let reach_m = LAST_REACH * checked_extent_m(&surfaces, Some(parts))?;
     let moved = [0, 1].map(|s| in_one_state(&surfaces[s].points, &surfaces[1 - s].points, reach_m));
     let [from, to]: [Vec<Point3<f64>>; 2] =
         [0, 1].map(|s| moved[s].iter().map(|&i| surfaces[s].points[i]).collect());
@@ -172,7 +171,7 @@ mod tests {
         let moves = [Pose::translation(0.0, 0.0, 0.03), Pose::from_parts(lift.into(), tilt)];
         let before = surface(&[(rest[0], 0.2), (rest[1], 0.2)]);
         let after = surface(&[(moves[0] * rest[0], 0.2), (moves[1] * rest[1], 0.2)]);
-        let found = register_by_difference([&before, &after], 3, &RegisterConfig::default()).unwrap();
+        let found = register_by_difference([&before, &after], 3).unwrap();
         for (rest, expected) in rest.iter().zip(&moves) {
             let middle = rest * Point3::new(0.0, 0.0, 0.2);
             let off = |m: &Pose| (m * middle - expected * middle).norm();
@@ -180,7 +179,7 @@ mod tests {
             assert!(best < 0.004, "{best}");
         }
         assert!(found.support[0].samples[0] >= 3600 && found.support[1].samples[0] == 900);
-        let still = register_by_difference([&before, &before], 2, &RegisterConfig::default());
+        let still = register_by_difference([&before, &before], 2);
         assert!(matches!(still, Err(RegisterError::NoMotion { .. })));
     }
 }

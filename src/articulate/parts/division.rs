@@ -5,6 +5,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Matrix6, Point3, SymmetricEigen, Vector3, Vector6};
+use tracing::debug;
 
 use crate::{
     pair::point_to_plane::{
@@ -15,7 +16,7 @@ use crate::{
         evidence_curve::{EvidencePoint, evidence_point},
         labeling::labels_and_costs,
         matched_pair::MatchedPair,
-        score::{scores_and_shares, surface_evidence, unexplained_evidence, weighed_as},
+        score::{LEAST_SCORE, scores_and_shares, surface_evidence, unexplained_evidence, weighed_as},
         settle::settle_once,
         step_field::{Design, Reading, StepField, step_derivatives},
     },
@@ -189,7 +190,7 @@ struct Cut {
 /// Adds sets with divided motions as long as two motions explain clearly more than one. They start from the
 /// best set, and replace sets of as many motions that leave more surface unexplained.
 pub(crate) fn add_divided_sets(pair: &MatchedPair<'_>, steps: &mut Vec<Step>) {
-    let mut motions = best_motions(pair, steps);
+    let mut motions = best_motions(steps);
     while let Some(divided) = divided_motions(pair, &motions) {
         let (scores, shares) = scores_and_shares(pair, &divided);
         let point =
@@ -198,6 +199,13 @@ pub(crate) fn add_divided_sets(pair: &MatchedPair<'_>, steps: &mut Vec<Step>) {
         if steps.iter().any(|s| s.point.parts == point.parts && s.point.unexplained < point.unexplained) {
             break;
         }
+        debug!(
+            parts = point.parts,
+            evidence_cells = point.evidence,
+            weakest_cells = point.weakest,
+            unexplained = point.unexplained,
+            "motion divided"
+        );
         motions.clone_from(&divided);
         steps.retain(|s| s.point.parts != point.parts);
         steps.push(Step { motions: divided, point, shares, divided: true });
@@ -208,16 +216,15 @@ pub(crate) fn add_divided_sets(pair: &MatchedPair<'_>, steps: &mut Vec<Step>) {
 /// The motions, with the one that is best divided replaced by two; `None` if no two explain clearly more than
 /// one with each explaining something alone.
 fn divided_motions(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
-    let least = pair.config.least_score;
     let found = labels_and_costs(&pair.surfaces, motions);
     let (labels, _) = &*found;
     let (scores, _) = weighed_as(pair, motions, labels);
     // Depth errors along a surface give two motions nearly as much evidence together, but not to either
     // alone.
-    let slight = SLIGHT * least;
+    let slight = SLIGHT * LEAST_SCORE;
     let mut best = (slight, None);
     // Each half must later stand by itself: with less than twice the least evidence, a cut is not worth it.
-    for (k, motion) in motions.iter().enumerate().skip(1).filter(|(k, _)| scores[*k] >= 2.0 * least) {
+    for (k, motion) in motions.iter().enumerate().skip(1).filter(|(k, _)| scores[*k] >= 2.0 * LEAST_SCORE) {
         let Some(cut) = follower_of(pair, labels, motion, k as u8).and_then(|f| f.best_cut(motion)) else {
             continue;
         };
@@ -334,8 +341,8 @@ fn settled_sides(
 mod tests {
     use super::*;
     use crate::{
-        RegisterConfig,
         pair::surface_pair::{FreeSpace, SurfacePair},
+        parts::registrar::FIRST_REACH,
         samples::{
             spacing::reach_m,
             synthetic::{Scene, camera_ring},
@@ -355,12 +362,11 @@ mod tests {
             move |p: &Point3<f64>| scene.is_free(s, cameras, p)
         });
         let free: [Option<FreeSpace<'_>>; 2] = [Some(&is_free[0]), Some(&is_free[1])];
-        let config = RegisterConfig::default();
         let mut surfaces =
-            SurfacePair::new([first, second], free, reach_m([first, second], config.first_reach * EXTENT_M));
+            SurfacePair::new([first, second], free, reach_m([first, second], FIRST_REACH * EXTENT_M));
         // As of measured depth: one motion explains both drawers, a little off.
         surfaces.scales.plane_m = 0.001;
-        let pair = MatchedPair::new(&[], EXTENT_M, &config, surfaces);
+        let pair = MatchedPair::new(&[], EXTENT_M, surfaces);
         let shared = [Pose::identity(), Pose::translation(0.0, -0.5 * (true_m[0] + true_m[1]), 0.0)];
         let mut found: Vec<f64> = divided_motions(&pair, &shared).unwrap_or(shared.to_vec())[1..]
             .iter()

@@ -3,6 +3,7 @@
 //! first. See docs/method.md 7.2.
 
 use serde::{Deserialize, Serialize};
+use tracing::debug;
 
 use crate::{
     pair::reprojection::MISSED,
@@ -10,7 +11,7 @@ use crate::{
         evidence_curve::{EvidencePoint, evidence_point, is_standing},
         matched_pair::MatchedPair,
         round_parts::without,
-        score::{explained_shares, scores_and_shares, scores_of_motions, unexplained_evidence},
+        score::{LEAST_SCORE, explained_shares, scores_and_shares, scores_of_motions, unexplained_evidence},
         settle::{settle_fully, settle_once},
     },
     propose::ransac::CHANCE,
@@ -40,23 +41,19 @@ pub(crate) struct Step {
 }
 
 /// The largest set of motions in which each has enough evidence for a part.
-pub(crate) fn best_motions(pair: &MatchedPair<'_>, steps: &[Step]) -> Vec<Pose> {
+pub(crate) fn best_motions(steps: &[Step]) -> Vec<Pose> {
     // Whether a set stands depends on the smaller ones, so all are computed before one is judged.
     let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
-    let most = standing_sets(pair, steps, &curve).into_iter().max_by_key(|s| s.motions.len());
+    let most = standing_sets(steps, &curve).into_iter().max_by_key(|s| s.motions.len());
     most.map_or_else(|| vec![Pose::identity()], |s| s.motions.clone())
 }
 
 /// The sets that stand on a curve of evidence; divided ones were judged when they were made.
-pub(crate) fn standing_sets<'s>(
-    pair: &MatchedPair<'_>,
-    steps: &'s [Step],
-    curve: &[EvidencePoint],
-) -> Vec<&'s Step> {
+pub(crate) fn standing_sets<'s>(steps: &'s [Step], curve: &[EvidencePoint]) -> Vec<&'s Step> {
     steps
         .iter()
         .zip(curve)
-        .filter(|(s, point)| s.divided || is_standing(point, curve, pair.config.least_score))
+        .filter(|(s, point)| s.divided || is_standing(point, curve, LEAST_SCORE))
         .map(|(s, _)| s)
         .collect()
 }
@@ -73,13 +70,21 @@ pub(crate) fn elimination_steps(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) 
         let (mut scores, mut shares) = scores_and_shares(pair, &motions);
         // Surface must be with its motion before large sets are compared; as rounds are slow, smaller sets do
         // without.
-        if settled < COMPARED && scores[1..].iter().all(|s| *s >= SLIGHT * pair.config.least_score) {
+        if settled < COMPARED && scores[1..].iter().all(|s| *s >= SLIGHT * LEAST_SCORE) {
             settled += 1;
             settle_fully(pair, &mut motions);
             (scores, shares) = scores_and_shares(pair, &motions);
         }
         let point =
             EvidencePoint { unexplained: unexplained_evidence(pair, &motions), ..evidence_point(&scores) };
+        debug!(
+            parts = motions.len(),
+            evidence_cells = point.evidence,
+            weakest_cells = point.weakest,
+            unexplained = point.unexplained,
+            least_cells = LEAST_SCORE,
+            "set of motions weighed"
+        );
         steps.push(Step { motions: motions.clone(), point, shares, divided: false });
         if motions.len() == 1 {
             return steps;
@@ -92,18 +97,18 @@ pub(crate) fn elimination_steps(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) 
 /// sets hardly differ, the refitted set with the most standing motions is preferred. As wrong matches seldom
 /// agree, motions with evidence in matches go last.
 fn without_least(pair: &MatchedPair<'_>, motions: &[Pose], scores: &[f64]) -> Vec<Pose> {
-    let least = pair.config.least_score;
     let matched = pair.match_cells(motions);
-    let matched_alone = |k: usize| matched[k] - CHANCE >= least;
+    let matched_alone = |k: usize| matched[k] - CHANCE >= LEAST_SCORE;
     let mut weakest: Vec<usize> = (1..motions.len()).collect();
     weakest.sort_by(|&a, &b| matched_alone(a).cmp(&matched_alone(b)).then(scores[a].total_cmp(&scores[b])));
     let unmatched = weakest.iter().filter(|k| !matched_alone(**k)).count();
     // A motion with next to no evidence needs no comparison, unless another explains the same.
-    let slight = SLIGHT * least;
+    let slight = SLIGHT * LEAST_SCORE;
     let clear = scores[weakest[0]] < slight && weakest.get(1).is_none_or(|k| scores[*k] >= slight);
     // Motions that matches support do not compete while others are left.
     let rivals = if unmatched > 0 { unmatched.min(RIVALS) } else { RIVALS };
     weakest.truncate(if clear { 1 } else { rivals });
+    debug!(weakest = ?weakest, evidence_cells = ?scores, matched_cells = ?matched, "motion dropped");
     let mut rest: Vec<(f64, Vec<Pose>)> = weakest.into_iter().map(|k| (0.0, without(motions, k))).collect();
     // Refitting is slow: only sets with similar evidence are refitted to decide.
     if rest.len() > 1 {
@@ -143,7 +148,7 @@ impl JudgedSet {
     fn of(pair: &MatchedPair<'_>, motions: Vec<Pose>) -> Self {
         let scores = scores_and_shares(pair, &motions).0;
         Self {
-            standing: scores[1..].iter().filter(|s| **s >= pair.config.least_score).count(),
+            standing: scores[1..].iter().filter(|s| **s >= LEAST_SCORE).count(),
             matched: pair.match_cells(&motions).iter().map(|c| (c - CHANCE).max(0.0)).sum(),
             evidence: evidence_point(&scores).evidence,
             motions,
@@ -173,8 +178,9 @@ fn drop_hopeless(pair: &MatchedPair<'_>, motions: &mut Vec<Pose>) -> bool {
         let weakest = (1..motions.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]));
         // In a share a sample counts at most 1, in a preference at most `MISSED`: a motion dropped here could
         // not stand by preferences either.
-        let Some(k) = weakest.filter(|&k| MISSED * scores[k] < pair.config.least_score) else { break };
+        let Some(k) = weakest.filter(|&k| MISSED * scores[k] < LEAST_SCORE) else { break };
         let count = motions.len();
+        debug!(motion = k, of = count - 1, evidence_cells = scores[k], "hopeless motion dropped");
         motions.remove(k);
         for c in &mut costs {
             *c = c

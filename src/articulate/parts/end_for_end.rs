@@ -5,6 +5,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Unit, UnitQuaternion, Vector3};
 use rayon::prelude::*;
+use tracing::debug;
 
 use crate::{
     pair::reprojection::EXPLAINED,
@@ -56,9 +57,17 @@ pub(crate) fn turned_by_hinge(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) ->
                 best = Some((found, others));
             }
         }
-        if let Some((found, others)) = best
-            && found > hinged_evidence(pair, &motions, k)
-        {
+        let Some((found, others)) = best else { continue };
+        let as_it_was = hinged_evidence(pair, &motions, k);
+        let turns = found > as_it_was;
+        debug!(
+            part = k,
+            turns,
+            evidence_turned = found,
+            evidence_as_it_was = as_it_was,
+            "part tried end for end"
+        );
+        if turns {
             motions = others;
         }
     }
@@ -188,7 +197,6 @@ impl Middle {
 mod tests {
     use super::*;
     use crate::{
-        RegisterConfig,
         pair::surface_pair::SurfacePair,
         samples::synthetic::{Scene, camera_ring, turn},
     };
@@ -198,8 +206,7 @@ mod tests {
         let scene = Scene { texture: 0.0, ..Scene::lamp() };
         let turned = scene.truth(1) * turn(Vector3::y(), [0.0, 0.0, 0.18], PI);
         scene.seen(0.006, 0.012, |surfaces, _| {
-            let config = RegisterConfig::default();
-            let pair = MatchedPair::new(&[], 0.4, &config, surfaces);
+            let pair = MatchedPair::new(&[], 0.4, surfaces);
             for start in [scene.truth(1), turned] {
                 let found = turned_by_hinge(&pair, vec![Pose::identity(), start, scene.truth(2)])[1];
                 for z in [0.05, 0.31] {
@@ -252,8 +259,7 @@ mod tests {
             move |p: &Point3<f64>| scene.is_free(s, cameras, p)
         });
         let surfaces = SurfacePair::new([&first, &second], [Some(&free[0]), Some(&free[1])], 0.016);
-        let config = RegisterConfig::default();
-        let pair = MatchedPair::new(&[], 0.4, &config, surfaces);
+        let pair = MatchedPair::new(&[], 0.4, surfaces);
         let start = scene.truth(1) * turn(Vector3::x(), [0.0, 0.15, 0.16], PI);
         let motions = [Pose::identity(), start];
         let found = turned_motions(&pair, &motions, &labels_and_costs(&pair.surfaces, &motions).0, 1)[0];

@@ -12,6 +12,7 @@ use crate::{
     },
 };
 use geometry::Pose;
+use tracing::debug;
 
 /// Share of another motion's surface that a motion must explain to replace it.
 /// tuned: shared/bags
@@ -42,7 +43,14 @@ pub(crate) fn exchanged_set(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed
                 best = Some((after, i, others));
             }
         }
-        let Some((_, i, others)) = best else { return set };
+        let Some((after, i, others)) = best else { return set };
+        debug!(
+            before = set.len(),
+            after = others.len(),
+            evidence_before = evidence,
+            evidence_after = after,
+            "motions exchanged for one"
+        );
         left.swap_remove(i);
         set = others;
     }
@@ -77,7 +85,7 @@ mod tests {
     use nalgebra::{Point3, UnitQuaternion, Vector3};
 
     use super::*;
-    use crate::{RegisterConfig, samples::synthetic::Scene};
+    use crate::samples::synthetic::Scene;
 
     #[test]
     fn one_motion_takes_the_place_of_two_that_each_explain_a_piece() {
@@ -90,8 +98,7 @@ mod tests {
         });
         let right = vec![Pose::identity(), scene.truth(1), scene.truth(2)];
         scene.seen(0.006, 0.012, |surfaces, _| {
-            let config = RegisterConfig::default();
-            let pair = MatchedPair::new(&[], 0.4, &config, surfaces);
+            let pair = MatchedPair::new(&[], 0.4, surfaces);
             let found = exchanged_set(
                 &pair,
                 vec![Pose::identity(), halves[0], halves[1], scene.truth(2)],

@@ -7,8 +7,7 @@ use nalgebra::Vector3;
 use crate::{
     observations::LiftedMatch,
     pair::{reprojection::EXPLAINED, surface_pair::SurfacePair},
-    parts::config::RegisterConfig,
-    propose::ransac::Gate,
+    propose::ransac::{Gate, cell_side_m},
     samples::spacing::{cell_of, occupied_cells},
 };
 use geometry::Pose;
@@ -21,27 +20,14 @@ pub(crate) struct MatchedPair<'a> {
     /// Longest side of the object, meters.
     pub extent_m: f64,
     pub gate: Gate,
-    pub config: &'a RegisterConfig,
     pub surfaces: SurfacePair<'a>,
 }
 
 impl<'a> MatchedPair<'a> {
     /// The pair for an object with a longest side of `extent_m`.
-    pub(crate) fn new(
-        matches: &'a [LiftedMatch],
-        extent_m: f64,
-        config: &'a RegisterConfig,
-        surfaces: SurfacePair<'a>,
-    ) -> Self {
-        let gate = Gate::new(&config.ransac, extent_m);
-        Self {
-            matches,
-            informative: informative_matches(matches, &surfaces),
-            extent_m,
-            gate,
-            config,
-            surfaces,
-        }
+    pub(crate) fn new(matches: &'a [LiftedMatch], extent_m: f64, surfaces: SurfacePair<'a>) -> Self {
+        let informative = informative_matches(matches, &surfaces);
+        Self { matches, informative, extent_m, gate: Gate::new(extent_m), surfaces }
     }
 
     /// The motion that every match supports; `None` where it supports none.
@@ -64,7 +50,7 @@ impl<'a> MatchedPair<'a> {
 
     /// Side of the cells in which support is counted, meters.
     pub(crate) fn cell_m(&self) -> f64 {
-        self.config.ransac.cell * self.extent_m
+        cell_side_m(self.extent_m)
     }
 
     /// Cells of the matches of each motion. A cell counts by the match that most prefers the motion over all

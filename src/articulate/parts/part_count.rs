@@ -2,6 +2,7 @@
 //! on samples not used for its fit.
 
 use serde::{Deserialize, Serialize};
+use tracing::debug;
 
 use crate::{
     pair::{reprojection::ASTRAY, unexplained::Unexplained},
@@ -10,6 +11,7 @@ use crate::{
         error::RegisterError,
         evidence_curve::EvidencePoint,
         matched_pair::MatchedPair,
+        score::LEAST_SCORE,
     },
 };
 use common::note::{Note, NoteCode};
@@ -21,6 +23,9 @@ pub(crate) const LITTLE: f64 = 1.5;
 /// Least static share of the surface for reporting an object without moved parts.
 /// chosen: the majority
 const MAJORITY: f64 = 0.5;
+/// Least share of the surface that the static part must explain.
+/// chosen: less is what stands still by chance under a moving object
+const LEAST_STATIC_SHARE: f64 = 0.02;
 
 /// The motions that are parts.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -38,9 +43,8 @@ pub(crate) fn chosen_parts(
     steps: &[Step],
     parts: Option<usize>,
 ) -> Result<PartCount, RegisterError> {
-    let least = pair.config.least_score;
     let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
-    let standing = standing_sets(pair, steps, &curve);
+    let standing = standing_sets(steps, &curve);
     let most = standing.iter().max_by_key(|s| s.motions.len());
     let allowed = standing.iter().filter(|s| parts.is_none_or(|p| s.motions.len() <= p));
     let Some(chosen) = allowed.max_by_key(|s| s.motions.len()) else {
@@ -51,11 +55,20 @@ pub(crate) fn chosen_parts(
     check(pair, &chosen.motions, parts, &chosen.shares, &mut notes)?;
     let found = chosen.motions.len();
     let evident = most.map_or(found, |s| s.motions.len());
+    debug!(
+        parts = found,
+        evident,
+        asked = parts,
+        weakest_cells = chosen.point.weakest,
+        least_cells = LEAST_SCORE,
+        static_share = chosen.shares[0],
+        "number of parts chosen"
+    );
     if evident > found {
         warnings.push(more_than_asked(evident, found));
     }
-    if let Some(weakest) = chosen.point.weakest.filter(|w| parts.is_none() && *w < LITTLE * least) {
-        warnings.push(little_evidence(found, weakest, least));
+    if let Some(weakest) = chosen.point.weakest.filter(|w| parts.is_none() && *w < LITTLE * LEAST_SCORE) {
+        warnings.push(little_evidence(found, weakest, LEAST_SCORE));
     }
     if chosen.divided {
         notes.push(Note::new(
@@ -65,10 +78,10 @@ pub(crate) fn chosen_parts(
         ));
     }
     let more = curve.iter().find(|p| p.parts == found + 1).and_then(|p| p.weakest);
-    if let Some(weakest) = more.filter(|w| parts.is_none() && *w > SLIGHT * least) {
+    if let Some(weakest) = more.filter(|w| parts.is_none() && *w > SLIGHT * LEAST_SCORE) {
         notes.push(Note::new(
             NoteCode::PartAlmostEvident,
-            format!("a further motion has {weakest:.1} of the evidence of {least} that a part needs"),
+            format!("a further motion has {weakest:.1} of the evidence of {LEAST_SCORE} that a part needs"),
         ));
     }
     Ok(PartCount { motions: chosen.motions.clone(), curve, notes, warnings })
@@ -86,7 +99,7 @@ fn check(
     // frames.
     let static_percent = 100.0 * shares[0];
     let one = motions.len() == 1;
-    if shares[0] < pair.config.least_static_share {
+    if shares[0] < LEAST_STATIC_SHARE {
         return Err(RegisterError::NoOverlap { static_percent });
     }
     let found = motions.len();

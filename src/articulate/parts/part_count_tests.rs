@@ -113,8 +113,7 @@ fn the_choice_does_not_depend_on_the_order_of_the_proposals() {
     let points = scene.surface(0, &camera_ring(10), 0.012);
     let matches = matches(&scene, &points.0.points, &points.1, 9);
     scene.seen(0.012, 0.02, |surfaces, _| {
-        let config = RegisterConfig::default();
-        let pair = MatchedPair::new(&matches, 0.4, &config, surfaces);
+        let pair = MatchedPair::new(&matches, 0.4, surfaces);
         // The true motions, each a second time a little off, and one that is nothing's.
         let off = Pose::new(Vector3::new(0.004, -0.003, 0.005), Vector3::new(0.0, 0.01, 0.01));
         let [lid, drawer] = [scene.truth(1), scene.truth(2)];
@@ -122,7 +121,7 @@ fn the_choice_does_not_depend_on_the_order_of_the_proposals() {
         let end = Point3::new(0.1, -0.1, 0.1);
         let chosen = |order: [usize; 5]| {
             let motions = std::iter::once(Pose::identity()).chain(order.map(|k| proposed[k])).collect();
-            let mut found = best_motions(&pair, &elimination_steps(&pair, motions));
+            let mut found = best_motions(&elimination_steps(&pair, motions));
             found.sort_by(|a, b| {
                 (a * end).x.total_cmp(&(b * end).x).then((a * end).y.total_cmp(&(b * end).y))
             });

@@ -4,6 +4,7 @@
 
 use rand_core::Rng;
 use serde::{Deserialize, Serialize};
+use tracing::debug;
 
 use crate::{
     observations::{LiftedMatch, SurfaceSamples},
@@ -33,6 +34,12 @@ use geometry::Pose;
 
 /// Number of motions proposed by matches if the number of parts is not given, in addition to the spare ones.
 const PROPOSED: usize = 8;
+/// Largest distance between a moved surface point and its partner in the first rounds, as a share of the
+/// object's longest side. chosen: twice [`LAST_REACH`], for rough motions
+pub(crate) const FIRST_REACH: f64 = 0.03;
+/// The same in the last rounds. chosen: some 6 mm of a laptop, far beyond the errors of surfaces and below
+/// the size of a part
+pub(crate) const LAST_REACH: f64 = 0.015;
 /// Rounds in which unexplained surface proposes motions.
 const RESIDUAL_ROUNDS: usize = 2;
 /// Number of steps before the last rounds: proposals, residual rounds, the number of parts, hinges.
@@ -57,6 +64,7 @@ pub struct RegistrarCheckpoint {
 pub struct Registrar<'a> {
     pair: MatchedPair<'a>,
     parts: Option<usize>,
+    rounds: usize,
     state: RegistrarCheckpoint,
 }
 
@@ -72,25 +80,29 @@ impl<'a> Registrar<'a> {
         samples: [&'a SurfaceSamples; 2],
         free: [Option<FreeSpace<'a>>; 2],
         parts: Option<usize>,
-        config: &'a RegisterConfig,
+        config: &RegisterConfig,
         rng: &mut impl Rng,
     ) -> Result<Self, RegisterError> {
         let extent_m = checked_extent_m(&samples, parts)?;
         let wanted = parts.map_or(PROPOSED, |p| p - 1);
         // Motions proposed by matches need a reach wide enough for rough ones (docs/method.md 6.10).
-        let coarse = SurfacePair::new(samples, free, reach_m(samples, config.first_reach * extent_m));
-        let pair = MatchedPair::new(matches, extent_m, config, coarse);
-        let proposals = proposed_motions(&pair.informative, wanted, extent_m, &config.ransac, rng);
+        let coarse = SurfacePair::new(samples, free, reach_m(samples, FIRST_REACH * extent_m));
+        let pair = MatchedPair::new(matches, extent_m, coarse);
+        let proposals = proposed_motions(&pair.informative, wanted, extent_m, rng);
+        for p in &proposals {
+            let Proposal { support, matches, rms_m, displacement_m, .. } = p;
+            debug!(support_cells = support, matches, rms_m, displacement_m, "motion proposed by matches");
+        }
         let motions =
             std::iter::once(Pose::identity()).chain(proposals.iter().map(|p| p.state1_from_state0)).collect();
         let state = RegistrarCheckpoint { proposals, motions, ..RegistrarCheckpoint::default() };
-        Ok(Self { pair, parts, state })
+        Ok(Self { pair, parts, rounds: config.rounds, state })
     }
 
     /// Total number of steps.
     #[must_use]
     pub fn total_steps(&self) -> usize {
-        SEARCH_STEPS + self.pair.config.rounds
+        SEARCH_STEPS + self.rounds
     }
 
     /// Number of steps done.
@@ -132,7 +144,10 @@ impl<'a> Registrar<'a> {
                 self.state.motions = turned_by_hinge(&self.pair, std::mem::take(&mut self.state.motions));
                 self.shorten_reach();
             }
-            _ => settle_once(&self.pair, &mut self.state.motions),
+            done => {
+                settle_once(&self.pair, &mut self.state.motions);
+                debug!(round = done - SEARCH_STEPS + 1, of = self.rounds, "labels and motions settled");
+            }
         }
         self.state.done = next;
         Ok(())
@@ -159,7 +174,8 @@ impl<'a> Registrar<'a> {
         for _ in 0..2 {
             settle_once(&self.pair, &mut motions);
         }
-        self.state.motions = best_motions(&self.pair, &elimination_steps(&self.pair, motions));
+        self.state.motions = best_motions(&elimination_steps(&self.pair, motions));
+        debug!(kept = self.state.motions.len() - 1, "motions by matches that stand");
         self.state.likely.clone_from(&self.state.motions);
     }
 
@@ -168,13 +184,18 @@ impl<'a> Registrar<'a> {
         let Self { pair, state, .. } = self;
         // Surface of an unlikely motion may propose another one.
         let more = propose_from_residual(&pair.surfaces, &state.likely, pair.extent_m);
+        debug!(
+            motions = more.len(),
+            beside = state.likely.len() - 1,
+            "motions proposed by unexplained surface"
+        );
         if more.is_empty() {
             return false;
         }
         state.motions.extend(more);
         settle_once(pair, &mut state.motions);
         let further = elimination_steps(pair, state.motions.clone());
-        let found = best_motions(pair, &further);
+        let found = best_motions(&further);
         state.likely = exchanged_set(pair, found.clone(), &state.motions);
         state.tried =
             Some(if state.likely == found { further } else { elimination_steps(pair, state.likely.clone()) });
@@ -199,7 +220,7 @@ impl<'a> Registrar<'a> {
     /// Shortens the reach for the last rounds, so partners that only seem to fit are dropped.
     fn shorten_reach(&mut self) {
         let SurfacePair { samples, free, .. } = self.pair.surfaces;
-        let last_m = self.pair.config.last_reach * self.pair.extent_m;
+        let last_m = LAST_REACH * self.pair.extent_m;
         self.pair.surfaces = SurfacePair::new(samples, free, reach_m(samples, last_m));
     }
 }

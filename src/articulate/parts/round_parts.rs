@@ -6,6 +6,7 @@ use crate::{
     propose::{round_part::round_turn, search::Search},
 };
 use geometry::Pose;
+use tracing::debug;
 
 /// The motions, with the best turn of each round part that matches do not fix; `None` if no motion changes.
 pub(crate) fn turned_round(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
@@ -18,6 +19,7 @@ pub(crate) fn turned_round(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<V
         // The other motions stay: only surface they do not explain decides the turn.
         let others = without(&all, k);
         if let Some(turned) = round_turn(&Search::new(&pair.surfaces, &others, pair.extent_m), &all[k]) {
+            debug!(part = k, "round part turned about its axis");
             (all[k], changed) = (turned, true);
         }
     }

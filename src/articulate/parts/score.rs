@@ -17,6 +17,10 @@ use geometry::Pose;
 /// in three dimensions and its look, a wrong surface only in its distance in one.
 /// tuned: shared/bags
 pub(crate) const SURFACE_WEIGHT: f64 = 0.16;
+/// Least evidence that only a motion itself explains, in cells: the cells of its matches beyond chance, and a
+/// sixth of the cells of surface that contradict the other motions.
+/// tuned: shared/bags; two to three times the evidence of wrong motions between similar parts of one object
+pub const LEAST_SCORE: f64 = 14.0;
 
 /// Evidence of each motion, and the share of the surface that it alone explains; each surface belongs to one
 /// part.
@@ -156,5 +160,5 @@ pub(crate) fn explained_shares(costs: &[Vec<f32>; 2], motions: usize) -> Vec<f64
 
 /// Whether matches decide the motion of part `k` among those its shape allows.
 pub(crate) fn is_matched(pair: &MatchedPair<'_>, motions: &[Pose], k: usize) -> bool {
-    pair.match_cells(motions)[k] - CHANCE >= pair.config.least_score
+    pair.match_cells(motions)[k] - CHANCE >= LEAST_SCORE
 }

@@ -8,6 +8,7 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
+use tracing::debug;
 
 use crate::{
     observations::{LiftedMatch, SurfaceSamples},
@@ -18,13 +19,13 @@ use crate::{
         unexplained::LEAST_SHARE,
     },
     parts::{
-        config::RegisterConfig,
         error::RegisterError,
         evidence_curve::{EvidencePoint, evidence_point, is_standing},
         matched_pair::MatchedPair,
         part_count::{LITTLE, little_evidence, more_than_asked},
         register::{Registration, checked_extent_m},
-        score::{SURFACE_WEIGHT, add_preferences},
+        registrar::LAST_REACH,
+        score::{LEAST_SCORE, SURFACE_WEIGHT, add_preferences},
     },
     propose::ransac::CHANCE,
     samples::{
@@ -111,7 +112,6 @@ pub fn unite<'a>(
     free: Option<FreeSpace<'a>>,
     pairs: &[StatePair<'a>],
     parts: Option<usize>,
-    config: &'a RegisterConfig,
 ) -> Result<United, RegisterError> {
     let all: Vec<&SurfaceSamples> = std::iter::once(surface).chain(pairs.iter().map(|p| p.surface)).collect();
     let extent_m = checked_extent_m(&all, parts)?;
@@ -119,21 +119,22 @@ pub fn unite<'a>(
     for pair in pairs {
         let both = [surface, pair.surface];
         // The pairs' motions are refined already, so the last reach applies.
-        let reach_m = reach_m(both, config.last_reach * extent_m);
+        let reach_m = reach_m(both, LAST_REACH * extent_m);
         let surfaces = SurfacePair::new(both, [free, pair.free], reach_m);
-        runs.push(MatchedPair::new(pair.matches, extent_m, config, surfaces));
+        runs.push(MatchedPair::new(pair.matches, extent_m, surfaces));
     }
     let states = States { runs };
     let sets = states.thinned_sets(common_parts(pairs, surface.points.len()));
     // Sets of parts stand by the same rule as for a pair.
     let curve: Vec<EvidencePoint> = sets.iter().map(|s| evidence_point(&s.scores)).collect();
-    let standing = sets.iter().zip(&curve).filter(|(_, p)| is_standing(p, &curve, config.least_score));
+    let standing = sets.iter().zip(&curve).filter(|(_, p)| is_standing(p, &curve, LEAST_SCORE));
     let evident = standing.clone().map(|(s, _)| s.classes.len()).max();
     let mut standing = standing.map(|(s, _)| s);
     let Some(chosen) = standing.find(|s| parts.is_none_or(|p| s.classes.len() <= p)) else {
         return Err(RegisterError::NoOverlap { static_percent: 0.0 });
     };
     let ClassSet { mut classes, scores } = chosen.clone();
+    debug!(parts = classes.len(), evident, asked = parts, evidence_cells = ?scores, "parts of all states");
     let mut notes = Vec::new();
     let mut warnings = Vec::new();
     if let Some(evident) = evident.filter(|e| *e > classes.len()) {
@@ -149,8 +150,8 @@ pub fn unite<'a>(
         });
     }
     let weakest = scores[1..].iter().copied().reduce(f64::min);
-    if let Some(score) = weakest.filter(|s| parts.is_none() && *s < LITTLE * config.least_score) {
-        warnings.push(little_evidence(classes.len(), score, config.least_score));
+    if let Some(score) = weakest.filter(|s| parts.is_none() && *s < LITTLE * LEAST_SCORE) {
+        warnings.push(little_evidence(classes.len(), score, LEAST_SCORE));
     }
     // A missed motion is looked for where a part seems at rest.
     states.seek_missed(&mut classes, &mut notes);
@@ -306,6 +307,7 @@ impl States<'_> {
                 self.runs.iter().enumerate().filter(|(k, _)| class.labels[*k] == 0).collect::<Vec<_>>()
             {
                 if let Some(motion) = missed(run, &own, &class.motions) {
+                    debug!(state = k + 1, part = c, "motion in a state taken from other states");
                     notes.push(Note::new(
                         NoteCode::MotionByOtherStates,
                         format!(
@@ -362,7 +364,7 @@ fn missed(run: &MatchedPair<'_>, own: &[usize], others: &[Pose]) -> Option<Pose>
     let cells = occupied_cells(&samples.points, run.cell_m()) as f64;
     let of_all = own.len() as f64 / some.len().max(1) as f64 / samples.points.len().max(1) as f64;
     // The gain of all samples of the part as a share of the surface, in cells: docs/method.md (7.1).
-    (SURFACE_WEIGHT * best * of_all * cells >= run.config.least_score).then_some(motion)
+    (SURFACE_WEIGHT * best * of_all * cells >= LEAST_SCORE).then_some(motion)
 }
 
 /// Gives parts with one motion the same costs: their pair cannot distinguish them.

@@ -35,7 +35,7 @@ fn chest(lid: f64, drawer: f64) -> Scene {
 /// Unites the registrations of state 0 with the second state of every scene; checks labels and motions.
 fn check(scenes: &[Scene], parts: usize) -> United {
     let cameras = camera_ring(10);
-    let config = RegisterConfig::default();
+    let config = crate::RegisterConfig::default();
     let (zero, truth) = scenes[0].surface(0, &cameras, 0.01);
     let free0 = |p: &Point3<f64>| scenes[0].is_free(0, &cameras, p);
     let surfaces: Vec<_> = scenes.iter().map(|s| s.surface(1, &cameras, 0.01).0).collect();
@@ -74,7 +74,7 @@ fn check(scenes: &[Scene], parts: usize) -> United {
             found: &found[k],
         })
         .collect();
-    let united = unite(&zero, Some(&free0), &pairs, None, &config).unwrap();
+    let united = unite(&zero, Some(&free0), &pairs, None).unwrap();
     assert_eq!(united.motions[0].len(), parts, "{:?}", united.curve);
     // Each part of the truth is one of the parts found, and moves as it did.
     for (k, scene) in scenes.iter().enumerate() {

@@ -10,45 +10,6 @@ use serde::{Deserialize, Serialize};
 use crate::observations::LiftedMatch;
 use geometry::{Pose, rigid_fit};
 
-/// How motions are proposed. Lengths are shares of the object's longest side.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct RansacConfig {
-    /// Number of triples tried for every motion.
-    pub trials: usize,
-    /// A match within this many standard deviations of a motion supports it.
-    pub gate_sigmas: f64,
-    /// No match farther than this from a motion supports it, however noisy it is.
-    pub gate: f64,
-    /// A match must have moved by more than this, and by more than its gate, to be evidence for a motion.
-    pub moved: f64,
-    /// Side of the cells in which support is counted.
-    pub cell: f64,
-    /// Least support of a motion, in cells; each cell counts by its best match (1 on the motion, 0 at the
-    /// gate).
-    pub least_support: f64,
-    /// A motion whose supporting matches moved by less than this many thresholds is mere slack of the static
-    /// part.
-    pub slack_thresholds: f64,
-    /// Number of motions proposed beyond those asked for.
-    pub spare: usize,
-}
-
-impl Default for RansacConfig {
-    fn default() -> Self {
-        Self {
-            trials: 6000,
-            gate_sigmas: 3.0,
-            gate: 0.0125,
-            moved: 0.015,
-            cell: 0.02,
-            least_support: 3.0,
-            slack_thresholds: 2.5,
-            spare: 6,
-        }
-    }
-}
-
 /// A rigid motion supported by some matches.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Proposal {
@@ -64,6 +25,30 @@ pub struct Proposal {
     /// Displacement of the supporting matches, meters: nine in ten of them moved at most this far.
     pub displacement_m: f64,
 }
+
+/// Triples tried for every motion.
+const TRIALS: usize = 6000;
+/// A match within this many standard deviations of a motion supports it.
+/// chosen: 0.3 % of the errors of a normal distribution are larger
+const GATE_SIGMAS: f64 = 3.0;
+/// No match farther than this from a motion supports it, however noisy it is. A share of the object's longest
+/// side. tuned: shared/bags
+const GATE: f64 = 0.0125;
+/// A match must have moved by more than this, and by more than its gate, to be evidence for a motion. A share
+/// of the object's longest side.
+/// chosen: somewhat more than [`GATE`], so that no match of a static part supports two motions
+const MOVED: f64 = 0.015;
+/// Side of the cells in which support is counted, as a share of the object's longest side.
+/// tuned: shared/bags
+const CELL: f64 = 0.02;
+/// Least support of a motion, in cells; each cell counts by its best match (1 on the motion, 0 at the gate).
+/// derived: three matches fix a motion
+const LEAST_SUPPORT: f64 = 3.0;
+/// A motion whose supporting matches moved by less than this many times [`MOVED`] is mere slack of the static
+/// part. tuned: shared/bags
+const SLACK: f64 = 2.5;
+/// Motions proposed beyond those asked for.
+const SPARE: usize = 6;
 
 /// Number of cells of matches that are no evidence: of a few hundred wrong matches, this many follow the best
 /// of all motions by chance. Three fix the motion, and where one in a thousand is within the gate, six or
@@ -95,8 +80,8 @@ pub(crate) struct Gate {
 
 impl Gate {
     /// The gate for an object with a longest side of `extent_m`.
-    pub(crate) fn new(config: &RansacConfig, extent_m: f64) -> Self {
-        Self { sigmas: config.gate_sigmas, most_m: config.gate * extent_m, moved_m: config.moved * extent_m }
+    pub(crate) fn new(extent_m: f64) -> Self {
+        Self { sigmas: GATE_SIGMAS, most_m: GATE * extent_m, moved_m: MOVED * extent_m }
     }
 
     /// Largest distance of a match from a motion it supports, meters.
@@ -123,27 +108,26 @@ impl Gate {
 
 /// Motions supported by the moved matches, strongest first; each comes from the matches that earlier ones
 /// left. Slack of the static part and motions already found are skipped. `extent_m` is the object's longest
-/// side; at most `motions + spare` motions are returned.
+/// side; at most `motions` and [`SPARE`] more are returned.
 pub(crate) fn proposed_motions(
     matches: &[LiftedMatch],
     motions: usize,
     extent_m: f64,
-    config: &RansacConfig,
     rng: &mut impl Rng,
 ) -> Vec<Proposal> {
-    let gate = Gate::new(config, extent_m);
+    let gate = Gate::new(extent_m);
     let mut pool: Vec<LiftedMatch> = matches.iter().filter(|m| gate.has_moved(m)).copied().collect();
     let mut proposals: Vec<Proposal> = Vec::new();
     // Rejected motions also use up an attempt, so the loop ends.
-    for _ in 0..2 * (motions + config.spare) {
-        if proposals.len() >= motions + config.spare {
+    for _ in 0..2 * (motions + SPARE) {
+        if proposals.len() >= motions + SPARE {
             break;
         }
-        let Some(proposal) = strongest_motion(&pool, extent_m, config, rng) else { break };
+        let Some(proposal) = strongest_motion(&pool, extent_m, rng) else { break };
         let before = pool.len();
         // Also if the motion is not proposed: its matches would give it again.
         pool.retain(|m| !gate.supports(m, &proposal.state1_from_state0));
-        let slack = proposal.displacement_m < config.slack_thresholds * config.moved * extent_m;
+        let slack = proposal.displacement_m < SLACK * MOVED * extent_m;
         let mut stronger = proposals.iter().filter(|p| proposal.support < TWIN_SUPPORT * p.support);
         let motion = &proposal.state1_from_state0;
         if !slack && !stronger.any(|p| is_twin(motion, &p.state1_from_state0, matches, &gate, extent_m)) {
@@ -164,15 +148,13 @@ pub(crate) fn common_motions(
     matches: &[LiftedMatch],
     count: usize,
     extent_m: f64,
-    config: &RansacConfig,
     rng: &mut impl Rng,
 ) -> Vec<Pose> {
-    let gate = Gate::new(config, extent_m);
+    let gate = Gate::new(extent_m);
     let mut pool = matches.to_vec();
     let mut found: Vec<Pose> = Vec::new();
     for _ in 0..2 * count {
-        let Some(proposal) = strongest_motion(&pool, extent_m, config, rng).filter(|_| found.len() < count)
-        else {
+        let Some(proposal) = strongest_motion(&pool, extent_m, rng).filter(|_| found.len() < count) else {
             break;
         };
         pool.retain(|m| !gate.supports(m, &proposal.state1_from_state0));
@@ -195,6 +177,11 @@ fn is_twin(weak: &Pose, strong: &Pose, matches: &[LiftedMatch], gate: &Gate, ext
         close && others.iter().any(|o| (o.point0 - m.point0).norm() < TWIN_DISTANCE * extent_m)
     });
     2 * twins.count() > followers.len()
+}
+
+/// Side of the cells in which support is counted, meters, for an object with a longest side of `extent_m`.
+pub(crate) fn cell_side_m(extent_m: f64) -> f64 {
+    CELL * extent_m
 }
 
 /// Compact cell indices of points.
@@ -256,19 +243,14 @@ impl CellCounter {
 }
 
 /// The motion with the most support in the pool; `None` if none has enough.
-fn strongest_motion(
-    pool: &[LiftedMatch],
-    extent_m: f64,
-    config: &RansacConfig,
-    rng: &mut impl Rng,
-) -> Option<Proposal> {
-    if (pool.len() as f64) < config.least_support.max(3.0) {
+fn strongest_motion(pool: &[LiftedMatch], extent_m: f64, rng: &mut impl Rng) -> Option<Proposal> {
+    if (pool.len() as f64) < LEAST_SUPPORT {
         return None;
     }
-    let gate = Gate::new(config, extent_m);
-    let mut counter = CellCounter::new(pool, gate, config.cell * extent_m);
+    let gate = Gate::new(extent_m);
+    let mut counter = CellCounter::new(pool, gate, cell_side_m(extent_m));
     let mut best: Option<(f64, Pose)> = None;
-    for trial in 0..config.trials {
+    for trial in 0..TRIALS {
         // Small triples stay on one part, wide ones fix its rotation: all sizes take turns.
         let radius_m = extent_m * TRIPLE_RADII[trial % TRIPLE_RADII.len()];
         let Some(motion) = triple_motion(pool, radius_m, &gate, rng) else { continue };
@@ -285,7 +267,7 @@ fn strongest_motion(
     let followers: Vec<&LiftedMatch> = pool.iter().filter(|m| gate.supports(m, &motion)).collect();
     let support = counter.support(pool, &motion);
     // Three matches fit their own motion by construction: the fourth is the first evidence for it.
-    if support < config.least_support || followers.len() < 4 {
+    if support < LEAST_SUPPORT || followers.len() < 4 {
         return None;
     }
     let squares: f64 = followers.iter().map(|m| (motion * m.point0 - m.point1).norm_squared()).sum();
@@ -387,13 +369,7 @@ mod tests {
         ];
         let matches = scene(&truth, 240, 1);
         for seed in 0..3 {
-            let found = proposed_motions(
-                &matches,
-                3,
-                1.5,
-                &RansacConfig::default(),
-                &mut stage_rng(seed, "ransac", 0),
-            );
+            let found = proposed_motions(&matches, 3, 1.5, &mut stage_rng(seed, "ransac", 0));
             assert!(found.len() >= 3, "{}", found.len());
             for (k, t) in truth.iter().enumerate().skip(1) {
                 let center = Point3::new(0.4 * k as f64, 0.0, 0.0);
@@ -410,13 +386,7 @@ mod tests {
     #[test]
     fn parts_side_by_side_that_move_nearly_alike_are_two() {
         let truth = [Pose::translation(0.112, 0.0, 0.0), Pose::translation(0.125, 0.0, 0.0)];
-        let found = proposed_motions(
-            &scene(&truth, 60, 4),
-            2,
-            0.94,
-            &RansacConfig::default(),
-            &mut stage_rng(0, "ransac", 0),
-        );
+        let found = proposed_motions(&scene(&truth, 60, 4), 2, 0.94, &mut stage_rng(0, "ransac", 0));
         for (k, t) in truth.iter().enumerate() {
             let center = Point3::new(0.4 * k as f64, 0.0, 0.0);
             let off_m = |p: &Proposal| (p.state1_from_state0 * center - t * center).norm();
@@ -432,22 +402,13 @@ mod tests {
     fn static_matches_and_slack_propose_nothing() {
         let slack = Pose::new(Vector3::new(0.03, 0.0, 0.0), Vector3::new(0.0, 0.0, 0.01));
         let matches = scene(&[Pose::identity(), slack], 0, 2);
-        assert!(
-            proposed_motions(&matches, 2, 1.5, &RansacConfig::default(), &mut stage_rng(0, "ransac", 0))
-                .is_empty()
-        );
-        assert!(
-            proposed_motions(&[], 2, 1.5, &RansacConfig::default(), &mut stage_rng(0, "ransac", 0))
-                .is_empty()
-        );
+        assert!(proposed_motions(&matches, 2, 1.5, &mut stage_rng(0, "ransac", 0)).is_empty());
+        assert!(proposed_motions(&[], 2, 1.5, &mut stage_rng(0, "ransac", 0)).is_empty());
     }
 
     #[test]
     fn wrong_matches_alone_propose_nothing() {
         let matches = scene(&[], 300, 3);
-        assert!(
-            proposed_motions(&matches, 2, 1.5, &RansacConfig::default(), &mut stage_rng(0, "ransac", 0))
-                .is_empty()
-        );
+        assert!(proposed_motions(&matches, 2, 1.5, &mut stage_rng(0, "ransac", 0)).is_empty());
     }
 }

@@ -9,7 +9,7 @@ use rand_core::Rng;
 
 use crate::{
     observations::LiftedMatch,
-    propose::ransac::{CHANCE, CellCounter, Gate, RansacConfig, common_motions},
+    propose::ransac::{CHANCE, CellCounter, Gate, cell_side_m, common_motions},
 };
 use geometry::Pose;
 
@@ -77,11 +77,10 @@ pub fn align_states(
     surroundings: impl FnOnce() -> Vec<LiftedMatch>,
     standing: impl Fn(&Pose) -> f64,
     extent_m: f64,
-    config: &RansacConfig,
     rng: &mut impl Rng,
 ) -> Result<Option<StateAlignment>, AlignmentError> {
-    let on_object = Support::new(object, extent_m, config);
-    let motions = common_motions(object, MOTIONS, extent_m, config, rng);
+    let on_object = Support::new(object, extent_m);
+    let motions = common_motions(object, MOTIONS, extent_m, rng);
     let still = Pose::identity();
     // A motion with matches that stand still is no motion.
     let mut moving = motions.clone();
@@ -92,8 +91,8 @@ pub fn align_states(
     }
     // 2. The surroundings of the object; they are matched only here, as matching takes long.
     let around = surroundings();
-    let found = common_motions(&around, MOTIONS, extent_m, config, rng);
-    if let Some((motion, cells)) = Support::new(&around, extent_m, config).clear(&found)? {
+    let found = common_motions(&around, MOTIONS, extent_m, rng);
+    if let Some((motion, cells)) = Support::new(&around, extent_m).clear(&found)? {
         let still = on_object.of_its_own(&motion, &[]) >= LEAST_CELLS;
         if still {
             let drifted = on_object.of_its_own(&motion, &[Pose::identity()]) >= LEAST_CELLS;
@@ -129,8 +128,8 @@ struct Support<'a> {
 }
 
 impl<'a> Support<'a> {
-    fn new(matches: &'a [LiftedMatch], extent_m: f64, config: &RansacConfig) -> Self {
-        Self { matches, gate: Gate::new(config, extent_m), cell_m: config.cell * extent_m }
+    fn new(matches: &'a [LiftedMatch], extent_m: f64) -> Self {
+        Self { matches, gate: Gate::new(extent_m), cell_m: cell_side_m(extent_m) }
     }
 
     /// Number of cells of the matches that follow a motion and none of the others.
@@ -204,14 +203,7 @@ mod tests {
         object: &[(usize, Pose)],
         around: &[(usize, Pose)],
     ) -> Result<Option<StateAlignment>, AlignmentError> {
-        align_states(
-            &matches(object, 1),
-            || matches(around, 2),
-            |_| 0.0,
-            0.8,
-            &RansacConfig::default(),
-            &mut stage_rng(0, "align", 0),
-        )
+        align_states(&matches(object, 1), || matches(around, 2), |_| 0.0, 0.8, &mut stage_rng(0, "align", 0))
     }
 
     fn check_drift(found: Option<StateAlignment>, by: AlignedBy) {
@@ -248,16 +240,8 @@ mod tests {
     fn where_matches_cannot_tell_surfaces_that_stand_still_do() {
         let object = matches(&[(300, drift()), (280, drift() * door())], 1);
         let still = |share: f64| move |m: &Pose| if *m == Pose::identity() { share } else { 0.6 };
-        let aligned = |share: f64| {
-            align_states(
-                &object,
-                Vec::new,
-                still(share),
-                0.8,
-                &RansacConfig::default(),
-                &mut stage_rng(0, "align", 0),
-            )
-        };
+        let aligned =
+            |share: f64| align_states(&object, Vec::new, still(share), 0.8, &mut stage_rng(0, "align", 0));
         assert!(aligned(0.5).unwrap().is_none());
         assert!(matches!(aligned(0.2), Err(AlignmentError::Ambiguous { .. })), "little stands still");
         assert!(

@@ -13,37 +13,36 @@ use crate::features::{
 use crate::frame::RgbdFrame;
 use numeric::vectorized;
 
+/// Scales of an octave. As Lowe's.
+const SCALES: usize = 3;
+/// Blur of the first image of an octave, pixels.
+/// chosen: Lowe's value
+const SIGMA_PX: f32 = 1.6;
+/// Least difference of Gaussians of a feature, for gray values in `[0, 1]`.
+/// chosen: a fifth of Lowe's 0.03, for the faint texture of furniture and devices
+const LEAST_CONTRAST: f32 = 0.006;
+/// Largest ratio of principal curvatures; a higher ratio is an edge.
+/// chosen: Lowe's value
+const EDGE_RATIO: f32 = 10.0;
+/// Least distance of a feature from the mask's border, pixels.
+const MASK_EROSION_PX: usize = 3;
+/// Most features of a frame that are matched between the states.
+const LIMIT: usize = 1000;
+
 /// Settings of the feature detector.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FeatureConfig {
     /// Whether the image is doubled first, to find features down to 1 pixel of blur.
     pub upsample: bool,
-    /// Number of scales per octave.
-    pub scales: usize,
-    /// Blur of the first image of an octave, pixels.
-    pub sigma_px: f32,
-    /// Least difference of Gaussians of a feature, for gray values in `[0, 1]`.
-    pub contrast: f32,
-    /// Largest ratio of principal curvatures; a higher ratio is an edge.
-    pub edge_ratio: f32,
-    /// Least distance of a feature from the mask's border, pixels.
-    pub mask_erosion_px: usize,
-    /// Most features per frame; the strongest are kept.
+    /// Most features per frame; the strongest are kept. This is not a setting.
+    #[serde(skip)]
     pub limit: usize,
 }
 
 impl Default for FeatureConfig {
     fn default() -> Self {
-        Self {
-            upsample: true,
-            scales: 3,
-            sigma_px: 1.6,
-            contrast: 0.006,
-            edge_ratio: 10.0,
-            mask_erosion_px: 3,
-            limit: 1000,
-        }
+        Self { upsample: true, limit: LIMIT }
     }
 }
 
@@ -68,7 +67,7 @@ const MARGIN_PX: usize = 20;
 /// Features on the object in a frame, strongest first.
 #[must_use]
 pub fn object_features(frame: &RgbdFrame, config: &FeatureConfig) -> Vec<Feature> {
-    let Some(crop) = Crop::of_object(frame, config) else { return Vec::new() };
+    let Some(crop) = Crop::of_object(frame) else { return Vec::new() };
     let mut found = features_of_crop(&crop, config);
     for f in &mut found {
         f.pixel = [0, 1].map(|k| f.pixel[k] + crop.corner[k] as f32);
@@ -83,7 +82,7 @@ pub(super) fn image_features(frame: &RgbdFrame, config: &FeatureConfig) -> Vec<F
     let height = frame.intrinsics.height;
     let values: Vec<f32> = frame.rgb.iter().map(|rgb| luma(*rgb)).collect();
     let everywhere = vec![true; values.len()];
-    features_of_crop(&Crop::whole_image(FloatImage { width, height, values }, everywhere, config), config)
+    features_of_crop(&Crop::whole_image(FloatImage { width, height, values }, everywhere), config)
 }
 
 /// The searched part of a frame.
@@ -107,7 +106,7 @@ impl Crop {
     }
 
     /// The region around the object, since most frames show it in a small part; `None` without an object.
-    fn of_object(frame: &RgbdFrame, config: &FeatureConfig) -> Option<Self> {
+    fn of_object(frame: &RgbdFrame) -> Option<Self> {
         let w = frame.intrinsics.width;
         let h = frame.intrinsics.height;
         let object: Vec<bool> = (0..w * h).map(|i| frame.is_object(i)).collect();
@@ -120,12 +119,12 @@ impl Crop {
         let values = rows.clone().flat_map(|row| &frame.rgb[row]).map(|rgb| luma(*rgb)).collect();
         let object = rows.flat_map(|row| object[row].iter().copied()).collect();
         let image = FloatImage { width: right + 1 - left, height: bottom + 1 - top, values };
-        Some(Self { corner: [left, top], ..Self::whole_image(image, object, config) })
+        Some(Self { corner: [left, top], ..Self::whole_image(image, object) })
     }
 
     /// The whole image.
-    fn whole_image(image: FloatImage, object: Vec<bool>, config: &FeatureConfig) -> Self {
-        let inner = eroded_mask(&object, image.width, config.mask_erosion_px);
+    fn whole_image(image: FloatImage, object: Vec<bool>) -> Self {
+        let inner = eroded_mask(&object, image.width, MASK_EROSION_PX);
         Self { image, object, inner, corner: [0; 2] }
     }
 }
@@ -186,17 +185,14 @@ struct Extremum {
 
 /// Features of a crop in its pixels, strongest first.
 fn features_of_crop(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
-    let octaves = octaves_of_image(&crop.image, config.scales, config.sigma_px, config.upsample);
+    let octaves = octaves_of_image(&crop.image, SCALES, SIGMA_PX, config.upsample);
     let mut extrema = Vec::new();
     for (o, octave) in octaves.iter().enumerate() {
         let step = octave.step;
-        for level in 1..=config.scales {
-            extrema.extend(self::refined_extrema(
-                octave,
-                ImageNumber { octave: o, level },
-                config,
-                |x, y| crop.mask_holds(&crop.inner, x as f32 * step, y as f32 * step),
-            ));
+        for level in 1..=SCALES {
+            extrema.extend(refined_extrema(octave, ImageNumber { octave: o, level }, |x, y| {
+                crop.mask_holds(&crop.inner, x as f32 * step, y as f32 * step)
+            }));
         }
     }
     // Strongest first, as no more than the requested number are described; the first found of equal ones.
@@ -216,7 +212,7 @@ fn features_of_crop(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
                 crop.mask_holds(&crop.object, x as f32 * step, y as f32 * step)
             })
         });
-        let scale = config.sigma_px * 2f32.powf(e.level / config.scales as f32);
+        let scale = SIGMA_PX * 2f32.powf(e.level / SCALES as f32);
         for angle_rad in dominant_orientations(gradients, e.x, e.y, scale) {
             found.extend(descriptor_at(gradients, e.x, e.y, scale, angle_rad).map(|descriptor| Feature {
                 pixel: [e.x * step, e.y * step],
@@ -232,12 +228,7 @@ fn features_of_crop(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
 }
 
 /// Refined extrema of one difference image of an octave.
-fn refined_extrema(
-    octave: &Octave,
-    of: ImageNumber,
-    config: &FeatureConfig,
-    inside: impl Fn(usize, usize) -> bool,
-) -> Vec<Extremum> {
+fn refined_extrema(octave: &Octave, of: ImageNumber, inside: impl Fn(usize, usize) -> bool) -> Vec<Extremum> {
     let d = &octave.differences;
     let level = of.level;
     let w = d[level].width;
@@ -248,10 +239,10 @@ fn refined_extrema(
         let rows = [y - 1, y, y + 1].map(|y| &d[level].values[y * w..(y + 1) * w]);
         candidates.clear();
         // Half, because the refined value may exceed the value at the pixel.
-        stands_out(rows, 0.5 * config.contrast, &mut candidates);
+        stands_out(rows, 0.5 * LEAST_CONTRAST, &mut candidates);
         for &x in &candidates {
             if is_extremum(d, level, x, y, rows[1][x]) && inside(x, y) {
-                found.extend(refined_extremum(d, of, [x, y], config));
+                found.extend(refined_extremum(d, of, [x, y]));
             }
         }
     }
@@ -327,12 +318,7 @@ const FARTHEST: f32 = 0.6;
 
 /// The extremum near a pixel, by a quadratic fit to the values around it; `None` if it is weak, an edge, or
 /// does not converge.
-fn refined_extremum(
-    d: &[FloatImage],
-    found: ImageNumber,
-    [mut x, mut y]: [usize; 2],
-    config: &FeatureConfig,
-) -> Option<Extremum> {
+fn refined_extremum(d: &[FloatImage], found: ImageNumber, [mut x, mut y]: [usize; 2]) -> Option<Extremum> {
     let mut level = found.level;
     let w = d[level].width;
     let h = d[level].height;
@@ -348,9 +334,9 @@ fn refined_extremum(
             let xy = hessian[(0, 1)];
             let trace = xx + yy;
             let determinant = xx * yy - xy * xy;
-            let r = config.edge_ratio;
+            let r = EDGE_RATIO;
             let corner = determinant > 0.0 && trace * trace * r < (r + 1.0) * (r + 1.0) * determinant;
-            return (response.abs() >= config.contrast && corner).then_some(Extremum {
+            return (response.abs() >= LEAST_CONTRAST && corner).then_some(Extremum {
                 found,
                 x: x as f32 + offset[0],
                 y: y as f32 + offset[1],
@@ -361,7 +347,7 @@ fn refined_extremum(
         // One sample at a time: the quadratic is accurate only nearby.
         x = next_sample(x, offset[0], w - 2)?;
         y = next_sample(y, offset[1], h - 2)?;
-        level = next_sample(level, offset[2], config.scales)?;
+        level = next_sample(level, offset[2], SCALES)?;
     }
     None
 }
@@ -457,7 +443,7 @@ mod tests {
         let image = blobs(128, 100, &centers);
         for upsample in [false, true] {
             let config = FeatureConfig { upsample, ..FeatureConfig::default() };
-            let crop = Crop::whole_image(image.clone(), vec![true; 128 * 100], &config);
+            let crop = Crop::whole_image(image.clone(), vec![true; 128 * 100]);
             let found = features_of_crop(&crop, &config);
             for (c, s) in centers {
                 let near = found.iter().find(|f| (f.pixel[0] - c[0]).hypot(f.pixel[1] - c[1]) < 0.1);
@@ -472,11 +458,11 @@ mod tests {
         let mut edge = FloatImage::zeros(96, 96);
         (0..96 * 96).for_each(|i| edge.values[i] = if i % 96 > 47 { 0.9 } else { 0.1 });
         let config = FeatureConfig::default();
-        let found = features_of_crop(&Crop::whole_image(edge, vec![true; 96 * 96], &config), &config);
+        let found = features_of_crop(&Crop::whole_image(edge, vec![true; 96 * 96]), &config);
         assert!(found.iter().all(|f| f.pixel[1] < 16.0 || f.pixel[1] > 80.0));
         let image = blobs(96, 96, &[([30.0, 30.0], 3.0), ([70.0, 70.0], 3.0)]);
         let mask: Vec<bool> = (0..96 * 96).map(|i| i % 96 < 50).collect();
-        let found = features_of_crop(&Crop::whole_image(image, mask, &config), &config);
+        let found = features_of_crop(&Crop::whole_image(image, mask), &config);
         assert!(!found.is_empty() && found.iter().all(|f| f.pixel[0] < 46.5));
     }
 

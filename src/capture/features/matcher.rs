@@ -13,6 +13,10 @@ use crate::features::{
 };
 use crate::frame::RgbdFrame;
 
+/// A match is kept if its descriptor distance is below this fraction of the second best distance.
+/// chosen: looser than Lowe's 0.8; what follows no motion is dropped later
+const RATIO: f32 = 0.85;
+
 /// Settings of the matcher.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -21,8 +25,6 @@ pub struct MatchConfig {
     pub features: FeatureConfig,
     /// Number of frames of the other state matched with each frame, nearest views first.
     pub neighbors: usize,
-    /// A match is kept if its descriptor distance is below this fraction of the second best distance.
-    pub ratio: f32,
     /// ONNX file of a model for matching image pairs, in place of the built-in features.
     pub onnx: Option<PathBuf>,
     /// Longer side of images for models of variable input size, pixels.
@@ -36,7 +38,6 @@ impl Default for MatchConfig {
         Self {
             features: FeatureConfig::default(),
             neighbors: 12,
-            ratio: 0.85,
             onnx: None,
             onnx_max_side_px: 640,
             onnx_min_confidence: 0.2,
@@ -99,7 +100,7 @@ pub fn match_states(states: [&[RgbdFrame]; 2], config: &MatchConfig) -> Vec<Pixe
         .map(|(frame0, frame1)| {
             let a = &found0[frame0];
             let b = &found1[frame1];
-            mutual_matches(a, b, config.ratio)
+            mutual_matches(a, b, RATIO)
                 .into_iter()
                 .map(|(i, j)| PixelMatch { frame0, pixel0: a[i].pixel, frame1, pixel1: b[j].pixel })
                 .collect()

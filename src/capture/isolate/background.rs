@@ -5,6 +5,13 @@ use nalgebra::Point3;
 use super::plane::Plane;
 use crate::{CaptureConfig, NoiseConfig, RgbdFrame};
 
+/// Points closer to the support plane than this belong to it, meters.
+/// chosen: what lies on a plane is higher
+pub const PLANE_CLEARANCE_M: f64 = 0.002;
+/// Points closer to it than this many standard deviations of the depth noise belong to it, too.
+/// chosen: 0.1 % of the plane's readings lie farther above it
+const PLANE_SIGMAS: f64 = 3.0;
+
 /// Whether a point lies in the workspace; true without one.
 pub fn in_box(workspace: Option<[[f64; 3]; 2]>, p: &Point3<f64>) -> bool {
     workspace.is_none_or(|[lower, upper]| (0..3).all(|k| p[k] >= lower[k] && p[k] <= upper[k]))
@@ -30,10 +37,7 @@ impl Background<'_> {
         let ray =
             frame.world_from_camera.rotation * k.ray_at((pixel % k.width) as f64, (pixel / k.width) as f64);
         let sigma = self.noise.sigma_m(f64::from(frame.depth_m[pixel]));
-        let isolate = &self.config.isolate;
-        self.planes.iter().all(|p| {
-            p.height_m(point)
-                > isolate.plane_clearance_m + isolate.plane_sigmas * p.height_sigma_m(&ray, sigma)
-        })
+        let clear_m = |p: &Plane| PLANE_CLEARANCE_M + PLANE_SIGMAS * p.height_sigma_m(&ray, sigma);
+        self.planes.iter().all(|p| p.height_m(point) > clear_m(p))
     }
 }

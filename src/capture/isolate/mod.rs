@@ -21,7 +21,7 @@ use rand_core::Rng;
 use rayon::prelude::*;
 
 use self::{
-    background::{Background, in_box},
+    background::{Background, PLANE_CLEARANCE_M, in_box},
     change::{at_rest, changed_cells},
     outliers::outlier_cells,
     plane::background_planes,
@@ -43,6 +43,8 @@ const MIN_PIXELS: usize = 200;
 /// Least share of common cells, of the state with fewer cells.
 /// chosen: with less, the states show no common object
 const MIN_OVERLAP: f64 = 0.02;
+/// Largest gap between parts of the object, cells.
+const LINK_CELLS: i32 = 3;
 
 /// Sets the mask of every frame.
 ///
@@ -149,13 +151,8 @@ fn find_object(
     stop: &Stop,
 ) -> Result<(), CaptureError> {
     let workspace = config.isolate.workspace;
-    let planes = match workspace {
-        Some(_) if !config.isolate.plane_in_workspace => Vec::new(),
-        _ => {
-            let frames: Vec<&RgbdFrame> = capture.states.iter().flatten().collect();
-            background_planes(&frames, &capture.noise, rng, stop)?
-        }
-    };
+    let frames: Vec<&RgbdFrame> = capture.states.iter().flatten().collect();
+    let planes = background_planes(&frames, &capture.noise, rng, stop)?;
     for p in &planes {
         let n = p.normal;
         capture.notes.push(Note::new(
@@ -238,15 +235,13 @@ fn choose(
     let isolate = &background.config.isolate;
     let changed = changed_cells(cells, &capture.states, size_m, &capture.noise, stop)?;
     let poses: Vec<_> = capture.states.iter().flatten().map(|f| f.world_from_camera).collect();
-    // At most 20, since the neighbor search visits a cube of this radius.
-    let reach = isolate.link_distance_m.map_or(3, |d| ((d / size_m).ceil() as i32).clamp(1, 20));
     // The same distance to a plane as between cells of a group.
-    let touching_m = isolate.plane_clearance_m + f64::from(reach + 1) * size_m;
+    let touching_m = PLANE_CLEARANCE_M + f64::from(LINK_CELLS + 1) * size_m;
     // Grouped over all states together: parts separate in one state may be connected in another.
     let search = Search {
         cells,
         size_m,
-        reach,
+        reach: LINK_CELLS,
         changed: &changed,
         is_at_support: &|c| {
             background.planes.iter().any(|p| p.height_m(&center_of_cell(c, size_m)).abs() <= touching_m)

@@ -24,39 +24,43 @@ pub enum Lost {
 impl Lost {
     /// Message with the most frequent reason among the lost views; entries of located views are `None`.
     #[must_use]
-    pub fn most_frequent_reason(reasons: &[Option<Self>]) -> &'static str {
+    pub fn most_frequent_reason(reasons: &[Option<Self>]) -> String {
         let counts =
             reasons.iter().flatten().map(|why| (reasons.iter().filter(|r| **r == Some(*why)).count(), *why));
-        counts.max().map_or(
-            "no other view hangs together with them; move slower, and look back at what was seen",
-            |(_, why)| why.reason(),
-        )
+        let nowhere = "no other view hangs together with them; move slower, and look back at what was seen";
+        counts.max().map_or(nowhere.to_owned(), |(_, why)| why.reason())
     }
 
-    /// Message with the reason and its remedy.
+    /// The reason and its remedy.
     #[must_use]
-    pub fn reason(self) -> &'static str {
+    pub fn reason(self) -> String {
+        format!("{}; {}", self.cause(), self.remedy())
+    }
+
+    fn cause(self) -> &'static str {
         match self {
-            Self::NoGuess => "nothing in them was seen before; move slower, look back at what was seen",
-            Self::LittleShared => {
-                "they share little surface with others; move slower, and look back at what was seen"
-            }
-            Self::Contradicted => {
-                "their surfaces contradict those of other views; let nothing move but the camera, \
-                 and that slower"
-            }
-            Self::Undetermined => {
-                "what they show leaves a motion open, as a plain wall does; keep corners and texture in \
-                 view"
-            }
-            Self::Covered => {
-                "they are dark and without depth; keep the lens free, and 0.3 m away from things"
-            }
-            Self::Dark => "they are too dark; give more light",
-            Self::Unread => {
-                "hardly a pixel has depth; keep the distance that the sensor measures, and out of the sun"
-            }
-            Self::Blank => "they show nothing that can be found again; keep corners and texture in view",
+            Self::NoGuess => "nothing in them was seen before",
+            Self::LittleShared => "they share little surface with others",
+            Self::Contradicted => "their surfaces contradict those of other views",
+            Self::Undetermined => "what they show leaves a motion open, as a plain wall does",
+            Self::Covered => "they are dark and without depth",
+            Self::Dark => "they are too dark",
+            Self::Unread => "hardly a pixel has depth",
+            Self::Blank => "they show nothing that can be found again",
+        }
+    }
+
+    /// What to do about it.
+    #[must_use]
+    pub fn remedy(self) -> &'static str {
+        match self {
+            Self::NoGuess => "move slower, look back at what was seen",
+            Self::LittleShared => "move slower, and look back at what was seen",
+            Self::Contradicted => "let nothing move but the camera, and that slower",
+            Self::Undetermined | Self::Blank => "keep corners and texture in view",
+            Self::Covered => "keep the lens free, and 0.3 m away from things",
+            Self::Dark => "give more light",
+            Self::Unread => "keep the distance that the sensor measures, and out of the sun",
         }
     }
 
@@ -64,11 +68,5 @@ impl Lost {
     #[must_use]
     pub fn is_blind(self) -> bool {
         matches!(self, Self::Covered | Self::Dark | Self::Unread | Self::Blank)
-    }
-
-    /// Remedy in a message: the end of [`Self::reason`].
-    #[must_use]
-    pub fn remedy(self) -> &'static str {
-        self.reason().split_once("; ").map_or(self.reason(), |(_, remedy)| remedy)
     }
 }

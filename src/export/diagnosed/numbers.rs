@@ -3,7 +3,7 @@
 use gap::{
     judge::{
         format_model::{FormatModel, HeldEffect},
-        report::{ExportNote, Held, HeldParameter, JointReport},
+        report::{ExportNote, ExportStatus, Held, HeldParameter, JointReport},
         verdict::Verdict,
     },
     model::{
@@ -46,7 +46,8 @@ pub fn notes(format: Format, file: &str, joint: &JointReport, catalogue: &Catalo
 /// The same if there is no file, or the file leaves the joint as it was; `why` gives the reason.
 #[must_use]
 pub fn missing(format: Format, joint: &JointReport, catalogue: &Catalogue, why: &str) -> Vec<ExportNote> {
-    let not_written = |note| ExportNote { status: format!("not written: {why}"), by: Vec::new(), ..note };
+    let not_written =
+        |note| ExportNote { status: ExportStatus::NotWritten(why.to_owned()), by: Vec::new(), ..note };
     notes(format, "", joint, catalogue).into_iter().map(not_written).collect()
 }
 
@@ -77,7 +78,7 @@ fn note(
         file: file.into(),
         joint: joint.joint.clone(),
         effect: effect.effect.map_or(Verdict::Unknown.name(), |e| catalogue[e].name()).into(),
-        status: effect.fate.name().into(),
+        status: ExportStatus::InFile(effect.fate.name()),
         by: effect.by.iter().map(|term| held_term(term, joint.turns, catalogue)).collect(),
         rmse: Some(held.rmse),
         before: Some(held.twin_rmse),

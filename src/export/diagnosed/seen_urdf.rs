@@ -16,7 +16,7 @@ use gap::camera::{
         twin::{SeenJoint, SeenMotion},
     },
 };
-use gap::judge::report::ExportNote;
+use gap::judge::report::{ExportNote, ExportStatus};
 use geometry::Pose;
 use model::escape_xml;
 
@@ -65,7 +65,7 @@ pub fn urdf(
             file: file.into(),
             joint: subject.to_owned(),
             effect: f.finding.effect.clone(),
-            status: f.in_urdf.into(),
+            status: ExportStatus::InFile(f.in_urdf),
             by: Vec::new(),
             rmse: (f.in_urdf == "native").then_some(diagnosis.gap.after),
             before: (f.in_urdf == "native").then_some(diagnosis.gap.before),

@@ -4,11 +4,8 @@ use std::fmt::Write as _;
 
 use super::words::{decimal_places, escaped_words, fixed_text, residual_text, with_unit};
 use crate::page::{push_table, table_row};
-use gap::judge::report::{ExportNote, Held, JointReport};
+use gap::judge::report::{ExportNote, ExportStatus, Held, JointReport};
 use model::escape_xml;
-
-/// First words of the status of a missing file.
-const NOT_WRITTEN: &str = "not written";
 
 /// The table of all formats.
 #[must_use]
@@ -17,16 +14,16 @@ pub(super) fn exports_table(joints: &[JointReport], notes: &[ExportNote]) -> Str
         ["Format", "Joint", "Effect", "The file", "In its place", "Held-out residual, twin \u{2192} file"];
     let mut rows = String::new();
     let mut last = (String::new(), String::new());
-    let mut absent = "";
+    let mut absent = None;
     for note in notes {
-        if note.file.is_empty() && note.status.starts_with(NOT_WRITTEN) {
+        if note.file.is_empty() && matches!(note.status, ExportStatus::NotWritten(_)) {
             // One row covers all joints and effects.
-            let is_new = note.format != last.0 || note.status != absent;
+            let is_new = note.format != last.0 || absent != Some(&note.status);
             last = (note.format.clone(), String::new());
-            absent = note.status.as_str();
+            absent = Some(&note.status);
             if is_new {
                 let format = note.format.to_uppercase();
-                let status = escape_xml(&note.status);
+                let status = escape_xml(&note.status.to_string());
                 writeln!(rows, "<tr><td>{format}</td><td colspan=\"5\">{status}</td></tr>").ok();
             }
             continue;
@@ -49,8 +46,14 @@ pub(super) fn exports_table(joints: &[JointReport], notes: &[ExportNote]) -> Str
         last = own;
         let by = note.by.iter().map(held_text).collect::<Vec<_>>().join("; ");
         let by = if by.is_empty() { "\u{2013}".into() } else { by };
-        let cells =
-            [file, escape_xml(&note.joint), escaped_words(&note.effect), escape_xml(&note.status), by, gap];
+        let cells = [
+            file,
+            escape_xml(&note.joint),
+            escaped_words(&note.effect),
+            escape_xml(&note.status.to_string()),
+            by,
+            gap,
+        ];
         rows.push_str(&table_row(&head, &cells));
     }
     let mut out = String::new();

@@ -11,7 +11,7 @@ use gap::{
         law::{Curve, Law, Point, Way},
         locate::Variable,
         proof::{Gap, ResidualSeries, RunGap, RunSeries, WindowGap},
-        report::{Track, report, summary_of_joints},
+        report::{ExportStatus, Track, report, summary_of_joints},
         verdict::Diagnosis,
     },
     model::{
@@ -166,7 +166,7 @@ fn page(edit: impl FnOnce(&mut JointReport)) -> String {
         file: "twin.urdf".into(),
         joint: JOINT.into(),
         effect: "coulomb_friction".into(),
-        status: "native".into(),
+        status: ExportStatus::InFile("native"),
         by: Vec::new(),
         rmse: Some(0.001),
         before: Some(0.01),

@@ -47,17 +47,15 @@ pub struct RadianceConfig {
     pub learning_rate: f64,
     /// Factor on the published learning rates of the motions.
     pub motion_rate_scale: f64,
-    /// Weight of the binary cross entropy between opacity and mask (published: 0.1).
-    pub mask_weight: f64,
     /// Weight of the squared error of the rendered distance, normalised units (PARIS*: 0.01; PARIS: 0).
     pub depth_weight: f64,
     /// Weight of the entropy of the parts' shares of a ray's opacity (published code: 0).
     pub part_entropy_weight: f64,
     /// Rendering weight below which a sample has no color and counts as the white background. The color
-    /// network, the largest cost, is skipped there; 0 skips it only where the weight is 0.
+    /// network, the largest cost, is skipped there; 0 skips it only where the weight is 0. This is not a
+    /// setting.
+    #[serde(skip, default = "color_threshold")]
     pub color_threshold: f64,
-    /// Whether the second phase, with typed joints, continues with the fields of the first.
-    pub keep_fields: bool,
     /// Nodes per side of the grid for meshing a part (published: 256).
     pub mesh_nodes: usize,
 }
@@ -65,6 +63,12 @@ pub struct RadianceConfig {
 /// Least number of parts.
 fn two() -> usize {
     2
+}
+
+/// Default of [`RadianceConfig::color_threshold`].
+/// chosen: 96 samples of a ray then miss at most a hundredth of its color
+fn color_threshold() -> f64 {
+    1e-4
 }
 
 impl Default for RadianceConfig {
@@ -86,11 +90,9 @@ impl Default for RadianceConfig {
             ray_half_side: 1.0,
             learning_rate: 0.002,
             motion_rate_scale: 1.0,
-            mask_weight: 0.1,
             depth_weight: 0.01,
             part_entropy_weight: 0.0,
-            color_threshold: 1e-4,
-            keep_fields: false,
+            color_threshold: color_threshold(),
             mesh_nodes: 256,
         }
     }
@@ -126,7 +128,6 @@ impl RadianceConfig {
         ensure_within("ray_half_side", self.ray_half_side, 0.1, self.half_side)?;
         ensure_within("learning_rate", self.learning_rate, 1e-8, 1.0)?;
         ensure_within("motion_rate_scale", self.motion_rate_scale, 0.0, 1e3)?;
-        ensure_within("mask_weight", self.mask_weight, 0.0, 1e6)?;
         ensure_within("depth_weight", self.depth_weight, 0.0, 1e6)?;
         ensure_within("mesh_nodes", self.mesh_nodes as f64, 16.0, 1024.0)?;
         ensure_within("part_entropy_weight", self.part_entropy_weight, 0.0, 1e6)?;

@@ -19,7 +19,6 @@ fn config(parts: usize) -> RadianceConfig {
         field: small_config(),
         parts,
         half_side: 1.2,
-        mask_weight: 0.1,
         depth_weight: 0.3,
         part_entropy_weight: 0.2,
         color_threshold: 0.0,

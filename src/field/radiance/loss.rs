@@ -5,6 +5,9 @@ use serde::{Deserialize, Serialize};
 use super::RadianceConfig;
 use super::ray_batch::Ray;
 
+/// Weight of the binary cross entropy between opacity and mask.
+/// derived: the published one
+pub(super) const MASK_WEIGHT: f64 = 0.1;
 /// Least distance of opacities from 0 and 1 in the cross entropy, to keep its logarithms finite.
 /// chosen: limits the loss of one ray to 7
 const OPACITY_MARGIN: f64 = 1e-3;
@@ -93,7 +96,7 @@ pub(super) fn ray_loss(
     let opacity: f64 = shown.opacities.iter().sum();
     let inner = opacity.clamp(OPACITY_MARGIN, 1.0 - OPACITY_MARGIN);
     let (probability, sign) = if ray.object { (inner, 1.0) } else { (1.0 - inner, -1.0) };
-    let weight = config.mask_weight * share.ray;
+    let weight = MASK_WEIGHT * share.ray;
     loss.mask = -weight * probability.ln();
     if inner == opacity {
         by.opacities.iter_mut().for_each(|g| *g -= weight * sign / probability);

@@ -2,6 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
+use super::loss::MASK_WEIGHT;
 use super::ray_batch::{Ray, RayBatch};
 use super::{HalfMotion, RadianceConfig};
 use crate::reference::Reference;
@@ -91,7 +92,7 @@ pub(super) fn loss(
         } else {
             0.0
         };
-        let mask = config.mask_weight * cross_entropy(opacity, ray.object);
+        let mask = MASK_WEIGHT * cross_entropy(opacity, ray.object);
         (rgb + mask + config.part_entropy_weight * entropy, distance)
     })
 }
@@ -126,7 +127,7 @@ pub(super) fn two_part_loss(
         let rgb = (0..3).map(|c| smooth_l1(color[c] + (1.0 - opacity) - ray.color[c])).sum::<f64>() / 3.0;
         let p = o_s / opacity;
         let binary = if opacity > 0.01 { -p * p.ln() - (1.0 - p) * (1.0 - p).ln() } else { 0.0 };
-        let mask = config.mask_weight * cross_entropy(opacity, ray.object);
+        let mask = MASK_WEIGHT * cross_entropy(opacity, ray.object);
         (rgb + mask + config.part_entropy_weight * binary, distance)
     })
 }

@@ -64,12 +64,11 @@ impl<'a> RadianceTrainer<'a> {
         Self::from_motions(input, config, motions, seed, stage)
     }
 
-    /// Starts with typed joints from the motions of a model, and with its fields or random ones, as
-    /// configured.
+    /// Starts with typed joints from the motions of a model, and with random fields.
     ///
     /// # Errors
-    /// [`FieldError`]: a value out of range, a different number or shape of parts, or a state without frames
-    /// that show the cube.
+    /// [`FieldError`]: a value out of range, a different number of parts, or a state without frames that show
+    /// the cube.
     pub fn typed(
         input: &RadianceInput<'a>,
         config: &RadianceConfig,
@@ -78,13 +77,7 @@ impl<'a> RadianceTrainer<'a> {
         stage: &str,
     ) -> Result<Self, FieldError> {
         let motions = found.motions.iter().map(HalfMotion::typed_joint).collect();
-        let mut trainer = Self::from_motions(input, config, motions, seed, stage)?;
-        if config.keep_fields {
-            let kept = found.fields.iter().cloned().map(fresh_state).collect();
-            trainer.check_fields(&kept)?;
-            trainer.engine = RadianceEngine::new(kept);
-        }
-        Ok(trainer)
+        Self::from_motions(input, config, motions, seed, stage)
     }
 
     /// Starts with random fields and the given half motions of the mobile parts.

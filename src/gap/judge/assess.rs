@@ -1,6 +1,7 @@
 //! From one joint's logs to its report: diagnosis on the fitted runs, proof on the held-out ones.
 
 use rand_core::Rng;
+use tracing::debug;
 
 use crate::{
     fit::{
@@ -114,12 +115,15 @@ pub fn proven_report(examined: Examined, rng: &mut impl Rng) -> JointReport {
         diagnosis.verdict = Verdict::Unknown;
     }
     // Names not confirmed by held-out runs are withdrawn; the proof is then the twin's.
-    if !updated.terms.is_empty()
-        && !is_borne_out(&problem, &held_out, [&updated, &twin], &proof.0, diagnosis.noise)
-    {
-        diagnosis.withdraw_names();
-        updated = twin.clone();
-        proof = proven_gap(&held_out, &twin, &twin);
+    if !updated.terms.is_empty() {
+        let keeps = is_borne_out(&problem, &held_out, [&updated, &twin], &proof.0, diagnosis.noise);
+        let Gap { before, after, noise_floor, .. } = proof.0;
+        debug!(joint = name, keeps, before, after, noise_floor, "names held against unseen runs");
+        if !keeps {
+            diagnosis.withdraw_names();
+            updated = twin.clone();
+            proof = proven_gap(&held_out, &twin, &twin);
+        }
     }
     if let Some(nearest) = diagnosis.nearest.clone() {
         let whole = proven_gap(&held_out, &twin, &nearest.model);
@@ -134,6 +138,7 @@ pub fn proven_report(examined: Examined, rng: &mut impl Rng) -> JointReport {
         let proven = smaller.map(|d| (proven_gap(&held_out, &twin, &d.model), d));
         match proven.filter(|(p, d)| is_borne_out(&problem, &held_out, [&d.model, &twin], &p.0, d.noise)) {
             Some((proved, found)) => {
+                debug!(joint = name, before = proved.0.before, after = proved.0.after, "smaller set named");
                 (updated, proof) = (found.model.clone(), proved);
                 diagnosis = Diagnosis { before: diagnosis.before, ..found };
             }
@@ -229,7 +234,14 @@ fn by_prediction(
     }
     let known = found.nearest.as_ref().map_or(&found.model, |n| &n.model);
     let other = diagnose(&predicting, effects, std::slice::from_ref(known), rng);
-    if !predicts_better(&predicting, &found.model, &other.model) {
+    let keeps = predicts_better(&predicting, &found.model, &other.model);
+    debug!(
+        keeps,
+        first = found.model.terms.len(),
+        second = other.model.terms.len(),
+        "set held against one that predicts"
+    );
+    if !keeps {
         return other;
     }
     found.weigh_as(problem.catalogue, &other.weighed);
@@ -265,6 +277,14 @@ fn fewer_effects(problem: &Problem, nearest: &JointModel) -> Option<Vec<usize>> 
     // A push of one run does not predict another run.
     let pushes = model.terms.iter().any(|t| problem.catalogue[t.effect].is_of_one_run());
     let much = rmse < CLEARLY * whole;
+    debug!(
+        left = model.terms.len(),
+        of = nearest.terms.len(),
+        rmse,
+        whole,
+        much,
+        "effects dropped that predict worse"
+    );
     (much && !pushes).then(|| model.terms.iter().map(|t| t.effect).collect())
 }
 

@@ -90,15 +90,39 @@ pub struct ExportNote {
     pub joint: String,
     /// Effect.
     pub effect: String,
-    /// `native`, `approximated`, `fitted again`, `replaced`, `left out`, `kept` (the twin's values),
-    /// `not expressible`, or `not written` with the reason.
-    pub status: String,
+    /// What became of it.
+    pub status: ExportStatus,
     /// The effects replacing it, or the effect itself with other parameters.
     pub by: Vec<Held>,
     /// Root mean square residual of the held-out runs with the joint's effects in the file, rad or m.
     pub rmse: Option<f64>,
     /// The same for the twin.
     pub before: Option<f64>,
+}
+
+/// What became of an effect in a file; a text in JSON.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ExportStatus {
+    /// `native`, `approximated`, `fitted again`, `replaced`, `left out`, `kept` (the twin's values), or `not
+    /// expressible`.
+    InFile(&'static str),
+    /// There is no file, or the file leaves the joint as it was; with the reason.
+    NotWritten(String),
+}
+
+impl std::fmt::Display for ExportStatus {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::InFile(fate) => f.write_str(fate),
+            Self::NotWritten(why) => write!(f, "not written: {why}"),
+        }
+    }
+}
+
+impl Serialize for ExportStatus {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
 }
 
 /// An effect as written in a file.

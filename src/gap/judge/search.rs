@@ -2,6 +2,7 @@
 //! of them.
 
 use rayon::prelude::*;
+use tracing::debug;
 
 use crate::{
     fit::{
@@ -234,6 +235,11 @@ pub fn searched_sets(problem: &Problem, breadth: &Breadth, scope: &Scope) -> Sea
             sets = with_exchanges(problem, &by_size[0][0], sets, &by_size[1]);
         }
         let best = sets.first().map_or(f64::NEG_INFINITY, |c| c.score);
+        for set in sets.iter().take(FINALISTS) {
+            let gain = set.score - best_before;
+            let effects = set.fit.model.effect_names(problem.catalogue);
+            debug!(size, ?effects, score = set.score, gain, wanted, "effect added");
+        }
         // Growing one by one misses sets whose members are visible only together.
         let smaller: Vec<Candidate> = if size > 1 {
             sets.iter().take(2).flat_map(|c| without_one(problem, c, &by_size[size - 1])).collect()
@@ -445,6 +451,10 @@ fn ranked_hits(
     let price = problem.independent_count().ln();
     let value = |h: &[Hit]| h[0].gain - price * h[0].p.len() as f64;
     hits.sort_by(|a, b| value(b).total_cmp(&value(a)));
+    for (rank, hit) in hits.iter().enumerate() {
+        let effect = problem.catalogue[hit[0].effect].name();
+        debug!(effect, gain = hit[0].gain, worth = value(hit), tried = rank < count, "effect screened");
+    }
     hits.truncate(count);
     hits
 }

@@ -2,6 +2,7 @@
 //! for any of these.
 
 use rand_core::Rng;
+use tracing::debug;
 
 use crate::{
     fit::{
@@ -285,6 +286,8 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     let (rivals, total) = in_doubt(diagnosis.weighed.clone());
     diagnosis.weighed.push((chosen.effects(), 1.0));
     diagnosis.verdict = if rivals.is_empty() { Verdict::Named } else { Verdict::Ambiguous };
+    let effects_found = chosen.fit.model.effect_names(problem.catalogue);
+    debug!(effects = ?effects_found, rivals = rivals.len(), total, left = diagnosis.left, "names weighed");
     let (model, spread) = refined_model(problem, &chosen.fit);
     let (model, spread) = with_offset(problem, model, spread, effects);
     diagnosis.findings = findings_of_model(problem, &model, &spread, &rivals, total);
@@ -293,7 +296,9 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     // Given effects are judged by the held-out runs only.
     if effects.is_empty() {
         diagnosis.mark_sure_effects(problem.catalogue);
-        if explains_too_little(problem, &diagnosis, base, chosen) {
+        let keeps = !explains_too_little(problem, &diagnosis, base, chosen);
+        debug!(effects = ?effects_found, keeps, left = diagnosis.left, "names kept or taken back");
+        if !keeps {
             diagnosis.withdraw_names();
         }
     }
@@ -375,6 +380,8 @@ fn chosen(problem: &Problem, effects: &[usize], seeds: &[JointModel]) -> (Search
             &Scope { effects: &all, seeds, least_gain: least_gain(all.len()) },
         );
         let mut chosen = simplified_set(problem, found.accepted_set());
+        let effects = chosen.fit.model.effect_names(problem.catalogue);
+        debug!(?effects, score = chosen.score, "set accepted");
         if problem.weighing != Weighing::Innovations {
             chosen = predictive_set(problem, &found, &chosen);
         }
@@ -422,7 +429,7 @@ fn is_shaped(problem: &Problem, chosen: &Candidate) -> bool {
 /// other shapes of the same effect are not counted.
 fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usize>, f64)> {
     let own = chosen.effects();
-    let own_names = names_of(problem.catalogue, &own);
+    let own_names = chosen.fit.model.effect_names(problem.catalogue);
     let twin = indistinguishable_set(problem, &own);
     let predicts = problem.weighing != Weighing::Innovations;
     let mut others: Vec<&Candidate> = Vec::new();
@@ -433,7 +440,7 @@ fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usi
             || model_richness(&candidate.fit.model) <= model_richness(&chosen.fit.model))
             && effects != own
             && !generalizes(problem.catalogue, &effects, &own)
-            && names_of(problem.catalogue, &effects) != own_names
+            && candidate.fit.model.effect_names(problem.catalogue) != own_names
             && twin.as_ref() != Some(&effects);
         if is_rival {
             others.push(candidate);
@@ -448,13 +455,9 @@ fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usi
     weighed.chain(twin.clone().map(|effects| (effects, 1.0))).collect()
 }
 
-fn names_of(catalogue: &Catalogue, effects: &[usize]) -> Vec<&'static str> {
-    effects.iter().map(|e| catalogue[*e].name()).collect()
-}
-
 /// Whether a set has an effect with a special case in the set `own`.
 fn generalizes(catalogue: &Catalogue, effects: &[usize], own: &[usize]) -> bool {
-    let own_names = names_of(catalogue, own);
+    let own_names: Vec<&str> = own.iter().map(|e| catalogue[*e].name()).collect();
     let mut others = effects.iter().filter(|e| !own.contains(e));
     others.any(|e| catalogue[*e].effect_spec().contains.iter().any(|n| own_names.contains(n)))
 }

@@ -105,6 +105,12 @@ impl JointModel {
         effects
     }
 
+    /// Names of its effects, in the order of the catalogue.
+    #[must_use]
+    pub fn effect_names(&self, catalogue: &Catalogue) -> Vec<&'static str> {
+        self.effect_indices().into_iter().map(|e| catalogue[e].name()).collect()
+    }
+
     /// Number of free parameters, the lag included.
     #[must_use]
     pub fn free_count(&self) -> usize {

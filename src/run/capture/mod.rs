@@ -131,7 +131,7 @@ pub fn track_camera(
         Source::Both(path) => vec![path],
         _ => {
             let why = "bags are tracked, one a state";
-            return Err(CaptureError::NotTracked { state: 0, views: 0, why });
+            return Err(CaptureError::NotTracked { state: 0, views: 0, why: why.to_owned() });
         }
     };
     let mut steps = Steps::new(monitor);

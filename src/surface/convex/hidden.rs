@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Point2, Point3, Vector3};
 
-use super::{ConvexConfig, Hidden, pieces::Piece, raster::Raster};
+use super::{Hidden, MIN_THICKNESS_M, pieces::Piece, raster::Raster};
 use crate::{TriangleMesh, outline::hull_2d, patches::Patch};
 
 /// Largest number of samples along an edge of a face near a patch, across three patch sizes.
@@ -28,11 +28,10 @@ pub(super) fn hidden_walls(
     patches: &[Patch],
     wall_m: f64,
     hidden: Hidden<'_>,
-    config: &ConvexConfig,
 ) -> Vec<HiddenWall> {
     let total: f64 = patches.iter().map(|p| p.area_m2).sum();
     let large = patches.iter().filter(|p| p.area_m2 >= LEAST_SHARE * total);
-    large.flat_map(|patch| walls_in_gaps(mesh, patch, wall_m, hidden, config)).collect()
+    large.flat_map(|patch| walls_in_gaps(mesh, patch, wall_m, hidden)).collect()
 }
 
 /// The fronts of unseen walls, counter-clockwise seen from in front.
@@ -63,13 +62,7 @@ fn mean_color(mesh: &TriangleMesh, patch: &Patch) -> Option<[u8; 3]> {
 }
 
 /// Walls in the gaps of a patch.
-fn walls_in_gaps(
-    mesh: &TriangleMesh,
-    patch: &Patch,
-    wall_m: f64,
-    hidden: Hidden<'_>,
-    config: &ConvexConfig,
-) -> Vec<HiddenWall> {
+fn walls_in_gaps(mesh: &TriangleMesh, patch: &Patch, wall_m: f64, hidden: Hidden<'_>) -> Vec<HiddenWall> {
     let flat = Flat::of_patch(mesh, patch);
     let points: Vec<Point2<f64>> = flat.triangles.iter().flatten().copied().collect();
     let hull = hull_2d(&points);
@@ -77,8 +70,8 @@ fn walls_in_gaps(
         return Vec::new();
     }
     // Walls may end a little in front of or behind the plane.
-    let walls = walls_across(mesh, &flat, &hull, [-2.0 * wall_m, wall_m], config.min_thickness_m);
-    let mut raster = Raster::new(&flat.triangles, &hull, &walls, config.min_thickness_m);
+    let walls = walls_across(mesh, &flat, &hull, [-2.0 * wall_m, wall_m], MIN_THICKNESS_M);
+    let mut raster = Raster::new(&flat.triangles, &hull, &walls, MIN_THICKNESS_M);
     if !raster.close_gaps(&walls, |p| hidden(&flat.place_at_height(p, -0.5 * wall_m))) {
         return Vec::new();
     }

@@ -17,6 +17,6 @@ mod solid;
 
 pub use hull::convex_hull;
 pub use quality::SolidFit;
-pub use settings::{ConvexConfig, Hidden};
+pub use settings::{ConvexConfig, Hidden, MIN_THICKNESS_M};
 pub use shell::{Walls, few_triangles};
 pub use solid::{ConvexSolid, Plane};

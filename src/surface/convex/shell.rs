@@ -6,7 +6,7 @@
 use nalgebra::Point3;
 
 use super::{
-    ConvexConfig, ConvexSolid, Hidden,
+    ConvexConfig, ConvexSolid, Hidden, MIN_THICKNESS_M,
     cover::{Wanted, covering_solids},
     hidden::{front_mesh, hidden_walls},
     pieces::{Piece, SeenSurface, seen_surface},
@@ -53,10 +53,10 @@ impl Walls {
     ) -> Self {
         // Two standard deviations of noise are within the tolerance if one is half of it.
         let flat_m = FLAT * config.tolerance_m;
-        let sizes = [flat_m, wall_m, config.min_thickness_m, config.gap_m];
+        let sizes = [flat_m, wall_m, MIN_THICKNESS_M, config.gap_m];
         let (mut seen, patches) =
             seen_surface(mesh, others, sizes, &|p| hidden.is_some_and(|hidden| hidden(p)));
-        let walls = hidden.map_or_else(Vec::new, |h| hidden_walls(mesh, &patches, wall_m, h, config));
+        let walls = hidden.map_or_else(Vec::new, |h| hidden_walls(mesh, &patches, wall_m, h));
         let assumed = front_mesh(&walls);
         seen.pieces.extend(walls.into_iter().map(|wall| wall.piece));
         let bounds = mesh.bounds().filter(|_| !mesh.is_empty()).map(|(lo, hi)| (lo.cast(), hi.cast()));
@@ -73,12 +73,12 @@ impl Walls {
     /// docs/method.md 10.1.
     #[must_use]
     pub fn convex_solids(&self) -> Vec<ConvexSolid> {
-        let ConvexConfig { max_solids, tolerance_m, min_thickness_m, .. } = self.config;
-        let wanted = Wanted { solids: max_solids, tolerance_m, thin_m: min_thickness_m, wall_m: self.wall_m };
+        let ConvexConfig { max_solids, tolerance_m, .. } = self.config;
+        let wanted = Wanted { solids: max_solids, tolerance_m, thin_m: MIN_THICKNESS_M, wall_m: self.wall_m };
         let mut solids = covering_solids(&self.seen, &wanted);
         if let Some((lower, upper)) = self.bounds.filter(|_| solids.is_empty()) {
             // The surface is too small for pieces: its bounding box instead.
-            let pads = (upper - lower).map(|side| (min_thickness_m - side).max(0.0) * 0.5);
+            let pads = (upper - lower).map(|side| (MIN_THICKNESS_M - side).max(0.0) * 0.5);
             solids.push(ConvexSolid::cuboid(&(lower - pads), &(upper + pads)));
         }
         solids

@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use super::Effect;
+use super::{Effect, effect::ParseEffectError};
 
 /// A handheld consumer stereo camera with poses from odometry and without masks.
 ///
@@ -68,23 +68,38 @@ impl HandheldSensor {
 
 /// A text that is no [`HandheldSensor`].
 #[derive(Debug, thiserror::Error)]
-#[error(
-    "give handheld, or handheld:LEVEL with a level from 0 to {}, e.g. handheld:0.5",
-    HandheldSensor::MAX_LEVEL
-)]
-pub struct ParseSensorError;
+pub enum ParseSensorError {
+    /// It has another form.
+    #[error(
+        "give handheld, handheld:LEVEL with a level from 0 to {}, or handheld:LEVEL:EFFECT,... for these \
+         effects alone, e.g. handheld:0.5:depth_warp,clutter",
+        HandheldSensor::MAX_LEVEL
+    )]
+    Form,
+    /// It names an effect that does not exist.
+    #[error(transparent)]
+    Effect(#[from] ParseEffectError),
+}
 
 impl FromStr for HandheldSensor {
     type Err = ParseSensorError;
 
-    /// Parses `handheld` or `handheld:LEVEL`.
+    /// Parses `handheld`, `handheld:LEVEL` or `handheld:LEVEL:EFFECT,...`.
     fn from_str(text: &str) -> Result<Self, ParseSensorError> {
-        let (name, level) = text.split_once(':').unwrap_or((text, "1"));
-        let level: f64 = level.trim().parse().unwrap_or(f64::NAN);
-        if name.trim() == "handheld" && (0.0..=Self::MAX_LEVEL).contains(&level) {
-            Ok(Self::new(level))
-        } else {
-            Err(ParseSensorError)
+        let mut words = text.split(':').map(str::trim);
+        let name = words.next().unwrap_or_default();
+        let level: f64 = words.next().map_or(Ok(1.0), str::parse).unwrap_or(f64::NAN);
+        if name != "handheld" || !(0.0..=Self::MAX_LEVEL).contains(&level) {
+            return Err(ParseSensorError::Form);
+        }
+        let sensor = Self::new(level);
+        match (words.next(), words.next()) {
+            (None, _) => Ok(sensor),
+            (Some(effects), None) => {
+                let effects: Result<Vec<Effect>, _> = effects.split(',').map(str::parse).collect();
+                Ok(sensor.only(&effects?))
+            }
+            _ => Err(ParseSensorError::Form),
         }
     }
 }
@@ -98,7 +113,19 @@ mod tests {
         let sensor: HandheldSensor = "handheld:0.5".parse().unwrap();
         assert_eq!((sensor.level(), sensor.effects().len()), (0.5, Effect::ALL.len()));
         assert_eq!("handheld".parse::<HandheldSensor>().unwrap(), HandheldSensor::new(1.0));
-        for wrong in ["", "handheld:", "handheld:-1", "handheld:6", "handheld:nan", "kinect:1", "1"] {
+        let alone: HandheldSensor = "handheld:0.5:depth_warp,hand".parse().unwrap();
+        assert_eq!(alone, sensor.only(&[Effect::DepthWarp, Effect::Hand]));
+        for wrong in [
+            "",
+            "handheld:",
+            "handheld:-1",
+            "handheld:6",
+            "handheld:nan",
+            "kinect:1",
+            "1",
+            "handheld:1:",
+            "handheld:1:hand:2",
+        ] {
             assert!(wrong.parse::<HandheldSensor>().is_err(), "{wrong}");
         }
         let [warp, hand] = [Effect::DepthWarp, Effect::Hand];

@@ -62,8 +62,8 @@ def refusals_have_the_words_of_the_program():
     assert message.startswith('no preset "prview"; there are:'), message
     message = raised(artitwin.UsageError, lambda: artitwin.reconstruct(BAG, OUT, settings={"surface.node": 9}))
     assert "surface.nodes" in message, message
-    message = raised(artitwin.UsageError, lambda: artitwin.reconstruct(BAG, OUT, base="flying"))
-    assert "[possible values: fixed, floating]" in message, message
+    message = raised(artitwin.UsageError, lambda: artitwin.reconstruct(BAG, OUT, settings={"export.base": "flying"}))
+    assert "export.base" in message and "floating" in message, message
     assert "no-bag" in raised(artitwin.FailedError, lambda: artitwin.check(OUT / "no-bag"))
     assert [path.name for path in OUT.iterdir()] == [], "a refusal writes nothing"
 
