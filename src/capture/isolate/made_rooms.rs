@@ -4,8 +4,11 @@ use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
 use super::{
-    isolate,
+    cells_of_frames, isolate,
     plane::tests::{Block, hit},
+    refuse_room,
+    select::Object,
+    voxels::Cell,
 };
 use crate::{Capture, CaptureConfig, CaptureError, NoiseConfig, RgbdFrame};
 use common::stop::Stop;
@@ -180,8 +183,7 @@ fn a_door_that_is_shut_in_its_wall_is_found_with_the_wall_about_it() {
 
 #[test]
 fn a_drawer_that_was_flush_with_its_front_is_found_with_the_front_about_it() {
-    let front = [[-3.0, 0.0, 0.0], [3.0, 0.6, 0.9]];
-    let around = vec![FLOOR, [[-9.0, 0.6, 0.0], [9.0, 0.7, 3.0]], front];
+    let around = vec![FLOOR, [[-3.0, 0.0, 0.0], [3.0, 0.6, 3.0]]];
     let drawer = [[-0.25, -0.25, 0.45], [0.25, 0.0, 0.7]];
     let states = [around.clone(), [&around[..], &[drawer]].concat()];
     let found = Room { states, target: Point3::new(0.0, 0.0, 0.6), distance_m: 1.4 }.isolated().unwrap();
@@ -193,7 +195,7 @@ fn a_drawer_that_was_flush_with_its_front_is_found_with_the_front_about_it() {
 
 #[test]
 fn a_thing_at_the_edge_of_a_table_is_found() {
-    let table = [[-0.6, -0.4, 0.7], [0.6, 0.4, 0.74]];
+    let table = [[-1.2, -0.4, 0.7], [1.2, 0.9, 0.74]];
     let base = [[-0.15, -0.4, 0.74], [0.15, -0.15, 0.9]];
     let other = [[-0.5, 0.0, 0.74], [-0.4, 0.1, 0.85]];
     let around = vec![FLOOR, [[-9.0, 1.5, 0.0], [9.0, 1.6, 3.0]], table, base, other];
@@ -209,23 +211,22 @@ fn a_thing_at_the_edge_of_a_table_is_found() {
 
 #[test]
 fn a_room_is_not_taken_for_the_object() {
-    // No plane holds a rocky wall and floor.
-    let mut rocks = Vec::new();
-    for k in 0..28 {
-        for row in 0..16 {
-            let [x, z] = [-2.8 + 0.2 * f64::from(k), 0.2 * f64::from(row)];
-            let y = 0.3 + 0.12 * f64::from((7 * k + 5 * row) % 4);
-            rocks.push([[x, y, z], [x + 0.2, 2.0, z + 0.2]]);
-            let top = 0.1 * f64::from((5 * k + 3 * row) % 4) - 0.3;
-            rocks.push([
-                [x, 0.7 - 0.2 * f64::from(row + 1), -1.0],
-                [x + 0.2, 0.7 - 0.2 * f64::from(row), top],
-            ]);
-        }
+    let states = [0.03, 0.22].map(|drawn_m| [&[FLOOR, WALL_BEHIND][..], &chest(drawn_m)].concat());
+    let capture = Room { states, target: Point3::new(0.0, 0.0, 0.3), distance_m: 1.5 }.capture();
+    let size_m = 0.025;
+    let mut room = Vec::new();
+    for frames in &capture.states {
+        room.extend(cells_of_frames(frames, size_m, &Stop::never()).unwrap().concat());
     }
-    let states = [0.03, 0.22].map(|drawn_m| [&rocks[..], &chest(drawn_m)].concat());
-    let room = Room { states, target: Point3::new(0.0, 0.0, 0.3), distance_m: 1.5 };
-    let text = room.isolated().map(|found| format!("{:?}", found.notes()));
-    let Err(CaptureError::Isolation { reason }) = text else { panic!("{text:?}") };
-    assert!(reason.contains("the room"), "{reason}");
+    room.sort_unstable();
+    room.dedup();
+    let is_of_chest = |c: &Cell| (-13..13).contains(&c[0]) && (-22..12).contains(&c[1]) && c[2] > 1;
+    let chest: Vec<Cell> = room.iter().filter(|c| is_of_chest(c)).copied().collect();
+    let refused = |cells: &[Cell]| {
+        let object = Object { cells: cells.to_vec(), is_by_change: true, note: String::new() };
+        refuse_room(&capture, &object, size_m, &Stop::never()).map_err(|e| e.to_string())
+    };
+    assert_eq!(refused(&chest), Ok(()));
+    let reason = refused(&room).unwrap_err();
+    assert!(reason.contains("it is the room") && reason.contains("--at"), "{reason}");
 }
