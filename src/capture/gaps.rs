@@ -1,7 +1,7 @@
 //! Gaps of one pixel in depth that was brought to the pixels of a larger image.
 //!
-//! Where a depth image is aligned to a color image of more pixels reading by reading, whole rows and columns stay
-//! empty between the readings of one surface. They are no holes: the surface is known on both sides of them.
+//! Where a depth image is aligned to a color image of more pixels reading by reading, whole rows and columns
+//! stay empty between the readings of one surface. They are no holes: the surface is known on both sides.
 
 use rayon::prelude::*;
 
@@ -9,8 +9,8 @@ use super::RgbdFrame;
 use common::stop::{Stop, Stopped};
 
 /// Least number of pixels in gaps, relative to those with depth, for depth to be closed.
-/// measured: at most 0.03 in stereo depth with its drop-outs (made ones, level 1), 0.7 where a depth image was
-/// enlarged (docs/method.md 2.9)
+/// measured: at most 0.03 in stereo depth with its drop-outs (made ones, level 1), 0.7 where a depth image
+/// was enlarged (docs/method.md 2.5)
 const LEAST_SHARE: f64 = 0.1;
 /// Largest difference in depth across a gap on one surface, relative to the depth.
 /// chosen: a surface seen at 80 deg changes by this over two pixels

@@ -1,8 +1,8 @@
 //! Planes that belong to the object: a door that is shut in a wall, a drawer in a kitchen front.
 //!
-//! Things stand on a floor and before a wall without being of it. A plane is of the object where a part of its
-//! own surface left it, as a door that opens, or where something stands before it that was nowhere in another
-//! state, as a drawer whose front was in the plane.
+//! Things stand on a floor and before a wall without being of it. A plane is of the object where a part of
+//! its own surface left it, as a door that opens, or where something stands before it that was nowhere in
+//! another state, as a drawer whose front was in the plane.
 
 use rayon::prelude::*;
 
@@ -86,16 +86,19 @@ fn is_missing_in_a_state(group: &[Cell], cells: &[Vec<Cell>]) -> bool {
     counts.iter().any(|count| *count as f64 <= ALSO * most as f64)
 }
 
-/// The plane that comes nearest to a group, if it is within the object's own frame of it.
+/// The plane that comes nearest to a group, if the frame that it would have about it reaches the plane.
 fn touched_plane(group: &[Cell], background: &Background<'_>, size_m: f64) -> Option<usize> {
-    let height_m = |plane: usize| {
-        let heights = group.iter().map(|c| background.planes[plane].height_m(&center_of_cell(c, size_m)));
-        heights.fold(f64::INFINITY, f64::min)
-    };
-    let nearest = (0..background.planes.len()).min_by(|a, b| height_m(*a).total_cmp(&height_m(*b)))?;
+    let mut nearest: Option<(f64, usize)> = None;
+    for (index, plane) in background.planes.iter().enumerate() {
+        let heights_m = group.iter().map(|c| plane.height_m(&center_of_cell(c, size_m)));
+        let least_m = heights_m.fold(f64::INFINITY, f64::min);
+        if nearest.is_none_or(|(height_m, _)| least_m < height_m) {
+            nearest = Some((least_m, index));
+        }
+    }
     let (lower, upper) = bounds(group.iter());
     let side_m = size_m * (0..3).map(|k| f64::from(upper[k] - lower[k] + 1)).fold(0.0, f64::max);
-    (height_m(nearest) <= FRAME * side_m).then_some(nearest)
+    nearest.filter(|(height_m, _)| *height_m <= FRAME * side_m).map(|(_, index)| index)
 }
 
 /// Sorted cells in a box that enough frames of a state read on a plane.

@@ -2,9 +2,9 @@
 //!
 //! With masks in the recording, only stray depth readings are removed. Without masks, the points of all
 //! states outside the background planes (or inside a given box) are collected in cells of space and grouped.
-//! The group that changed between states is the object; without a change, the group at the cameras' focus. A
-//! plane that something came out of is of the object about that place. All gates are multiples of the error of
-//! a reading, which is measured by how far the views of a state disagree.
+//! The group that changed between states is the object; without a change, the group at the cameras' focus.
+//! A plane that something came out of is of the object about that place. All gates are multiples of the error
+//! of a reading, which is measured by how far the views of a state disagree.
 //! The mask holds the pixels with a point in this group. Pixels with unknown depth, or too close to the
 //! support to decide, are in the mask without depth: they count neither as object nor as empty space.
 
@@ -279,8 +279,8 @@ fn refuse_room(capture: &Capture, object: &Object, size_m: f64, stop: &Stop) -> 
         return Ok(());
     }
     let reason = format!(
-        "what changed hangs together with {:.0} % of all that was read, and {:.0} % of what is at the images' \
-         borders, so it is the room rather than an object",
+        "what changed hangs together with {:.0} % of all that was read, and {:.0} % of what is at the \
+         images' borders, so it is the room rather than an object",
         100.0 * share.cells,
         100.0 * share.borders
     );

@@ -45,7 +45,7 @@ pub struct Search<'a> {
 pub struct Object {
     /// Sorted cells of all states.
     pub cells: Vec<Cell>,
-    /// Whether what changed between the states told it.
+    /// Whether it was found by what changed between the states.
     pub is_by_change: bool,
     /// Describes how it was chosen.
     pub note: String,

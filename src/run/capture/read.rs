@@ -167,8 +167,8 @@ pub(super) fn close_gaps_in_depth(capture: &mut Capture, stop: &Stop) -> Result<
         capture.notes.push(Note::new(
             NoteCode::GapsClosed,
             format!(
-                "depth has gaps of one pixel, as images that were brought to the pixels of a larger one have: \
-                 {:.0} of 100 readings; they got the depth between their neighbors",
+                "depth has gaps of one pixel, as images that were brought to the pixels of a larger one \
+                 have: {:.0} for 100 readings; they got the depth between their neighbors",
                 100.0 * share
             ),
         ));
