@@ -1,8 +1,8 @@
 //! Planes below or behind the object: RANSAC finds them in the points of all frames.
 //!
 //! A plane is background only if all cameras are on one side of it, it reaches the image borders, almost
-//! nothing lies behind it there, and little elsewhere. So no side of the object is taken for a wall, a floor is
-//! removed before the table on it, and a wall with a door or a window in it is still a wall.
+//! nothing lies behind it there, and little elsewhere. So no side of the object is taken for a wall, a floor
+//! is removed before the table on it, and a wall with a door or a window in it is still a wall.
 
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use rand_core::Rng;
