@@ -198,7 +198,7 @@ fn a_thing_at_the_edge_of_a_table_is_found() {
     let table = [[-1.2, -0.4, 0.7], [1.2, 0.9, 0.74]];
     let base = [[-0.15, -0.4, 0.74], [0.15, -0.15, 0.9]];
     let other = [[-0.5, 0.0, 0.74], [-0.4, 0.1, 0.85]];
-    let around = vec![FLOOR, [[-9.0, 1.5, 0.0], [9.0, 1.6, 3.0]], table, base, other];
+    let around = [FLOOR, [[-9.0, 1.5, 0.0], [9.0, 1.6, 3.0]], table, base, other];
     let lids = [[[-0.15, -0.4, 0.9], [0.0, -0.15, 1.0]], [[0.0, -0.4, 0.9], [0.15, -0.15, 1.0]]];
     let states = lids.map(|lid| [&around[..], &[lid]].concat());
     let found = Room { states, target: Point3::new(0.0, -0.2, 0.85), distance_m: 0.8 }.isolated().unwrap();
