@@ -21,14 +21,20 @@ pub fn in_box(workspace: Option<[[f64; 3]; 2]>, p: &Point3<f64>) -> bool {
 pub struct Background<'a> {
     pub planes: Vec<Plane>,
     pub config: &'a CaptureConfig,
+    /// Depth noise with all errors of readings.
     pub noise: NoiseConfig,
 }
 
 impl Background<'_> {
+    /// The planes that are background at a point.
+    pub fn planes_at(&self, point: &Point3<f64>) -> impl Iterator<Item = usize> {
+        (0..self.planes.len()).filter(|p| self.planes[*p].is_background_at(point))
+    }
+
     /// The plane nearest to a point, if any.
     pub fn nearest_plane(&self, point: &Point3<f64>) -> Option<usize> {
         let height = |p: &usize| self.planes[*p].height_m(point).abs();
-        (0..self.planes.len()).min_by(|a, b| height(a).total_cmp(&height(b)))
+        self.planes_at(point).min_by(|a, b| height(a).total_cmp(&height(b)))
     }
 
     /// Whether a point is above all planes by more than the noise of its height.
@@ -38,6 +44,6 @@ impl Background<'_> {
             frame.world_from_camera.rotation * k.ray_at((pixel % k.width) as f64, (pixel / k.width) as f64);
         let sigma = self.noise.sigma_m(f64::from(frame.depth_m[pixel]));
         let clear_m = |p: &Plane| PLANE_CLEARANCE_M + PLANE_SIGMAS * p.height_sigma_m(&ray, sigma);
-        self.planes.iter().all(|p| p.height_m(point) > clear_m(p))
+        self.planes_at(point).all(|p| self.planes[p].height_m(point) > clear_m(&self.planes[p]))
     }
 }

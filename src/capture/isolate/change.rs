@@ -67,7 +67,7 @@ pub fn changed_cells(
 }
 
 /// Whether a state other than `own` looks through a cell.
-fn is_gone_elsewhere(
+pub fn is_gone_elsewhere(
     cell: &Cell,
     own: usize,
     states: &[Vec<RgbdFrame>],
@@ -86,7 +86,7 @@ fn is_looked_through(point: &Point3<f64>, frames: &[RgbdFrame], size_m: f64, noi
 }
 
 /// Cells that pass a test, in order.
-fn filtered(
+pub fn filtered(
     cells: &[Cell],
     is_kept: impl Fn(&Cell) -> bool + Sync,
     stop: &Stop,

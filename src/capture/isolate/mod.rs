@@ -3,13 +3,20 @@
 //! With masks in the recording, only stray depth readings are removed. Without masks, the points of all
 //! states outside the background planes (or inside a given box) are collected in cells of space and grouped.
 //! The group that changed between states is the object; without a change, the group at the cameras' focus.
+//! A plane that something came out of is of the object about that place. All gates are multiples of the error
+//! of a reading, which is measured by how far the views of a state disagree.
 //! The mask holds the pixels with a point in this group. Pixels with unknown depth, or too close to the
 //! support to decide, are in the mask without depth: they count neither as object nor as empty space.
 
 mod background;
 mod change;
+mod claim;
+mod depth_error;
+#[cfg(test)]
+mod made_rooms;
 mod outliers;
 mod plane;
+mod room;
 mod select;
 mod support;
 mod voxels;
@@ -23,16 +30,20 @@ use rayon::prelude::*;
 use self::{
     background::{Background, PLANE_CLEARANCE_M, in_box},
     change::{at_rest, changed_cells},
+    claim::{StandingOut, claimed_planes},
+    depth_error::error_factor,
     outliers::outlier_cells,
     plane::background_planes,
-    select::{Object, Search, bounds, choose_object},
-    support::find_support,
-    voxels::{Cell, center_of_cell, dilated_cells, frames_needed, supported_cells},
+    room::ShareOfRoom,
+    select::{Object, Search, bounds, choose_object, groups_of_states},
+    support::{Support, find_support},
+    voxels::{Cell, CellSet, center_of_cell, dilated_cells, frames_needed, supported_cells},
 };
 pub use self::{
     change::{CLEARLY, LEAST_PATCH},
     voxels::{cell_of_point, clusters_of_cells},
 };
+use super::config::IsolateConfig;
 use super::{At, Capture, CaptureConfig, CaptureError, RgbdFrame, common_focus, pixel_weights};
 use common::note::{Note, NoteCode};
 use common::stop::{Stop, Stopped};
@@ -143,6 +154,18 @@ fn forget(frame: &mut RgbdFrame, is_bad: impl Fn(&Point3<f64>) -> bool) -> usize
     pixels.len()
 }
 
+/// What stands out from the background in all states.
+struct Standing {
+    /// Of each state.
+    supports: Vec<Support>,
+    /// Sorted cells of each state, without what moved within it.
+    cells: Vec<Vec<Cell>>,
+    /// Cells that changed between states.
+    changed: CellSet,
+    /// Groups of the cells of all states.
+    groups: Vec<Vec<Cell>>,
+}
+
 fn find_object(
     capture: &mut Capture,
     config: &CaptureConfig,
@@ -151,8 +174,9 @@ fn find_object(
     stop: &Stop,
 ) -> Result<(), CaptureError> {
     let workspace = config.isolate.workspace;
+    let noise = capture.noise.scaled(error_factor(&capture.states, &capture.noise, stop)?);
     let frames: Vec<&RgbdFrame> = capture.states.iter().flatten().collect();
-    let planes = background_planes(&frames, &capture.noise, rng, stop)?;
+    let planes = background_planes(&frames, &noise, rng, stop)?;
     for p in &planes {
         let n = p.normal;
         capture.notes.push(Note::new(
@@ -163,25 +187,27 @@ fn find_object(
             ),
         ));
     }
-    let background = Background { planes, config, noise: capture.noise };
-    let mut supports = Vec::with_capacity(capture.states.len());
-    for frames in &capture.states {
-        let weights: Vec<Vec<f32>> = frames
-            .par_iter()
-            .map(|f| {
-                stop.check()?;
-                Ok(pixel_weights(f, &capture.noise))
-            })
-            .collect::<Result<_, Stopped>>()?;
-        supports.push(find_support(frames, &weights, size_m, &background, stop)?);
+    let mut background = Background { planes, config, noise };
+    let mut standing = standing_out(capture, &background, size_m, stop)?;
+    if workspace.is_none() {
+        let Standing { cells, groups, changed, .. } = &standing;
+        let found = StandingOut { cells, groups, changed };
+        let claims = claimed_planes(&found, &background, &capture.states, size_m, stop)?;
+        for &(plane, object_box_m) in &claims {
+            background.planes[plane].object_box_m = Some(object_box_m);
+            capture.notes.push(Note::new(NoteCode::BackgroundRemoved, given_back(object_box_m)));
+        }
+        if !claims.is_empty() {
+            standing = standing_out(capture, &background, size_m, stop)?;
+        }
     }
-    let seen: Vec<Vec<Cell>> = supports.iter().map(|s| s.cells.clone()).collect();
-    // Hands or persons in some frames are no part of the scene.
-    let cells = at_rest(&seen, &capture.states, size_m, &capture.noise, stop)?;
-    let object = choose(capture, &background, size_m, &cells, stop)?;
+    let object = choose(capture, &background, size_m, &standing)?;
+    if object.is_by_change {
+        refuse_room(capture, &object, size_m, stop)?;
+    }
     capture.notes.push(Note::new(NoteCode::ObjectIsolated, object.note.clone()));
     for (s, frames) in capture.states.iter_mut().enumerate() {
-        let own: Vec<Cell> = cells[s].iter().filter(|c| object.contains(c)).copied().collect();
+        let own: Vec<Cell> = standing.cells[s].iter().filter(|c| object.contains(c)).copied().collect();
         // Too few frames see the cells at the rim, but their points belong to the object.
         let near = dilated_cells(&own, 1);
         frames.par_iter_mut().try_for_each(|frame| {
@@ -192,13 +218,64 @@ fn find_object(
                 &silhouette,
                 |p| in_box(workspace, p) && cell_of_point(p, size_m).is_some_and(|c| near.contains(&c)),
                 |f, pixel, p| {
-                    background.is_above(f, pixel, p) || supports[s].is_solid(p, size_m, &background)
+                    background.is_above(f, pixel, p) || standing.supports[s].is_solid(p, size_m, &background)
                 },
             );
             Ok::<_, Stopped>(())
         })?;
     }
     Ok(())
+}
+
+/// Says that a plane is of the object in a box, meters.
+fn given_back([lower, upper]: [[f64; 3]; 2]) -> String {
+    let corner = |c: [f64; 3]| c.map(|v| format!("{v:.3}")).join(", ");
+    format!(
+        "the last background plane is of the object, which came out of it, in the box ({}) to ({}) m",
+        corner(lower),
+        corner(upper)
+    )
+}
+
+/// Collects what stands out from the background.
+fn standing_out(
+    capture: &Capture,
+    background: &Background<'_>,
+    size_m: f64,
+    stop: &Stop,
+) -> Result<Standing, Stopped> {
+    let mut supports = Vec::with_capacity(capture.states.len());
+    for frames in &capture.states {
+        let weights: Vec<Vec<f32>> = frames
+            .par_iter()
+            .map(|f| {
+                stop.check()?;
+                Ok(pixel_weights(f, &capture.noise))
+            })
+            .collect::<Result<_, Stopped>>()?;
+        supports.push(find_support(frames, &weights, size_m, background, stop)?);
+    }
+    let seen: Vec<Vec<Cell>> = supports.iter().map(|s| s.cells.clone()).collect();
+    // Hands or persons in some frames are no part of the scene.
+    let cells = at_rest(&seen, &capture.states, size_m, &background.noise, stop)?;
+    let changed = changed_cells(&cells, &capture.states, size_m, &background.noise, stop)?;
+    let groups = groups_of_states(&cells, LINK_CELLS, stop)?;
+    Ok(Standing { supports, cells, changed, groups })
+}
+
+/// Refuses what changed if it is the room.
+fn refuse_room(capture: &Capture, object: &Object, size_m: f64, stop: &Stop) -> Result<(), CaptureError> {
+    let share = ShareOfRoom::of_object(object, &capture.states, size_m, stop)?;
+    if !share.is_room() {
+        return Ok(());
+    }
+    let reason = format!(
+        "what changed hangs together with {:.0} % of all that was read, and {:.0} % of what is at the \
+         images' borders, so it is the room rather than an object",
+        100.0 * share.cells,
+        100.0 * share.borders
+    );
+    Err(CaptureError::Isolation { reason })
 }
 
 /// Removes depth of one state under masks in outlier cells or outside the workspace; returns the number of
@@ -224,25 +301,21 @@ fn forget_outliers(
         .sum()
 }
 
-/// Finds the object among the cells of all states.
+/// Finds the object among what stands out.
 fn choose(
     capture: &Capture,
     background: &Background<'_>,
     size_m: f64,
-    cells: &[Vec<Cell>],
-    stop: &Stop,
+    standing: &Standing,
 ) -> Result<Object, CaptureError> {
     let isolate = &background.config.isolate;
-    let changed = changed_cells(cells, &capture.states, size_m, &capture.noise, stop)?;
     let poses: Vec<_> = capture.states.iter().flatten().map(|f| f.world_from_camera).collect();
     // The same distance to a plane as between cells of a group.
     let touching_m = PLANE_CLEARANCE_M + f64::from(LINK_CELLS + 1) * size_m;
-    // Grouped over all states together: parts separate in one state may be connected in another.
     let search = Search {
-        cells,
         size_m,
         reach: LINK_CELLS,
-        changed: &changed,
+        changed: &standing.changed,
         is_at_support: &|c| {
             background.planes.iter().any(|p| p.height_m(&center_of_cell(c, size_m)).abs() <= touching_m)
         },
@@ -250,7 +323,7 @@ fn choose(
         at: isolate.at.as_ref().map(|at| place(at, &capture.states)).transpose()?,
         takes_all: isolate.workspace.is_some(),
     };
-    choose_object(&search, stop)
+    choose_object(&search, &standing.groups)
 }
 
 /// The given point on the object in the world, or the point at a given pixel.

@@ -1,12 +1,13 @@
 //! Planes below or behind the object: RANSAC finds them in the points of all frames.
 //!
-//! A plane is background only if all cameras are on one side of it, almost nothing lies behind it, and it
-//! reaches the image borders. So no side of the object is taken for a wall, and a floor is removed before the
-//! table on it.
+//! A plane is background only if all cameras are on one side of it, it reaches the image borders, almost
+//! nothing lies behind it there, and little elsewhere. So no side of the object is taken for a wall, a floor
+//! is removed before the table on it, and a wall with a door or a window in it is still a wall.
 
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use rand_core::Rng;
 
+use super::background::in_box;
 use crate::{NoiseConfig, RgbdFrame};
 use common::stop::{Stop, Stopped};
 
@@ -14,21 +15,28 @@ use common::stop::{Stop, Stopped};
 const SAMPLES: usize = 60_000;
 /// Number of points that score a hypothesis.
 const SCORED: usize = 6_000;
+/// Fewest samples in which a plane is looked for.
+const LEAST_SAMPLES: usize = 100;
 /// Hypotheses per plane.
 const TRIALS: usize = 600;
-/// Most planes (a floor, a table, walls).
-const MAX_PLANES: usize = 5;
-/// Largest weight of the points behind a background plane, relative to those on it.
+/// Most points at the image borders that lie behind a background plane, relative to all of them.
 /// tuned: made and recorded objects (docs/method.md 16)
 const BEHIND_SHARE: f64 = 0.05;
-/// Least share of the points at the image borders that lie on a background plane.
+/// Most points anywhere that lie behind a background plane, relative to those on it.
+/// chosen: an open door takes less of the wall that is seen about it
+const OPENING_SHARE: f64 = 0.25;
+/// Least share of all points at the image borders that lie on a background plane.
+/// chosen: with fewer, stray readings of planes found before are most of what is left there
+const LEAST_BORDER: f64 = 0.02;
+/// Least share of the points at the image borders, without those of planes found before, that lie on a
+/// background plane.
 /// tuned: made and recorded objects (docs/method.md 16)
 const BORDER_SHARE: f64 = 0.15;
 /// Least share of all points that lie on a background plane.
 /// tuned: made and recorded objects (docs/method.md 16)
 const SUPPORT_SHARE: f64 = 0.05;
 /// Width of the image border, share of the image. tuned: made and recorded objects (docs/method.md 16)
-const BORDER: f64 = 0.06;
+pub const BORDER: f64 = 0.06;
 
 /// Plane `normal . p = offset_m`; the normal points to the cameras' side.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,6 +45,8 @@ pub struct Plane {
     pub normal: Unit<Vector3<f64>>,
     /// Offset of the plane along its normal, meters.
     pub offset_m: f64,
+    /// Lower and upper corner of a box in the world, meters, in which the plane is a surface of the object.
+    pub object_box_m: Option<[[f64; 3]; 2]>,
 }
 
 impl Plane {
@@ -44,6 +54,18 @@ impl Plane {
     #[must_use]
     pub fn height_m(&self, point: &Point3<f64>) -> f64 {
         self.normal.dot(&point.coords) - self.offset_m
+    }
+
+    /// Whether a surface on the plane, or behind it, is background at a point.
+    #[must_use]
+    pub fn is_background_at(&self, point: &Point3<f64>) -> bool {
+        self.object_box_m.is_none_or(|object_box_m| !in_box(Some(object_box_m), point))
+    }
+
+    /// Whether a reading is of the plane, up to `sigma_m` of its depth along a ray with unit z.
+    #[must_use]
+    pub fn is_on(&self, point: &Point3<f64>, ray_in_world: &Vector3<f64>, sigma_m: f64) -> bool {
+        self.height_m(point).abs() < 0.002 + 2.5 * self.height_sigma_m(ray_in_world, sigma_m)
     }
 
     /// Standard deviation of a point's height, meters, from `sigma_m` of its depth along a ray with unit z.
@@ -60,8 +82,6 @@ struct Sample {
     /// Direction of its ray in the world, with unit depth.
     ray: Vector3<f64>,
     sigma_m: f64,
-    /// Area it represents, up to a factor.
-    weight: f64,
     at_border: bool,
 }
 
@@ -75,22 +95,27 @@ pub fn background_planes(
     let mut samples = sampled_readings(frames, noise);
     let cameras: Vec<_> =
         frames.iter().map(|f| Point3::from(f.world_from_camera.translation.vector)).collect();
-    let total: f64 = samples.iter().map(|s| s.weight).sum();
-    let borders = samples.iter().filter(|s| s.at_border).count();
+    let least = SUPPORT_SHARE * samples.len() as f64;
+    let least_at_borders = LEAST_BORDER * count_at_borders(&samples) as f64;
     let mut planes = Vec::new();
-    while planes.len() < MAX_PLANES {
+    // Without readings at the borders, no background remains.
+    while samples.len() >= LEAST_SAMPLES && count_at_borders(&samples) as f64 >= least_at_borders {
         stop.check()?;
-        let left = samples.iter().filter(|s| s.at_border).count();
-        // With few readings left at the borders, no background remains.
-        if samples.len() < 100 || left * 50 < borders {
+        let Some(plane) = best_plane(&samples, &cameras, rng) else { break };
+        let on = samples.iter().filter(|s| is_inlier(&plane, s));
+        let at_borders = on.clone().filter(|s| s.at_border).count();
+        if (on.count() as f64) < least || (at_borders as f64) < least_at_borders {
             break;
         }
-        let Some(plane) = best_plane(&samples, &cameras, SUPPORT_SHARE * total, rng) else { break };
         // Points behind are removed as well: cameras do not see through a plane.
         samples.retain(|s| plane.height_m(&s.point) > 0.005 + 4.0 * plane.height_sigma_m(&s.ray, s.sigma_m));
         planes.push(plane);
     }
     Ok(planes)
+}
+
+fn count_at_borders(samples: &[Sample]) -> usize {
+    samples.iter().filter(|s| s.at_border).count()
 }
 
 /// Depth readings on a regular grid of pixels in every frame.
@@ -107,13 +132,10 @@ fn sampled_readings(frames: &[&RgbdFrame], noise: &NoiseConfig) -> Vec<Sample> {
         for y in (stride / 2..h).step_by(stride) {
             for x in (stride / 2..w).step_by(stride) {
                 let Some(point) = frame.world_point(y * w + x) else { continue };
-                let depth = f64::from(frame.depth_m[y * w + x]);
                 samples.push(Sample {
                     point,
                     ray: frame.world_from_camera.rotation * k.ray_at(x as f64, y as f64),
-                    sigma_m: noise.sigma_m(depth),
-                    // A pixel's area grows with the square of its depth.
-                    weight: depth * depth,
+                    sigma_m: noise.sigma_m(f64::from(frame.depth_m[y * w + x])),
                     at_border: x < bw || y < bh || x + bw >= w || y + bh >= h,
                 });
             }
@@ -122,19 +144,14 @@ fn sampled_readings(frames: &[&RgbdFrame], noise: &NoiseConfig) -> Vec<Sample> {
     samples
 }
 
-fn best_plane(
-    samples: &[Sample],
-    cameras: &[Point3<f64>],
-    support: f64,
-    rng: &mut impl Rng,
-) -> Option<Plane> {
+fn best_plane(samples: &[Sample], cameras: &[Point3<f64>], rng: &mut impl Rng) -> Option<Plane> {
     let step = samples.len().div_ceil(SCORED);
     let scored: Vec<&Sample> = samples.iter().step_by(step).collect();
-    let mut best: Option<(f64, Plane)> = None;
+    let mut best: Option<(u32, Plane)> = None;
     for _ in 0..TRIALS {
         let [a, b, c] = [(); 3].map(|()| samples[(rng.next_u64() % samples.len() as u64) as usize].point);
         let Some(plane) = plane_through(&a, &b, &c, cameras) else { continue };
-        let Some(score) = background_weight(&plane, &scored) else { continue };
+        let Some(score) = background_readings(&plane, &scored) else { continue };
         if best.is_none_or(|(s, _)| score > s) {
             best = Some((score, plane));
         }
@@ -146,7 +163,7 @@ fn best_plane(
     }
     // A few readings sufficed to compare; all of them decide.
     let all: Vec<&Sample> = samples.iter().collect();
-    background_weight(&plane, &all).filter(|weight| *weight >= support).map(|_| plane)
+    background_readings(&plane, &all).map(|_| plane)
 }
 
 /// The plane through three points, with its normal to the cameras; `None` if they are collinear or the
@@ -158,7 +175,7 @@ fn plane_through(
     cameras: &[Point3<f64>],
 ) -> Option<Plane> {
     let normal = Unit::try_new((b - a).cross(&(c - a)), 1e-4)?;
-    oriented_to_cameras(Plane { normal, offset_m: normal.dot(&a.coords) }, cameras)
+    oriented_to_cameras(Plane { normal, offset_m: normal.dot(&a.coords), object_box_m: None }, cameras)
 }
 
 fn oriented_to_cameras(plane: Plane, cameras: &[Point3<f64>]) -> Option<Plane> {
@@ -166,35 +183,38 @@ fn oriented_to_cameras(plane: Plane, cameras: &[Point3<f64>]) -> Option<Plane> {
     if above == cameras.len() {
         Some(plane)
     } else if above == 0 {
-        Some(Plane { normal: -plane.normal, offset_m: -plane.offset_m })
+        Some(Plane { normal: -plane.normal, offset_m: -plane.offset_m, ..plane })
     } else {
         None
     }
 }
 
 fn is_inlier(plane: &Plane, s: &Sample) -> bool {
-    plane.height_m(&s.point).abs() < 0.002 + 2.5 * plane.height_sigma_m(&s.ray, s.sigma_m)
+    plane.is_on(&s.point, &s.ray, s.sigma_m)
 }
 
-/// Weight of the points on a plane; `None` if the plane is no background.
-fn background_weight(plane: &Plane, samples: &[&Sample]) -> Option<f64> {
-    let mut inside = 0.0;
-    let mut behind = 0.0;
+/// Number of readings on a plane; `None` if the plane is no background.
+fn background_readings(plane: &Plane, samples: &[&Sample]) -> Option<u32> {
+    let mut inside = 0;
+    let mut behind = 0;
     let mut borders = 0;
-    let mut own_borders = 0;
+    let mut on_borders = 0;
+    let mut behind_borders = 0;
     for s in samples {
         let inlier = is_inlier(plane, s);
-        borders += usize::from(s.at_border);
-        own_borders += usize::from(s.at_border && inlier);
-        if inlier {
-            inside += s.weight;
         // Well behind, beyond the noise of the plane's own points.
-        } else if plane.height_m(&s.point) < -0.01 - 4.0 * plane.height_sigma_m(&s.ray, s.sigma_m) {
-            behind += s.weight;
-        }
+        let limit_m = 0.01 + 4.0 * plane.height_sigma_m(&s.ray, s.sigma_m);
+        let is_behind = plane.height_m(&s.point) < -limit_m;
+        inside += u32::from(inlier);
+        behind += u32::from(is_behind);
+        borders += u32::from(s.at_border);
+        on_borders += u32::from(s.at_border && inlier);
+        behind_borders += u32::from(s.at_border && is_behind);
     }
-    let valid = behind <= BEHIND_SHARE * inside && own_borders as f64 >= BORDER_SHARE * borders as f64;
-    (valid && inside > 0.0).then_some(inside)
+    let is_wide = on_borders > 0 && f64::from(on_borders) >= BORDER_SHARE * f64::from(borders);
+    let is_last = f64::from(behind_borders) <= BEHIND_SHARE * f64::from(borders)
+        && f64::from(behind) <= OPENING_SHARE * f64::from(inside);
+    (is_wide && is_last).then_some(inside)
 }
 
 /// Least squares fit to the inliers, weighted by their noise.
@@ -210,18 +230,20 @@ fn refitted_plane(plane: &Plane, samples: &[Sample], cameras: &[Point3<f64>]) ->
         .sum::<Matrix3<f64>>();
     let eigen = spread.symmetric_eigen();
     let normal = Unit::try_new(eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned(), 1e-9)?;
-    oriented_to_cameras(Plane { normal, offset_m: normal.dot(&mean) }, cameras)
+    oriented_to_cameras(Plane { normal, offset_m: normal.dot(&mean), object_box_m: None }, cameras)
 }
 
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
     use geometry::{Intrinsics, Pose};
     use numeric::random::stage_rng;
 
-    type Block = [[f64; 3]; 2];
+    /// Lower and upper corner of a block, meters.
+    pub type Block = [[f64; 3]; 2];
 
-    fn hit(origin: &Point3<f64>, ray: &Vector3<f64>, [lower, upper]: &Block) -> Option<f64> {
+    /// Where a ray meets a block first, as a multiple of its direction.
+    pub fn hit(origin: &Point3<f64>, ray: &Vector3<f64>, [lower, upper]: &Block) -> Option<f64> {
         let mut near = 0.0f64;
         let mut far = f64::INFINITY;
         for k in 0..3 {

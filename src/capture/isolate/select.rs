@@ -4,16 +4,16 @@ use nalgebra::Point3;
 
 use super::voxels::{Cell, CellSet, center_of_cell, groups};
 use crate::CaptureError;
-use common::stop::Stop;
+use common::stop::{Stop, Stopped};
 
 /// Least ratio of changed cells between two groups for one to be clearly the changed one.
 /// tuned: eval/tracking/objects.py, seeds 9101 to 9110: things at rest have at most 0.1 of the object's
 /// changes
-const CLEARLY: f64 = 4.0;
+pub const CLEARLY: f64 = 4.0;
 
 /// A group within the object's bounds is a part of it if it has this share of the best group's changes.
 /// chosen: fewer may be chance at the rim of a thing at rest
-const ALSO: f64 = 0.05;
+pub const ALSO: f64 = 0.05;
 /// Fewest cells at a support for a group to stand on it.
 /// derived: as for a patch of changed cells
 const STANDING: usize = 8;
@@ -25,8 +25,6 @@ const PROBED: usize = 500;
 
 /// Input of the search for the object.
 pub struct Search<'a> {
-    /// Sorted cells of every state.
-    pub cells: &'a [Vec<Cell>],
     /// Side of a cell, meters.
     pub size_m: f64,
     /// Cells within this distance belong to one group, cells.
@@ -47,6 +45,8 @@ pub struct Search<'a> {
 pub struct Object {
     /// Sorted cells of all states.
     pub cells: Vec<Cell>,
+    /// Whether it was found by what changed between the states.
+    pub is_by_change: bool,
     /// Describes how it was chosen.
     pub note: String,
 }
@@ -58,22 +58,27 @@ impl Object {
     }
 }
 
-/// Groups the cells of all states and returns one group, with the smaller groups inside its bounds: the group
+/// The connected groups of the cells of all states together: parts separate in one state may be connected in
+/// another.
+pub fn groups_of_states(cells: &[Vec<Cell>], reach: i32, stop: &Stop) -> Result<Vec<Vec<Cell>>, Stopped> {
+    let mut all: Vec<Cell> = cells.iter().flatten().copied().collect();
+    all.sort_unstable();
+    all.dedup();
+    groups(&all, reach, stop)
+}
+
+/// Returns one of the groups, with the smaller groups inside its bounds: the group
 /// at the given point; else the group that changed between states; else the group with the most cells near
 /// the cameras' focus. If `takes_all`, every group of more than a few cells is kept.
 ///
 /// # Errors
 /// [`CaptureError::Isolation`] without cells, [`CaptureError::SeveralChanged`] if two things changed about as
-/// much, [`CaptureError::Stopped`].
-pub fn choose_object(search: &Search<'_>, stop: &Stop) -> Result<Object, CaptureError> {
-    let mut all: Vec<Cell> = search.cells.iter().flatten().copied().collect();
-    all.sort_unstable();
-    all.dedup();
-    let groups = groups(&all, search.reach, stop)?;
+/// much.
+pub fn choose_object(search: &Search<'_>, groups: &[Vec<Cell>]) -> Result<Object, CaptureError> {
     let changed: Vec<usize> = groups.iter().map(|g| search.changed_of(g)).collect();
-    let (best, why) = search.best(&groups, &changed)?;
+    let (best, why) = search.best(groups, &changed)?;
     let reach = search.reach;
-    let core = search.core(&groups, &changed, best);
+    let core = search.core(groups, &changed, best);
     let (lower, upper) = bounds(core.iter().flat_map(|g| &groups[*g]));
     // Groups inside the bounds are parts cut off by holes in depth; groups outside are other things.
     let mut kept = Vec::new();
@@ -95,12 +100,13 @@ pub fn choose_object(search: &Search<'_>, stop: &Stop) -> Result<Object, Capture
         kept.len(),
         groups.len(),
         object.len(),
-        all.len(),
+        groups.iter().map(Vec::len).sum::<usize>(),
         1e3 * search.size_m,
         corner(l, 0),
         corner(u, 1)
     );
-    Ok(Object { cells: object, note })
+    let is_by_change = search.at.is_none() && !search.takes_all && changed[best] > 0;
+    Ok(Object { cells: object, is_by_change, note })
 }
 
 impl Search<'_> {
@@ -243,11 +249,15 @@ mod tests {
         (0..side).flat_map(|x| (0..side).flat_map(move |y| (0..side).map(move |z| [at + x, y, z]))).collect()
     }
 
-    fn search<'a>(cells: &'a [Vec<Cell>], reach: i32, changed: &'a CellSet) -> Search<'a> {
+    fn search(reach: i32, changed: &CellSet) -> Search<'_> {
         let focus = Some(Point3::new(0.03, 0.03, 0.03));
         let at = None;
         let is_at_support = &|c: &Cell| c[2] == 0;
-        Search { cells, size_m: 0.01, reach, changed, is_at_support, focus, at, takes_all: false }
+        Search { size_m: 0.01, reach, changed, is_at_support, focus, at, takes_all: false }
+    }
+
+    fn chosen(cells: &[Vec<Cell>], search: &Search<'_>) -> Result<Object, CaptureError> {
+        choose_object(search, &groups_of_states(cells, search.reach, &Stop::never()).unwrap())
     }
 
     #[test]
@@ -255,31 +265,29 @@ mod tests {
         let cells = [[block(0, 6), block(100, 9)].concat(), Vec::new()];
         let still = CellSet::default();
         let nowhere = None;
-        let object = choose_object(&search(&cells, 2, &still), &Stop::never()).unwrap();
+        let object = chosen(&cells, &search(2, &still)).unwrap();
         assert_eq!(object.cells, block(0, 6));
-        let blind = Search { focus: nowhere, ..search(&cells, 2, &still) };
-        assert_eq!(choose_object(&blind, &Stop::never()).unwrap().cells, block(100, 9));
+        let blind = Search { focus: nowhere, ..search(2, &still) };
+        assert_eq!(chosen(&cells, &blind).unwrap().cells, block(100, 9));
         assert!(object.note.contains("1 of 2 groups"), "{}", object.note);
-        let at = Search { at: Some(Point3::new(1.2, 1.0, 1.0)), ..search(&cells, 2, &still) };
-        assert_eq!(choose_object(&at, &Stop::never()).unwrap().cells, block(100, 9));
+        let at = Search { at: Some(Point3::new(1.2, 1.0, 1.0)), ..search(2, &still) };
+        assert_eq!(chosen(&cells, &at).unwrap().cells, block(100, 9));
     }
 
     #[test]
     fn what_changed_wins_over_what_the_cameras_look_at_and_two_such_things_are_asked_about() {
         let cells = [[block(0, 6), block(100, 9)].concat(), Vec::new()];
         let mut changed: CellSet = block(100, 3).into_iter().collect();
-        assert_eq!(choose_object(&search(&cells, 2, &changed), &Stop::never()).unwrap().cells, block(100, 9));
+        assert_eq!(chosen(&cells, &search(2, &changed)).unwrap().cells, block(100, 9));
         changed.extend(block(0, 1));
-        assert_eq!(choose_object(&search(&cells, 2, &changed), &Stop::never()).unwrap().cells, block(100, 9));
+        assert_eq!(chosen(&cells, &search(2, &changed)).unwrap().cells, block(100, 9));
         changed.extend(block(0, 3));
-        let Err(CaptureError::SeveralChanged { at }) =
-            choose_object(&search(&cells, 2, &changed), &Stop::never())
-        else {
+        let Err(CaptureError::SeveralChanged { at }) = chosen(&cells, &search(2, &changed)) else {
             panic!("two things changed alike")
         };
         assert!((at[0][0] - 0.03).abs() < 1e-9 && (at[1][0] - 1.045).abs() < 1e-9, "{at:?}");
-        let all = Search { takes_all: true, ..search(&cells, 2, &changed) };
-        assert_eq!(choose_object(&all, &Stop::never()).unwrap().cells.len(), 6 * 6 * 6 + 9 * 9 * 9);
+        let all = Search { takes_all: true, ..search(2, &changed) };
+        assert_eq!(chosen(&cells, &all).unwrap().cells.len(), 6 * 6 * 6 + 9 * 9 * 9);
     }
 
     #[test]
@@ -290,7 +298,7 @@ mod tests {
         let still = [block(0, 8), block(60, 8).into_iter().map(|[x, y, z]| [x, y - 60, z - 60]).collect()];
         let cells = [[&still[0], &still[1], &arm, &head].map(|c| c.clone()).concat(), Vec::new()];
         let changed: CellSet = arm.iter().chain(&head).copied().collect();
-        let object = choose_object(&search(&cells, 2, &changed), &Stop::never()).unwrap();
+        let object = chosen(&cells, &search(2, &changed)).unwrap();
         let all = [&still[0], &arm, &head].map(|c| c.clone()).concat().len();
         assert_eq!(object.cells.len(), all, "{}", object.note);
     }
@@ -300,15 +308,12 @@ mod tests {
         // In state 0 the far part is loose; state 1 has the bridge.
         let bridge: Vec<Cell> = (6..20).map(|x| [x, 0, 0]).collect();
         let cells = [[block(0, 6), block(20, 3)].concat(), [block(0, 6), bridge].concat()];
-        let object = choose_object(&search(&cells, 1, &CellSet::default()), &Stop::never()).unwrap();
+        let object = chosen(&cells, &search(1, &CellSet::default())).unwrap();
         assert!(object.contains(&[22, 2, 2]) && object.contains(&[10, 0, 0]));
     }
 
     #[test]
     fn no_cells_are_no_object() {
-        assert!(
-            choose_object(&search(&[Vec::new(), Vec::new()], 1, &CellSet::default()), &Stop::never())
-                .is_err()
-        );
+        assert!(chosen(&[Vec::new(), Vec::new()], &search(1, &CellSet::default())).is_err());
     }
 }

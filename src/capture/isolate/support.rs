@@ -26,7 +26,7 @@ const BELOW_SHARE: f64 = 0.05;
 /// Fewest readings for a column to be judged.
 const MIN_READINGS: u32 = 20;
 /// Stride of the pixels counted in columns.
-const STRIDE: usize = 2;
+pub const STRIDE: usize = 2;
 
 /// A square of a background plane: index of the plane and two coordinates.
 pub type Column = (usize, i32, i32);
@@ -96,7 +96,8 @@ pub fn find_support(
     let mut cells: Vec<Cell> = Vec::new();
     for (cell, (seen_by, count)) in totals {
         let point = center_of_cell(&cell, size_m);
-        let behind = (0..background.planes.len())
+        let behind = background
+            .planes_at(&point)
             .filter_map(|p| columns.get(&column_of_point(p, &point, size_m, background)))
             .map(|n| n.background)
             .max();

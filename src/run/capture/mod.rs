@@ -71,7 +71,8 @@ pub fn open(
     read::check_states_differ(&capture)?;
     let frames = capture.states.iter().map(Vec::len).sum();
     steps.expects(STEPS_OF_FRAMES * frames);
-    // Noise comes first (2.8): all later gates are multiples of it.
+    read::close_gaps_in_depth(&mut capture, &steps.stop)?;
+    // Noise comes before the other steps (2.8): all later gates are multiples of it.
     measure_noise(&mut capture, config, &steps.stop)?;
     // Poses before isolation, which combines the points of all frames.
     if config.refine_poses == RefinePoses::Auto {
