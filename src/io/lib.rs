@@ -23,6 +23,7 @@ mod mesh_files;
 mod model_folder;
 mod npy;
 mod obj;
+mod package_path;
 mod place;
 mod plain_file;
 mod ply;
