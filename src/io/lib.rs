@@ -69,6 +69,8 @@ mod conformance_tests;
 mod dataset;
 mod expansion;
 mod file_ranges;
+mod folder;
+mod foreign_topics;
 mod glimpse;
 mod growing;
 mod image_files;
@@ -89,6 +91,8 @@ mod poses;
 mod recording;
 #[cfg(feature = "rerun")]
 mod rerun;
+mod ros1_bag;
+mod ros1msg;
 mod source;
 mod synth_bag;
 mod synth_dataset;
