@@ -22,8 +22,8 @@ use std::{
     process::{Command, ExitCode},
 };
 
+use ::common::stop::Stop;
 use capture::CaptureConfig;
-use common::stop::Stop;
 use harness::{Missing, tests};
 use io::{
     Recording, read_urdf,

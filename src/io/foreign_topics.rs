@@ -56,13 +56,8 @@ mod tests {
     use super::*;
 
     fn topic(name: &str, type_name: &str, encoding: &str) -> TopicSummary {
-        TopicSummary {
-            name: name.into(),
-            type_name: type_name.into(),
-            count: 3,
-            encoding: encoding.into(),
-            ..TopicSummary::default()
-        }
+        let recorded = TopicSummary { count: 3, ..TopicSummary::default() };
+        TopicSummary { name: name.into(), type_name: type_name.into(), encoding: encoding.into(), ..recorded }
     }
 
     #[test]
