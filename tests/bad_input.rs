@@ -413,7 +413,8 @@ fn a_folder_without_bags() {
     let folder = tempfile::tempdir().unwrap();
     let papers = folder.path().join("papers");
     std::fs::create_dir_all(&papers).unwrap();
-    let words = ["papers` is not a recording: the folder is empty", "give a rosbag2 folder, an .mcap file"];
+    let words =
+        ["papers` is not a recording: the folder is empty", "give a rosbag2 folder, an .mcap or .bag file"];
     refused(&folder, &[&papers], &["--parts", "2"], 1, &words);
     std::fs::write(papers.join("notes.txt"), "hello").unwrap();
     refused(
@@ -423,7 +424,7 @@ fn a_folder_without_bags() {
         1,
         &["papers` is not a recording: the folder holds notes.txt"],
     );
-    refused(&folder, &[&papers.join("notes.txt")], &["--parts", "2"], 1, &["does not begin as an MCAP file"]);
+    refused(&folder, &[&papers.join("notes.txt")], &["--parts", "2"], 1, &["begins neither as an MCAP file"]);
     let ended = refused(
         &folder,
         &[&folder.path().join("gone")],

@@ -351,10 +351,13 @@ fn other_things_are_refused() {
     std::fs::remove_file(folder.path().join("state1.mcap")).unwrap();
     assert!(matches!(open_one(folder.path()), Err(CaptureError::OneState { .. })));
 
+    // Messages of ROS 1 without their definition cannot be read.
     let mut writer = BagWriter::create(&folder.path().join("ros1.mcap"), None, 1000);
     writer.bytes("/image", "sensor_msgs/Image", "ros1", START, &[0; 40]);
     writer.finish();
-    assert!(open_one(&folder.path().join("ros1.mcap")).unwrap_err().to_string().contains("ROS 1"));
+    let ros1 = folder.path().join("ros1.mcap");
+    assert!(matches!(open_one(&ros1), Err(CaptureError::NotRgbd { .. })));
+    assert!(inspect(&ros1).unwrap().to_text().contains("does not fit its definition"));
 }
 
 #[test]

@@ -21,7 +21,7 @@ pub enum CaptureError {
     /// Nothing is at the path.
     #[error(
         "cannot read `{}`: No such file or folder; check the path, which must lead to a rosbag2 folder, \
-         an .mcap file or a dataset folder", path.display()
+         an .mcap or .bag file, or a folder of images", path.display()
     )]
     Missing {
         /// Path as given.
@@ -29,8 +29,9 @@ pub enum CaptureError {
     },
     /// The path holds neither a bag nor a dataset.
     #[error(
-        "`{}` is not a recording: {reason}; give a rosbag2 folder, an .mcap file, a folder that holds \
-         `state0` and `state1` (and `state2`, ...), or a dataset folder", path.display()
+        "`{}` is not a recording: {reason}; give a rosbag2 folder, an .mcap or .bag file, a folder of images \
+         in one of the forms of docs/folders.md, or a folder that holds one of these for each state, named \
+         `state0`, `state1`, ...", path.display()
     )]
     NotARecording {
         /// Path as given.

@@ -60,7 +60,8 @@ pub(super) struct OutputArgs {
 /// Options of `inspect`.
 #[derive(Args, Clone, Debug)]
 pub(super) struct InspectArgs {
-    /// Recording: a rosbag2 folder, an .mcap file, a folder of state0, state1, ..., or a dataset folder;
+    /// Recording: a rosbag2 folder, an .mcap or .bag file, a folder of images (docs/folders.md), a folder of
+    /// state0, state1, ..., or a dataset folder;
     /// several of them are the states of one object
     #[arg(value_name = "BAG", required = true)]
     pub bags: Vec<PathBuf>,
@@ -325,7 +326,8 @@ pub(super) struct SynthArgs {
 /// Options of `reconstruct`.
 #[derive(Args, Clone, Debug)]
 pub(super) struct ReconstructArgs {
-    /// Recording: a rosbag2 folder, an .mcap file, a folder of state0, state1, ..., or a dataset folder;
+    /// Recording: a rosbag2 folder, an .mcap or .bag file, a folder of images (docs/folders.md), a folder of
+    /// state0, state1, ..., or a dataset folder;
     /// several of them are the states of one object, 16 at most
     #[arg(value_name = "BAG", required = true, value_parser = local())]
     pub bags: Vec<PathBuf>,

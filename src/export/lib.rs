@@ -52,7 +52,7 @@ pub use board_page::board_page;
 pub use camera_poses::{CameraPosesReport, CameraTrackingReport, DepthSensorReport, WorldFrameReport};
 pub use check::{
     CheckFinding, Description, Folder, Geometry, INERTIA, InertialText, JointText, Level, LimitText,
-    LinkText, ShapeText, UnsoundUrdf, check_folder, named_files,
+    LinkText, ShapeText, UnsoundUrdf, check_folder, named_files, package_name,
 };
 pub use config::ExportConfig;
 pub use config::{Base, UrdfScrew};

@@ -1,4 +1,4 @@
-//! A recording on disk: a rosbag2 folder or a bare `.mcap` file.
+//! A recording on disk: a rosbag2 folder, a bare `.mcap` file, a `.bag` of ROS 1, or a folder of images.
 //!
 //! `metadata.yaml` is read only for the files' names and compression; everything else comes from the files
 //! themselves.
@@ -14,7 +14,9 @@ use serde::Deserialize;
 
 use super::{
     expansion::{Expansion, Within},
+    folder::ImageFolder,
     mcap_file::{Channels, FileReport, RECORD_LIMIT, RawMessage, read_messages, summary_channels},
+    ros1_bag::{ROS1_BAG, read_ros1_bag},
 };
 use capture::CaptureError;
 use common::files;
@@ -29,11 +31,15 @@ const MAX_FILES: usize = 10_000;
 pub struct Bag {
     /// The given folder or file.
     pub path: PathBuf,
-    /// Its MCAP files.
+    /// Its files: of MCAP, of ROS 1, or images.
     pub files: Vec<PathBuf>,
+    /// The folder of images that it is, if it is one.
+    pub images: Option<ImageFolder>,
     /// Whether every message is compressed by itself with zstd (`compression_mode: message`).
     compressed_messages: bool,
-    /// Notes about the folder.
+    /// Notes on what it is.
+    pub notes: Vec<Note>,
+    /// Notes about losses of the folder.
     pub warnings: Vec<Note>,
 }
 
@@ -81,15 +87,34 @@ impl Undecodable {
 }
 
 impl Bag {
-    /// Whether a path can be a bag: an MCAP file, or a folder with bag files or metadata in it.
+    /// Whether a path can be a bag: an MCAP or ROS 1 file, a folder with bag files or metadata in it, or a
+    /// folder of images in a form that is known.
     #[must_use]
     pub fn is_at(path: &Path) -> bool {
         if path.is_dir() {
             return path.join("metadata.yaml").is_file()
-                || !files_with(path, is_mcap).is_empty()
-                || !files_with(path, named_db3).is_empty();
+                || [is_mcap, named_ros1, named_db3].iter().any(|test| !files_with(path, *test).is_empty())
+                || ImageFolder::is_at(path);
         }
-        path.is_file() && (is_mcap(path) || is_db3(path) || starts_with(path, mcap::MAGIC))
+        path.is_file() && (is_mcap(path) || is_ros1(path) || is_db3(path) || starts_with(path, mcap::MAGIC))
+    }
+
+    /// Name of its form.
+    #[must_use]
+    pub fn form(&self) -> String {
+        match &self.images {
+            Some(images) => images.form.to_owned(),
+            None if self.files.iter().any(|f| is_ros1(f)) => {
+                format!("ROS 1 bag, {} file(s)", self.files.len())
+            }
+            None => format!("MCAP, {} file(s)", self.files.len()),
+        }
+    }
+
+    /// Unit of depth in whole numbers, meters, where the form of a folder says it.
+    #[must_use]
+    pub fn depth_unit_m(&self) -> Option<f64> {
+        self.images.as_ref().map(ImageFolder::depth_unit_m)
     }
 
     /// Finds the files of a bag.
@@ -101,7 +126,9 @@ impl Bag {
         let mut bag = Self {
             path: path.to_owned(),
             files: Vec::new(),
+            images: None,
             compressed_messages: false,
+            notes: Vec::new(),
             warnings: Vec::new(),
         };
         if !path.exists() {
@@ -115,6 +142,12 @@ impl Bag {
             return Ok(bag);
         }
         let yaml = path.join("metadata.yaml");
+        bag.images = if yaml.is_file() { None } else { ImageFolder::open(path)? };
+        if let Some(images) = &bag.images {
+            bag.files = images.files();
+            bag.notes.push(images.note(path));
+            return Ok(bag);
+        }
         if yaml.is_file() {
             match read_metadata(&yaml) {
                 Ok(metadata) => bag.apply(&metadata)?,
@@ -126,7 +159,7 @@ impl Bag {
                     ),
                 )),
             }
-        } else {
+        } else if !files_with(path, is_mcap).is_empty() {
             bag.warnings.push(Note::new(
                 NoteCode::MetadataMissing,
                 format!(
@@ -138,6 +171,9 @@ impl Bag {
         // metadata.yaml may name files that were renamed since: the existing ones are read.
         if bag.files.is_empty() {
             bag.files = files_with(path, is_mcap);
+        }
+        if bag.files.is_empty() {
+            bag.files = files_with(path, named_ros1);
         }
         if let Some(file) = bag.files.iter().find(|f| is_db3(f)) {
             return Err(CaptureError::Sqlite { path: file.clone() });
@@ -244,6 +280,9 @@ impl Bag {
         &self,
         visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>,
     ) -> Result<Vec<(PathBuf, FileReport)>, CaptureError> {
+        if let Some(images) = &self.images {
+            return Ok(vec![(self.path.clone(), images.read(visit)?)]);
+        }
         let mut reports = Vec::new();
         // One budget for all files: ten thousand small ones may not unpack to more than one large one.
         let bytes = self.files.iter().filter_map(|f| fs::metadata(f).ok()).map(|m| m.len()).sum();
@@ -295,6 +334,9 @@ fn read_file(
         let source = Within { source: decoder, expansion };
         return read_messages(BufReader::new(source), &mut Channels::default(), &mut inside, visit);
     }
+    if starts_with(path, ROS1_BAG) {
+        return read_ros1_bag(file, expansion, visit);
+    }
     let mut channels = summary_channels(&mut file).map_err(failed)?;
     read_messages(file, &mut channels, expansion, visit)
 }
@@ -334,6 +376,16 @@ fn files_with(folder: &Path, test: fn(&Path) -> bool) -> Vec<PathBuf> {
 fn is_mcap(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     name.ends_with(".mcap") || name.ends_with(".mcap.zstd")
+}
+
+/// Whether a file is a bag of ROS 1, by its name or its first bytes.
+fn is_ros1(path: &Path) -> bool {
+    named_ros1(path) || starts_with(path, ROS1_BAG)
+}
+
+fn named_ros1(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    name.ends_with(".bag") || name.ends_with(".bag.active")
 }
 
 /// Whether a file is an sqlite3 database, by its name or its first bytes.

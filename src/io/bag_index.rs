@@ -169,7 +169,7 @@ impl BagIndex {
     /// Reads a bag once, front to back.
     ///
     /// # Errors
-    /// Those of [`Bag::read`]; [`CaptureError::Unsupported`] for ROS 1 messages or too many entries.
+    /// Those of [`Bag::read`]; [`CaptureError::Unsupported`] for too many entries.
     pub fn read(bag: &Bag, stop: &Stop) -> Result<Self, CaptureError> {
         let mut index = Self::default();
         index.files = bag.read(&mut |message| {
@@ -237,14 +237,6 @@ impl BagIndex {
     }
 
     fn add(&mut self, message: &RawMessage, bag: &Bag) -> Result<(), CaptureError> {
-        // MCAP holds ROS 1 messages as well. They are no CDR: each of them would be counted as damaged.
-        if message.message_encoding == "ros1" {
-            return refuse_bag(
-                bag,
-                "ROS 1 messages",
-                "convert the bag to ROS 2 with `rosbags-convert --src BAG --dst DIR --dst-storage mcap`",
-            );
-        }
         // Checked before the message is indexed: a small compressed bag may contain more of them than fit in
         // memory.
         if self.entries >= MAX_ENTRIES || self.topics.len() >= MAX_TOPICS {

@@ -12,9 +12,11 @@ use super::{
     bag::Bag,
     expansion::Expansion,
     file_ranges::FileRanges,
+    folder::ImageFolder,
     joint_log::is_joint_topic,
     mcap_file::{Channels, RawMessage, read_messages},
     mcap_summary::McapSummary,
+    ros1msg::ROS1,
     ros2msg::{CameraInfo, CompressedFront, DecodeError, ImageFront, decode},
     source::Source,
     topics::{IMAGE_TYPES, INFO_TYPE, TopicSummary, choose},
@@ -51,6 +53,10 @@ pub fn glimpse_views(paths: &[PathBuf], config: &CaptureConfig) -> io::Result<Ve
 }
 
 fn glimpse_of_bag(path: &Path, config: &CaptureConfig) -> io::Result<Glimpse> {
+    if let Ok(Some(images)) = ImageFolder::open(path) {
+        let (frames, size) = images.views();
+        return Ok(Glimpse { frames: Some(frames), size });
+    }
     let Some(summaries) = Summaries::of(path)? else { return Ok(Glimpse::default()) };
     Ok(summaries.views(config)?.unwrap_or_default())
 }
@@ -62,8 +68,9 @@ fn glimpse_of_bag(path: &Path, config: &CaptureConfig) -> io::Result<Glimpse> {
 pub fn count_joint_messages(path: &Path, streams: &Streams) -> io::Result<u64> {
     let Some(summaries) = Summaries::of(path)? else { return Ok(0) };
     let channels = summaries.all.iter().flat_map(|(_, s)| s.channels.values());
-    let read =
-        channels.filter(|c| is_joint_topic(&c.topic, &c.type_name, c.message_encoding == "cdr", streams));
+    let read = channels.filter(|c| {
+        is_joint_topic(&c.topic, &c.type_name, ["cdr", ROS1].contains(&c.message_encoding.as_str()), streams)
+    });
     Ok(read.map(|c| c.count).sum())
 }
 
@@ -110,8 +117,10 @@ impl Summaries {
                 type_name: channel.type_name.clone(),
                 ..TopicSummary::default()
             });
-            // ROS 1, or a topic of two types: the reader of the whole bag reports it.
-            if channel.message_encoding != "cdr" || topic.type_name != channel.type_name {
+            // JSON, or a topic of two types: the reader of the whole bag reports it.
+            if !["cdr", ROS1].contains(&channel.message_encoding.as_str())
+                || topic.type_name != channel.type_name
+            {
                 return Ok(None);
             }
             topic.count += usize::try_from(channel.count).unwrap_or(usize::MAX);

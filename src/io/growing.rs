@@ -10,6 +10,7 @@ use std::{
 
 use super::{
     bag::Bag,
+    folder::ImageFolder,
     recording::{Recording, unmasked, views_at_a_time},
 };
 use capture::{CaptureConfig, CaptureError, RgbdFrame};
@@ -72,7 +73,11 @@ impl GrowingState {
     #[must_use]
     pub fn is_closed(&self) -> bool {
         if !self.path.is_dir() {
-            return ends_as_mcap(&self.path).unwrap_or(false);
+            return is_closed_ros1(&self.path) || ends_as_mcap(&self.path).unwrap_or(false);
+        }
+        // A folder of images is copied, not recorded.
+        if ImageFolder::is_at(&self.path) {
+            return true;
         }
         // rosbag2 writes metadata.yaml before it ends the last file; a file compressed as a whole has ended
         // by then.
@@ -161,6 +166,11 @@ impl GrowingState {
             to_track: None,
         })
     }
+}
+
+/// Whether a file is a bag of ROS 1 that its recorder has renamed at the end.
+fn is_closed_ros1(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e == "bag")
 }
 
 /// Whether a file ends as a closed MCAP file does.

@@ -150,11 +150,8 @@ fn inspect_bag(
 ) -> Result<(StateInspection, BagIndex), CaptureError> {
     let bag = Bag::open(path)?;
     let index = BagIndex::read(&bag, &Stop::never())?;
-    let mut seen = StateInspection {
-        path: path.to_owned(),
-        format: format!("MCAP, {} file(s)", bag.files.len()),
-        ..StateInspection::default()
-    };
+    let mut seen =
+        StateInspection { path: path.to_owned(), format: bag.form(), ..StateInspection::default() };
     seen.span_secs = index.span_nanos().map(|(a, b)| (a as f64 * 1e-9, b as f64 * 1e-9));
     seen.topics = index.topics.keys().map(|name| inspect_topic(name, &index)).collect();
     seen.transforms = index.tf.describe();

@@ -17,6 +17,7 @@ use super::{
     mcap_record::{
         ChannelRecord, ChunkRecord, MessageRecord, RecordError, SchemaRecord, TAIL, summary_start,
     },
+    ros1msg::{ROS1, ROS1_BROKEN, Ros1Layout},
 };
 
 use common::note::{Note, NoteCode};
@@ -78,12 +79,45 @@ pub struct Channel {
 #[derive(Clone, Debug, Default)]
 pub struct Channels {
     channels: BTreeMap<u16, Channel>,
-    schemas: BTreeMap<u16, String>,
+    schemas: BTreeMap<u16, Schema>,
+}
+
+/// A type of messages.
+#[derive(Clone, Debug)]
+struct Schema {
+    type_name: String,
+    /// Whether the definition is one of ROS 2.
+    is_ros2: bool,
+    /// Layout of the messages of ROS 1; none without a definition that can be read.
+    ros1: Option<Ros1Layout>,
+}
+
+impl Schema {
+    fn of(record: SchemaRecord) -> Self {
+        let is_ros1 = record.encoding == "ros1msg";
+        let layout = || Ros1Layout::parse(&record.name, &record.definition).ok();
+        Self {
+            is_ros2: ["ros2msg", "ros2idl"].contains(&record.encoding.as_str()),
+            ros1: is_ros1.then(layout).flatten(),
+            type_name: record.name,
+        }
+    }
 }
 
 impl Channels {
     fn type_name(&self, channel: &Channel) -> &str {
-        self.schemas.get(&channel.schema_id).map_or("", String::as_str)
+        self.schemas.get(&channel.schema_id).map_or("", |s| s.type_name.as_str())
+    }
+
+    /// Encoding of a channel's messages; CDR where the channel says nothing and its type is one of ROS 2.
+    fn encoding<'a>(&self, channel: &'a Channel) -> &'a str {
+        let is_ros2 = self.schemas.get(&channel.schema_id).is_some_and(|s| s.is_ros2);
+        if channel.message_encoding.is_empty() && is_ros2 { "cdr" } else { &channel.message_encoding }
+    }
+
+    /// A message of a ROS 1 channel as CDR; `None` where it does not fit its definition.
+    fn cdr(&self, channel: &Channel, data: &[u8]) -> Option<Vec<u8>> {
+        self.schemas.get(&channel.schema_id)?.ros1.as_ref()?.cdr(data).ok()
     }
 
     /// Learns from the body of a schema or channel record.
@@ -92,7 +126,7 @@ impl Channels {
         // identical, so the last one may replace the first.
         if opcode == op::SCHEMA {
             let schema = SchemaRecord::read(body)?;
-            self.schemas.insert(schema.id, schema.name);
+            self.schemas.insert(schema.id, Schema::of(schema));
         } else {
             let c = ChannelRecord::read(body)?;
             self.channels.insert(
@@ -111,7 +145,7 @@ pub struct RawMessage<'a> {
     pub topic: &'a str,
     /// Type, e.g. `sensor_msgs/msg/Image`; empty if the file does not say.
     pub type_name: &'a str,
-    /// `cdr` for ROS 2.
+    /// `cdr` for ROS 2, and for ROS 1 where a message fits its definition.
     pub message_encoding: &'a str,
     /// When it was recorded, nanoseconds.
     pub log_time_nanos: u64,
@@ -141,13 +175,13 @@ pub struct FileReport {
 }
 
 impl FileReport {
-    fn bad_chunk(&mut self, number: u64, why: &McapDamage) {
+    pub(super) fn bad_chunk(&mut self, number: u64, why: &impl std::fmt::Display) {
         let why = if self.bad_chunks.len() < REASONS { why.to_string() } else { String::new() };
         self.bad_chunks.push((number, why));
     }
 
     /// The same report, for a file whose reading stopped early.
-    fn stopped_by(mut self, why: &McapDamage) -> Self {
+    pub(super) fn stopped_by(mut self, why: &impl std::fmt::Display) -> Self {
         self.stopped = Some(why.to_string());
         self
     }
@@ -271,7 +305,7 @@ pub fn read_messages<R: Read, E>(
         Ok(8) if magic == *mcap::MAGIC => {}
         Ok(0) => return Ok(report.stopped_by(&McapDamage::Empty)),
         Ok(_) => return Ok(report.stopped_by(&McapDamage::NoMcap)),
-        Err(error) => return Ok(report.stopped_by(&error.into())),
+        Err(error) => return Ok(report.stopped_by(&error)),
     }
     loop {
         let record = match next_record(&mut source) {
@@ -288,7 +322,7 @@ pub fn read_messages<R: Read, E>(
             _ if record.cut => {}
             opcode => {
                 if let Err(why) = read_flat(opcode, &record.body, channels, &mut report, visit)? {
-                    return Ok(report.stopped_by(&why.into()));
+                    return Ok(report.stopped_by(&why));
                 }
             }
         }
@@ -319,15 +353,25 @@ fn read_flat<E>(
                 return Ok(Ok(()));
             };
             report.messages += 1;
-            visit(&RawMessage {
+            let mut raw = RawMessage {
                 topic: &channel.topic,
                 type_name: channels.type_name(channel),
-                message_encoding: &channel.message_encoding,
+                message_encoding: channels.encoding(channel),
                 log_time_nanos: message.log_time,
                 publish_time_nanos: message.publish_time,
                 sequence: message.sequence,
                 data: message.data,
-            })?;
+            };
+            let cdr;
+            if raw.message_encoding == ROS1 {
+                raw.message_encoding = ROS1_BROKEN;
+                cdr = channels.cdr(channel, message.data);
+                if let Some(cdr) = &cdr {
+                    raw.message_encoding = "cdr";
+                    raw.data = cdr;
+                }
+            }
+            visit(&raw)?;
             Ok(Ok(()))
         }
         // Indexes, statistics, attachments, and opcodes of later versions: a reader has to skip them.

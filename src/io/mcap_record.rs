@@ -3,6 +3,8 @@
 
 use mcap::records::op;
 
+use super::ros1msg::ros2_type_name;
+
 /// Length of the end of a file, bytes: footer record (9 + 20) and magic.
 pub const TAIL: u64 = 9 + 20 + 8;
 /// Largest supported summary section, bytes: 500,000 chunks.
@@ -64,13 +66,20 @@ impl<'a> Fields<'a> {
     }
 }
 
-/// Id and name of a schema.
+/// Longest definition of a type that is kept, bytes; those of ROS have less than 10,000.
+const MAX_DEFINITION: usize = 1 << 20;
+
+/// A schema: a type and its definition.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SchemaRecord {
     /// Its id.
     pub id: u16,
-    /// Name of the type.
+    /// Name of the type as ROS 2 has it.
     pub name: String,
+    /// Form of the definition: `ros2msg`, `ros2idl`, `ros1msg`, ...
+    pub encoding: String,
+    /// The definition; empty where it is too long or no text.
+    pub definition: String,
 }
 
 impl SchemaRecord {
@@ -80,11 +89,13 @@ impl SchemaRecord {
     /// [`RecordError`]: the damaged part.
     pub fn read(body: &[u8]) -> Result<Self, RecordError> {
         let mut fields = Fields(body);
-        let schema = Self { id: fields.id()?, name: fields.text()? };
-        // Encoding and definition must be whole.
-        fields.counted()?;
-        fields.counted()?;
-        Ok(schema)
+        let id = fields.id()?;
+        let name = ros2_type_name(&fields.text()?).into_owned();
+        let encoding = fields.text()?;
+        let definition = fields.counted()?;
+        let text = if definition.len() <= MAX_DEFINITION { definition } else { &[] };
+        let definition = String::from_utf8(text.to_vec()).unwrap_or_default();
+        Ok(Self { id, name, encoding, definition })
     }
 }
 
@@ -275,10 +286,13 @@ mod tests {
     fn records_are_read() {
         let schema =
             [&[7, 0][..], &text("std_msgs/msg/String"), &text("ros2msg"), &text("string data")].concat();
-        assert_eq!(
-            SchemaRecord::read(&schema),
-            Ok(SchemaRecord { id: 7, name: "std_msgs/msg/String".into() })
-        );
+        let expected = SchemaRecord {
+            id: 7,
+            name: "std_msgs/msg/String".into(),
+            encoding: "ros2msg".into(),
+            definition: "string data".into(),
+        };
+        assert_eq!(SchemaRecord::read(&schema), Ok(expected));
         let channel = [&[1, 1, 7, 0][..], &text("/a"), &text("cdr"), &text("")].concat();
         let read = ChannelRecord::read(&channel).unwrap();
         assert_eq!(

@@ -5,8 +5,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use super::package_path::{is_plain, own_package, package_folder};
 use common::files;
-use common::limits::{MODEL_FOLDER, URDF};
+use common::limits::{METADATA, MODEL_FOLDER, URDF};
 use export::{Folder, named_files};
 
 /// Most files.
@@ -31,8 +32,9 @@ pub enum ModelFolderError {
     NotUrdf(PathBuf),
 }
 
-/// Reads a model folder, or a URDF file with the files it names in its folder and below: meshes, their
-/// materials and textures. Other files beside a single URDF are ignored.
+/// Reads a model folder, or a URDF file with the files it names: meshes, their materials and textures, in
+/// its folder and below, in the ROS package it belongs to and in other packages. Other files beside a
+/// single URDF are ignored.
 ///
 /// # Errors
 /// As [`read_model_folder`], or if the file's extension is not `.urdf`.
@@ -42,36 +44,74 @@ pub fn read_model(path: &Path) -> Result<Folder, ModelFolderError> {
     }
     let disk = |source| ModelFolderError::Disk { path: path.to_owned(), source };
     let urdf = files::read_limited(path, URDF).map_err(disk)?;
-    let Some(name) = path.file_name().and_then(|n| n.to_str()).filter(|n| n.ends_with(".urdf")) else {
+    if path.extension().is_none_or(|e| e != "urdf") {
         return Err(ModelFolderError::NotUrdf(path.to_owned()));
-    };
-    let folder = path.parent().unwrap_or(Path::new(""));
+    }
+    let (root, name) =
+        root_and_name(path, &urdf).ok_or_else(|| ModelFolderError::NotUrdf(path.to_owned()))?;
     let mut left = MODEL_FOLDER.bytes;
-    let mut open = named_files(name, &urdf);
-    let mut found = Folder::from([(name.to_owned(), urdf)]);
+    let mut found = Folder::new();
+    if name.contains('/') {
+        // Which package this is.
+        let manifest = root.join("package.xml");
+        let disk = |source| ModelFolderError::Disk { path: manifest.clone(), source };
+        found.insert("package.xml".to_owned(), files::read_limited(&manifest, METADATA).map_err(disk)?);
+    }
+    let beside = name.rsplit_once('/').map_or("", |(own, _)| own).to_owned();
+    let mut open = named_files(&found, &name, &urdf);
+    found.insert(name, urdf);
     while let Some(inner) = open.pop() {
-        if found.contains_key(&inner) || !is_plain(folder, &inner) {
+        let Some((key, full)) = located(&root, &beside, &inner, path) else { continue };
+        if found.contains_key(&key) {
             continue;
         }
-        let full = folder.join(&inner);
         let disk = |source| ModelFolderError::Disk { path: full.clone(), source };
         let bytes = files::read_limited(&full, MODEL_FOLDER).map_err(disk)?;
         let rest = left.checked_sub(bytes.len() as u64).filter(|_| found.len() < MAX_FILES);
         left = rest.ok_or_else(|| ModelFolderError::TooLarge(path.to_owned()))?;
-        open.extend(named_files(&inner, &bytes));
-        found.insert(inner, bytes);
+        open.extend(named_files(&found, &key, &bytes));
+        found.insert(key, bytes);
     }
     Ok(found)
 }
 
-/// Whether a path leads to a regular file without links and hidden names, which a folder's reader leaves out,
-/// too.
-fn is_plain(folder: &Path, inner: &str) -> bool {
-    let mut at = folder.to_owned();
-    inner.split('/').all(|part| {
-        at.push(part);
-        !part.starts_with('.') && fs::symlink_metadata(&at).is_ok_and(|m| m.is_dir() || m.is_file())
-    }) && at.is_file()
+/// The folder in which a URDF's files are looked for, and the URDF's path there: its own folder, or its
+/// package where it names files elsewhere.
+fn root_and_name(path: &Path, urdf: &[u8]) -> Option<(PathBuf, String)> {
+    let name = path.file_name()?.to_str()?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let named = named_files(&Folder::new(), name, urdf);
+    let packaged = named.iter().filter_map(|name| in_package(name));
+    let is_elsewhere = packaged.map(|(_, inner)| inner).any(|inner| !is_plain(folder, inner));
+    if !is_elsewhere && !String::from_utf8_lossy(urdf).contains("../") {
+        return Some((folder.to_owned(), name.to_owned()));
+    }
+    let Some(root) = own_package(path) else { return Some((folder.to_owned(), name.to_owned())) };
+    let absolute = std::path::absolute(path).ok()?;
+    let inner = absolute.strip_prefix(&root).ok()?.to_str()?.replace('\\', "/");
+    Some((root, inner))
+}
+
+/// Package and path of a name `package://PACKAGE/PATH`.
+fn in_package(name: &str) -> Option<(&str, &str)> {
+    name.strip_prefix("package://")?.split_once('/')
+}
+
+/// Where a named file lies, with its key in the folder in memory; `None` if it is not there. Links and
+/// hidden names are left out, as a folder's reader leaves them out, too. `own` is the URDF's folder in
+/// `root`.
+fn located(root: &Path, own: &str, inner: &str, urdf: &Path) -> Option<(String, PathBuf)> {
+    let Some((package, path)) = in_package(inner) else {
+        return is_plain(root, inner).then(|| (inner.to_owned(), root.join(inner)));
+    };
+    // The URDF's folder stands for the package in what this program writes.
+    let folder = root.join(own);
+    if is_plain(&folder, path) {
+        let key = if own.is_empty() { path.to_owned() } else { format!("{own}/{path}") };
+        return Some((key, folder.join(path)));
+    }
+    let package = package_folder(package, urdf)?;
+    is_plain(&package, path).then(|| (inner.to_owned(), package.join(path)))
 }
 
 fn disk_error(path: &Path, source: std::io::Error) -> ModelFolderError {

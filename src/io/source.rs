@@ -5,7 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::{bag::Bag, dataset::STATES};
+use super::{bag::Bag, dataset::STATES, folder::ImageFolder};
 use capture::{CaptureError, MAX_STATES};
 
 /// An input to open.
@@ -51,13 +51,20 @@ impl Source {
     fn of_one(path: &Path) -> Result<Self, CaptureError> {
         exists(path)?;
         // Datasets first, by files that bags do not have.
-        if path.join("init_keyframes.yml").is_file() || path.join("cam_K.txt").is_file() {
+        let has = |name: &str| path.join(name).is_file();
+        if has("init_keyframes.yml") || (has("cam_K.txt") && !ImageFolder::is_at(path)) {
             return Ok(Self::Keyframes(path.to_owned()));
         }
         if STATES.iter().all(|s| path.join(s).join("camera_train.json").is_file()) {
             return Ok(Self::StartEnd(path.to_owned()));
         }
+        // A folder named as a state is one, or the fault is there.
         let state = |s: usize| state_bag(path, s);
+        let fault = (0..2).find(|s| state_folder(path, *s).is_dir() && state(*s).is_none());
+        if let Some(folder) = fault.map(|s| state_folder(path, s)) {
+            let reason = describe(&folder);
+            return Err(CaptureError::NotARecording { path: folder, reason });
+        }
         match (state(0), state(1)) {
             (Some(_), Some(_)) => {
                 let states: Vec<PathBuf> = (0..).map_while(&state).collect();
@@ -111,7 +118,7 @@ impl Source {
     }
 }
 
-/// Whether a path is a recording: a rosbag2 folder or an MCAP file.
+/// Whether a path is a recording: a rosbag2 folder, an MCAP or ROS 1 file, or a folder of images.
 #[must_use]
 pub fn is_recording(path: &Path) -> bool {
     Bag::is_at(path)
@@ -140,10 +147,14 @@ fn exists(path: &Path) -> Result<(), CaptureError> {
     }
 }
 
-/// Recording of a state in a folder: a rosbag2 folder or a bare file.
+fn state_folder(path: &Path, s: usize) -> PathBuf {
+    path.join(format!("state{s}"))
+}
+
+/// Recording of a state in a folder: a rosbag2 folder, a folder of images, or a bare file.
 fn state_bag(path: &Path, s: usize) -> Option<PathBuf> {
-    let folder = path.join(format!("state{s}"));
-    let files = [folder.clone(), folder.with_extension("mcap")];
+    let folder = state_folder(path, s);
+    let files = [folder.clone(), folder.with_extension("mcap"), folder.with_extension("bag")];
     files.into_iter().find(|p| Bag::is_at(p))
 }
 
@@ -166,7 +177,12 @@ fn sanitize(name: &str) -> String {
 
 fn describe(path: &Path) -> String {
     if path.is_file() {
-        return "the file does not begin as an MCAP file".into();
+        let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+        return match extension.as_deref() {
+            Some("r3d" | "zip") => "it is an archive; unpack it into a folder with `unzip`".into(),
+            Some("mp4" | "mov" | "mkv" | "avi") => "it is a video of color alone, and depth is needed".into(),
+            _ => "the file begins neither as an MCAP file nor as a ROS 1 bag".into(),
+        };
     }
     let mut names: Vec<_> = std::fs::read_dir(path)
         .into_iter()
@@ -195,6 +211,23 @@ mod tests {
             |a: &str, b: &str| Source::States(vec![PathBuf::from(a), PathBuf::from(b)]).object_name();
         assert_eq!(states("/x/laptop/state0", "/x/laptop/state1"), "laptop");
         assert_eq!(states("/x/a/open", "/y/b/closed"), "open");
+    }
+
+    #[test]
+    fn a_state_that_is_no_recording_is_named_and_not_its_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        for state in ["state0", "state1"] {
+            std::fs::create_dir(folder.path().join(state)).unwrap();
+            std::fs::write(folder.path().join(state).join("cloud.ply"), b"ply").unwrap();
+        }
+        let why = Source::of(&[folder.path().to_owned()]).unwrap_err().to_string();
+        assert!(why.contains("state0` is not a recording: the folder holds cloud.ply"), "{why}");
+        std::fs::write(folder.path().join("state0/a.bag"), b"#ROSBAG V2.0\n").unwrap();
+        let why = Source::of(&[folder.path().to_owned()]).unwrap_err().to_string();
+        assert!(why.contains("state1` is not a recording: the folder holds cloud.ply"), "{why}");
+        let archive = folder.path().join("a.r3d");
+        std::fs::write(&archive, b"PK").unwrap();
+        assert!(Source::of(&[archive]).unwrap_err().to_string().contains("unzip"));
     }
 
     #[test]

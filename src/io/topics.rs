@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use super::foreign_topics::refuse_foreign;
 use capture::{CaptureError, TopicConfig};
 use common::limits::NAMED;
 
@@ -114,13 +115,15 @@ fn parent(topic: &str) -> &str {
 /// Chooses the topics of a recording. A requested topic is used or refused, never replaced.
 ///
 /// # Errors
-/// [`CaptureError::NotRgbd`] without any image topic, [`CaptureError::NoTopic`] without color, depth or
+/// [`CaptureError::Unsupported`] for a video, [`CaptureError::NotRgbd`] without any image topic,
+/// [`CaptureError::NoTopic`] without color, depth or
 /// camera_info, [`CaptureError::BadTopic`] for a requested one without usable messages.
 pub fn choose(
     topics: &[TopicSummary],
     wanted: &TopicConfig,
     path: &Path,
 ) -> Result<TopicChoice, CaptureError> {
+    refuse_foreign(topics, wanted, path)?;
     let chooser = Chooser { topics, path };
     let asked = [&wanted.color, &wanted.depth, &wanted.mask];
     // One message about the recording, instead of one about a missing color topic.

@@ -9,6 +9,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::{
     UrdfError,
+    package_path::named_path,
     urdf::{read_description, tree_joints},
     urdf_fault::UrdfFault,
 };
@@ -57,12 +58,11 @@ pub fn twin_files(path: &Path, text: &str) -> Vec<PathBuf> {
     let folder = path.parent().unwrap_or(Path::new(""));
     // Found in the text, not in parsed XML: what cannot be parsed is refused elsewhere, and a file named in a
     // comment does no harm.
-    let named =
-        text.split("filename").skip(1).filter_map(quoted_value).map(|name| match name.split_once("://") {
-            Some(("package", rest)) => folder.join(rest.split_once('/').map_or(rest, |(_, path)| path)),
-            Some((_, rest)) => PathBuf::from(rest),
-            None => folder.join(name),
-        });
+    let named = text.split("filename").skip(1).filter_map(quoted_value);
+    let named = named.map(|name| match named_path(path, &name) {
+        Ok(file) => file,
+        Err(_) => name.split_once("://").map_or_else(|| folder.join(&name), |(_, rest)| PathBuf::from(rest)),
+    });
     [path.to_owned(), path.with_file_name("model.sdf"), path.with_extension("usda")]
         .into_iter()
         .chain(named)

@@ -3,12 +3,12 @@
 use std::{
     borrow::Cow,
     collections::BTreeMap,
-    path::{Component, Path, PathBuf},
+    path::{Path, PathBuf},
 };
 
 use nalgebra::{Unit, Vector3};
 
-use super::{MeshFileError, mesh_files::read_mesh_within, urdf_fault::UrdfFault};
+use super::{MeshFileError, mesh_files::read_mesh_within, package_path::named_path, urdf_fault::UrdfFault};
 use common::files;
 use common::limits::{MESH, URDF, with_declaration};
 use export::{Description, Geometry, JointText, LinkText};
@@ -54,12 +54,13 @@ impl UrdfError {
     }
 }
 
-/// Reads a URDF and its visual meshes (relative paths, or `package://` with the URDF's folder as the
-/// package); scales and origins of visuals are applied. Visuals without a mesh are left out.
+/// Reads a URDF and its visual meshes (relative paths, or `package://` with a ROS package or the URDF's
+/// folder as the package); scales and origins of visuals are applied. Visuals without a mesh are left out.
 ///
 /// # Errors
-/// If a file cannot be read or exceeds 16 MiB; a joint type is not fixed, revolute, continuous or prismatic;
-/// links form no tree; or a mesh is absolute, remote, missing or damaged.
+/// If a file cannot be read or exceeds 16 MiB; a joint type is not fixed, revolute, continuous or
+/// prismatic; links form no tree; or a mesh is absolute, remote, outside of the URDF's folder and packages,
+/// missing or damaged.
 pub fn read_urdf(path: &Path) -> Result<Tree, UrdfError> {
     let (description, _) = read_description(path)?;
     let description = description.require_numbers().map_err(|e| UrdfError::of(path, e))?;
@@ -71,14 +72,13 @@ pub fn read_urdf(path: &Path) -> Result<Tree, UrdfError> {
 /// # Errors
 /// As [`read_urdf`].
 pub(super) fn tree_of(description: &Description, path: &Path) -> Result<Tree, UrdfError> {
-    let folder = path.parent().unwrap_or(Path::new("."));
     let mut links = Vec::with_capacity(description.links.len());
     // One budget for all meshes: a short URDF may refer to a large file ten thousand times.
     let mut left = MESH.bytes;
     for link in &description.links {
         links.push(TreeLink {
             name: link.name.clone(),
-            visual: visuals(link, folder, &mut left).map_err(|e| e.at(path))?,
+            visual: visuals(link, path, &mut left).map_err(|e| e.at(path))?,
         });
     }
     let joints = tree_joints(description).map_err(|e| UrdfError::of(path, e))?;
@@ -117,12 +117,12 @@ impl VisualError {
 }
 
 /// All visual meshes of a link as one, in the link frame. `left` is the remaining budget, bytes.
-fn visuals(link: &LinkText, folder: &Path, left: &mut u64) -> Result<TriangleMesh, VisualError> {
+fn visuals(link: &LinkText, urdf: &Path, left: &mut u64) -> Result<TriangleMesh, VisualError> {
     let mut all = Vec::new();
     for shape in &link.visuals {
         let Geometry::Mesh { path, scale } = &shape.geometry else { continue };
-        let mut mesh = read_mesh_within(&folder.join(relative(path).map_err(VisualError::Path)?), left)
-            .map_err(VisualError::Mesh)?;
+        let file = named_path(urdf, path).map_err(VisualError::Path)?;
+        let mut mesh = read_mesh_within(&file, left).map_err(VisualError::Mesh)?;
         // URDF scales a mesh in the mesh's own frame, before the visual's origin moves it.
         for p in &mut mesh.vertices {
             p.coords.component_mul_assign(&scale.cast());
@@ -130,24 +130,6 @@ fn visuals(link: &LinkText, folder: &Path, left: &mut u64) -> Result<TriangleMes
         all.push(mesh.transformed(&shape.link_from_shape));
     }
     Ok(merged_mesh(&all.iter().collect::<Vec<_>>()))
-}
-
-/// The path of a mesh below the URDF's folder.
-fn relative(filename: &str) -> Result<&Path, UrdfFault> {
-    let path = match filename.strip_prefix("package://") {
-        // No ROS installation is asked for the package: the URDF's folder stands for it.
-        Some(rest) => rest.split_once('/').map_or("", |(_, path)| path),
-        None if filename.contains("://") => return Err(UrdfFault::MeshElsewhere(filename.to_owned())),
-        None => filename,
-    };
-    let path = Path::new(path);
-    // A twin from elsewhere must not make the program read other files of this machine.
-    let inside = path.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
-    if inside && !path.as_os_str().is_empty() {
-        Ok(path)
-    } else {
-        Err(UrdfFault::MeshOutside(filename.to_owned()))
-    }
 }
 
 /// The joints of a URDF, each between the indices of its links.

@@ -38,7 +38,7 @@ pub enum UrdfFault {
     #[error("mesh '{0}' is not a relative path")]
     MeshElsewhere(String),
     /// A mesh in another folder.
-    #[error("mesh '{0}' is not below the URDF's folder")]
+    #[error("mesh '{0}' is not below the URDF's folder, nor in a ROS package (package.xml) around it")]
     MeshOutside(String),
     /// A chain too long: its dynamics would take minutes.
     #[error(

@@ -13,6 +13,8 @@ use capture::{Accelerometer, CaptureConfig, CaptureError, Distortion, nearest_st
 use common::note::{Note, NoteCode};
 use geometry::{Intrinsics, Pose};
 
+/// Length of a unit of depth in whole numbers, meters. derived: REP 118
+const REP_118_UNIT_M: f64 = 0.001;
 /// Largest relative difference of focal lengths of aligned images. chosen: drivers round them
 const FOCAL_TOLERANCE: f64 = 0.005;
 /// Largest difference of principal points of aligned images, pixels. chosen: drivers round them
@@ -95,9 +97,9 @@ impl Views {
             world_frame: String::new(),
             cameras: Vec::new(),
             views: Vec::new(),
-            depth_factor: 1.0,
+            depth_factor: bag.depth_unit_m().map_or(1.0, |unit_m| unit_m / REP_118_UNIT_M),
             accelerometer: None,
-            notes: Vec::new(),
+            notes: bag.notes.clone(),
             warnings: Vec::new(),
         };
         found.warnings.extend(bag.warnings.iter().cloned());

@@ -7,6 +7,7 @@
 mod bags;
 mod datasets;
 mod engine;
+mod forms;
 mod images;
 mod memory;
 mod messages;

@@ -39,7 +39,7 @@ pub(super) fn check_materials(description: &Description, folder: &Folder, urdf: 
     }
     let textures: BTreeSet<&String> = all.iter().filter_map(|m| m.texture.as_ref()).collect();
     for texture in textures {
-        match path_in_folder(texture, urdf) {
+        match path_in_folder(folder, texture, urdf) {
             Err(why) => found.add_warning(Rule::Texture, texture, format!("the texture {why}")),
             Ok(file) if !folder.contains_key(&file) => {
                 found.add_warning(Rule::Texture, texture, "the texture is missing");

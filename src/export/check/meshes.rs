@@ -123,7 +123,7 @@ fn affordable(description: &Description, folder: &Folder, urdf: &str, found: &mu
     let mut all = 0u64;
     for shape in shapes {
         if let Geometry::Mesh { path, .. } = &shape.geometry {
-            let bytes = path_in_folder(path, urdf).ok().and_then(|file| folder.get(&file));
+            let bytes = path_in_folder(folder, path, urdf).ok().and_then(|file| folder.get(&file));
             all += bytes.map_or(0, |b| b.len() as u64);
         }
     }
@@ -214,7 +214,7 @@ fn mesh_of(
     found: &mut Findings,
 ) -> Option<(String, MeshText)> {
     let Geometry::Mesh { path, .. } = &shape.geometry else { return None };
-    let file = resolve(path, urdf, of, found)?;
+    let file = resolve(path, folder, urdf, of, found)?;
     let Some(bytes) = folder.get(&file) else {
         found.add_finding(
             of.lost,
@@ -276,7 +276,7 @@ fn stl(path: &str, file: &str, bytes: &[u8], of: Use, found: &mut Findings) -> O
 }
 
 /// The path of a mesh in the folder; `None`, with a finding, if there is no such file.
-fn resolve(path: &str, urdf: &str, of: Use, found: &mut Findings) -> Option<String> {
+fn resolve(path: &str, folder: &Folder, urdf: &str, of: Use, found: &mut Findings) -> Option<String> {
     if path.starts_with("package://") && !urdf.ends_with(".ros.urdf") {
         found.add_finding(
             of.lost,
@@ -285,7 +285,7 @@ fn resolve(path: &str, urdf: &str, of: Use, found: &mut Findings) -> Option<Stri
             "package:// fails in MuJoCo and loses all shapes in Newton; use a relative path",
         );
     }
-    path_in_folder(path, urdf).map_err(|why| found.add_finding(of.lost, Rule::Path, path, why)).ok()
+    path_in_folder(folder, path, urdf).map_err(|why| found.add_finding(of.lost, Rule::Path, path, why)).ok()
 }
 
 fn is_healthy(file: &str, mesh: &MeshText, stl: bool, of: Use, found: &mut Findings) -> bool {
@@ -340,7 +340,7 @@ fn check_appearance(file: &str, mesh: &MeshText, shape: &ShapeText, folder: &Fol
         );
     }
     // Names in an OBJ and in its material file are relative to their folder.
-    let beside = |name: &str| path_in_folder(name, file).ok().and_then(|path| folder.get(&path));
+    let beside = |name: &str| path_in_folder(folder, name, file).ok().and_then(|path| folder.get(&path));
     let Some(material_file) = &mesh.material_file else { return };
     let Some(bytes) = beside(material_file) else {
         found.add_error(Rule::Texture, file, format!("its material file {material_file} is missing"));

@@ -28,6 +28,7 @@ pub use description::{
 use finding::Findings;
 pub use finding::{CheckFinding, Folder, Level};
 pub use named::named_files;
+pub use paths::package_name;
 pub(crate) use rule::Rule;
 use welds::Welds;
 

@@ -110,6 +110,23 @@ pub fn camera(
 /// Pose of the optical frame from a row-major 4x4 camera-to-world matrix in OpenGL axes (x right, y up,
 /// looking along -z): the camera is turned by half a turn about its x axis: docs/method.md (2.1).
 pub fn pose_from_opengl(path: &Path, name: &str, matrix: &[f64]) -> Result<Pose, CaptureError> {
+    // (2.1)
+    let flip = Matrix3::from_diagonal(&nalgebra::Vector3::new(1.0, -1.0, -1.0));
+    pose_of_matrix(path, name, matrix, &flip)
+}
+
+/// The same for a matrix in optical axes (x right, y down, z forward).
+pub fn pose_from_optical(path: &Path, name: &str, matrix: &[f64]) -> Result<Pose, CaptureError> {
+    pose_of_matrix(path, name, matrix, &Matrix3::identity())
+}
+
+/// Pose of a row-major 4x4 matrix whose camera's axes are those of an optical frame after `flip`.
+fn pose_of_matrix(
+    path: &Path,
+    name: &str,
+    matrix: &[f64],
+    flip: &Matrix3<f64>,
+) -> Result<Pose, CaptureError> {
     if matrix.len() != 16 || matrix.iter().any(|v| !v.is_finite()) {
         return refuse(path, format!("the pose of `{}` is not 16 finite numbers", name.escape_debug()));
     }
@@ -119,8 +136,6 @@ pub fn pose_from_opengl(path: &Path, name: &str, matrix: &[f64]) -> Result<Pose,
     if (r.transpose() * r - Matrix3::identity()).amax() > 1e-3 || r.determinant() < 0.0 {
         return refuse(path, format!("the pose of `{}` is no rigid motion", name.escape_debug()));
     }
-    // (2.1)
-    let flip = Matrix3::from_diagonal(&nalgebra::Vector3::new(1.0, -1.0, -1.0));
     let rotation = UnitQuaternion::from_rotation_matrix(&nearest_rotation(&(r * flip)));
     Ok(Pose::from_parts(Translation3::new(m.m14, m.m24, m.m34), rotation))
 }

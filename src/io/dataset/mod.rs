@@ -1,6 +1,6 @@
 //! Dataset folders: posed images on disk, in the layouts of published articulated-object datasets.
 
-mod files;
+pub(super) mod files;
 mod joint_transforms;
 mod keyframes;
 mod matches;
