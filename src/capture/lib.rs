@@ -19,11 +19,13 @@ mod features;
 mod frame;
 mod isolate;
 mod mask;
+mod mounting;
 mod noise;
 mod noise_estimate;
 mod pixel_weights;
 mod poses;
 mod recording;
+mod register;
 mod scene;
 mod select;
 mod state;
@@ -49,6 +51,7 @@ pub use frame::{RgbdFrame, cameras, median_over_object};
 pub use isolate::isolate;
 pub use isolate::{CLEARLY, LEAST_PATCH, cell_of_point, clusters_of_cells};
 pub use mask::dilated_mask;
+pub use mounting::{MotionPair, Mounting};
 pub use noise::{GRAZING_COSINE, NoiseConfig};
 use noise_estimate::noise_factor;
 pub use pixel_weights::{object_weights, pixel_weights};
@@ -57,6 +60,7 @@ pub use poses::{
     align_worlds, refine_poses,
 };
 pub use recording::{Capture, MAX_STATES};
+pub use register::DepthRegistration;
 pub use scene::scene_box;
 pub use select::{common_focus, spread_views};
 pub use state::Split;
@@ -65,6 +69,7 @@ pub use sync::{nearest_stamp, pair};
 pub use tf::{MAX_TF_FRAMES, TfBuffer};
 pub use tracking::{
     Accelerometer, LiveTracker, LiveView, Lost, MeasuredUp, NoGravity, Observation, Track, TrackCamera,
-    TrackedState, Tracker, TrackingFindings, Unaligned, UpBy, Upright, align_tracks,
+    TrackedState, Tracker, TrackingFindings, Unaligned, UpBy, Upright, WorldUp, align_tracks, seen_motion,
+    world_up,
 };
 pub use undistort::{Distortion, UndistortMap};

@@ -66,6 +66,7 @@ mod camera;
 #[cfg(test)]
 mod conformance_tests;
 mod dataset;
+mod depth_camera;
 mod expansion;
 mod file_ranges;
 mod glimpse;
@@ -74,21 +75,27 @@ mod image_files;
 mod imu;
 mod inspect;
 mod inspect_motion;
+mod lags;
 mod live_view;
 mod mcap_file;
 mod mcap_record;
 mod mcap_summary;
+mod mosaic;
 mod offered_qos;
 mod onnx;
 #[cfg(feature = "onnx")]
 mod onnx_matcher;
 mod picture_size;
 mod pixels;
+mod pose_candidate;
+mod pose_topic;
 mod poses;
+mod probe;
 mod recording;
 #[cfg(feature = "rerun")]
 mod rerun;
 mod source;
+mod synchronize;
 mod synth_bag;
 mod synth_dataset;
 mod synth_error;
@@ -115,6 +122,7 @@ pub use onnx::{MAX_MODEL_BYTES, OnnxError};
 #[cfg(feature = "onnx")]
 pub use onnx_matcher::OnnxMatcher;
 pub use pixels::Decoded;
+pub use poses::poses_unused;
 pub use recording::{Recording, object_name, state_count};
 #[cfg(feature = "rerun")]
 pub use rerun::{Seen, write_rerun};

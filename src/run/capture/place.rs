@@ -81,7 +81,7 @@ fn give_poses(
         view.world_from_camera = pose.map(|pose| world_from_map * pose_scaled(&pose, scale));
         sightings.extend(board.map(|board| (view.stamp_nanos, board)));
     }
-    views.depth_factor = scale;
+    views.depth_factor *= scale;
     if let Some(board) = &mut capture.board {
         board.sightings.push(sightings);
     }
