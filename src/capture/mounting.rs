@@ -10,6 +10,7 @@
 use nalgebra::{Matrix3, Matrix4, Rotation3, UnitQuaternion, Vector3, Vector4};
 
 use geometry::Pose;
+use numeric::statistics::median;
 
 /// Motions by the images with a smaller turn and a smaller way, radians and share of the depth, say nothing
 /// of
@@ -59,7 +60,7 @@ impl Mounting {
     /// The mounting of poses that are the camera's own, but for the lengths; `None` where too little moves.
     #[must_use]
     pub fn of_camera(pairs: &[MotionPair]) -> Option<Self> {
-        Self::turned(&telling(pairs), &UnitQuaternion::identity(), false)
+        Self::turned(&telling(pairs), &UnitQuaternion::identity(), false, None)
     }
 
     /// The mounting that most motions agree with; `None` where too little moves.
@@ -68,7 +69,7 @@ impl Mounting {
         let telling = telling(pairs);
         let mut best: Option<Self> = None;
         for turn in quarter_turns() {
-            let found = Self::turned(&telling, &turn, true);
+            let found = Self::turned(&telling, &turn, true, None);
             // Of equals the one that holds a smaller arm: it is less of an explanation.
             let arm = |m: &Self| m.posed_from_camera.translation.vector.norm();
             let is_better = |m: &Self| {
@@ -79,15 +80,30 @@ impl Mounting {
         best
     }
 
-    fn turned(pairs: &[MotionPair], turn: &UnitQuaternion<f64>, has_arm: bool) -> Option<Self> {
+    /// The same mounting where the ratio of lengths is known.
+    #[must_use]
+    pub fn at_scale(&self, pairs: &[MotionPair], scale: f64) -> Option<Self> {
+        Self::turned(&telling(pairs), &self.posed_from_camera.rotation, true, Some(scale))
+    }
+
+    fn turned(
+        pairs: &[MotionPair],
+        turn: &UnitQuaternion<f64>,
+        has_arm: bool,
+        known_scale: Option<f64>,
+    ) -> Option<Self> {
         (pairs.len() >= LEAST_MOTIONS).then_some(())?;
         // Turns do not depend on the arm or the lengths.
         let turning: Vec<&MotionPair> = pairs.iter().filter(|p| turns_alike(p, turn)).collect();
         let mut used: Vec<&MotionPair> = turning.clone();
         let mut arm = Vector3::zeros();
-        let mut scale = 1.0;
+        let mut scale = known_scale.or_else(|| median_ratio_of_ways(&used))?;
         for _ in 0..ROUNDS {
-            (arm, scale) = fitted(&used, turn, has_arm)?;
+            (arm, scale) = fitted(&used, turn, has_arm, scale)?;
+            if let Some(known) = known_scale {
+                arm = arm_at_scale(&used, turn, known)?;
+                scale = known;
+            }
             used = turning.iter().copied().filter(|p| is_on_way(p, turn, &arm, scale)).collect();
             if used.is_empty() {
                 break;
@@ -129,16 +145,43 @@ fn is_on_way(pair: &MotionPair, turn: &UnitQuaternion<f64>, arm: &Vector3<f64>, 
     off_way(pair, turn, arm, scale) <= (WAY_SHARE * way).max(WAY_DEPTH_SHARE * pair.depth * scale)
 }
 
+/// Position of the camera in the posed frame by least squares, where the ratio of lengths is known: a camera
+/// that circles a thing tells an arm along its axis from that ratio by nothing else.
+fn arm_at_scale(pairs: &[&MotionPair], turn: &UnitQuaternion<f64>, scale: f64) -> Option<Vector3<f64>> {
+    let mut normal = Matrix3::identity() * ARM_M.powi(-2);
+    let mut right = Vector3::zeros();
+    for pair in pairs {
+        let by_arm = Matrix3::identity() - pair.by_poses.rotation.to_rotation_matrix().into_inner();
+        let left_over = pair.by_poses.translation.vector - turn * pair.by_images.translation.vector * scale;
+        let weight = (WAY_DEPTH_SHARE * pair.depth * scale).powi(-2);
+        normal += by_arm.transpose() * by_arm * weight;
+        right += by_arm.transpose() * left_over * weight;
+    }
+    Some(normal.cholesky()?.solve(&right))
+}
+
+/// Median ratio of the ways by poses to those by images; `None` without a way.
+fn median_ratio_of_ways(pairs: &[&MotionPair]) -> Option<f64> {
+    let way = |pose: &Pose| pose.translation.vector.norm();
+    let ratios = pairs.iter().map(|p| way(&p.by_poses) / way(&p.by_images).max(1e-9));
+    median(ratios.collect()).filter(|ratio| *ratio > 0.0)
+}
+
 /// Position of the camera in the posed frame and ratio of lengths by least squares:
 /// `(1 - R_B) arm + scale R_X t_M = t_B`.
-fn fitted(pairs: &[&MotionPair], turn: &UnitQuaternion<f64>, has_arm: bool) -> Option<(Vector3<f64>, f64)> {
+fn fitted(
+    pairs: &[&MotionPair],
+    turn: &UnitQuaternion<f64>,
+    has_arm: bool,
+    scale: f64,
+) -> Option<(Vector3<f64>, f64)> {
     let mut normal = Matrix4::zeros();
     let mut right = Vector4::zeros();
     for pair in pairs {
         let by_arm = Matrix3::identity() - pair.by_poses.rotation.to_rotation_matrix().into_inner();
         let by_scale = turn * pair.by_images.translation.vector;
-        // One weight for all: errors are a share of the depth, which is about the same.
-        let weight = 1.0 / (WAY_DEPTH_SHARE * pair.depth).powi(2);
+        // Errors are a share of the depth, in lengths of the poses.
+        let weight = (WAY_DEPTH_SHARE * pair.depth * scale).powi(-2);
         for k in 0..3 {
             let row = Vector4::new(by_arm[(k, 0)], by_arm[(k, 1)], by_arm[(k, 2)], by_scale[k]);
             normal += row * row.transpose() * weight;
@@ -178,18 +221,13 @@ mod tests {
             let eye = nalgebra::Point3::new(0.9 * a.cos(), 0.8 * a.sin(), 0.4 + 0.1 * (2.0 * a).sin());
             Pose::face_towards(&eye, &nalgebra::Point3::origin(), &Vector3::new(0.1 * a, 0.0, 1.0))
         };
-        let posed = |k: usize| {
-            let mut pose = camera(k);
-            pose.translation.vector *= scale;
-            pose * posed_from_camera.inverse()
+        let posed = |k: usize| camera(k) * posed_from_camera.inverse();
+        let pair = |k: usize| {
+            let mut by_images = camera(k + 1).inverse() * camera(k);
+            by_images.translation.vector /= scale;
+            MotionPair { by_images, by_poses: posed(k + 1).inverse() * posed(k), depth: 1.0 / scale }
         };
-        (0..9)
-            .map(|k| MotionPair {
-                by_images: camera(k + 1).inverse() * camera(k),
-                by_poses: posed(k + 1).inverse() * posed(k),
-                depth: 1.0,
-            })
-            .collect()
+        (0..9).map(pair).collect()
     }
 
     #[test]
@@ -211,8 +249,14 @@ mod tests {
             );
             assert!((found.scale / scale - 1.0).abs() < 0.05, "{found:?}");
         }
-        let found = Mounting::best(&pairs(&mounted, 1.0)).unwrap().posed_from_camera;
-        assert!((found.translation.vector - mounted.translation.vector).norm() < 0.005, "{found}");
+        let pairs = pairs(&mounted, 1.0);
+        let found = Mounting::best(&pairs).unwrap().at_scale(&pairs, 1.0).unwrap().posed_from_camera;
+        // An arm along the axis of all turns moves the world alone; the camera's motions are those of the images.
+        for pair in &pairs {
+            let motion = found.inverse() * pair.by_poses * found;
+            let off_m = (motion.translation.vector - pair.by_images.translation.vector).norm();
+            assert!(off_m < 0.001, "{off_m}");
+        }
     }
 
     #[test]

@@ -47,10 +47,10 @@ pub enum ImageError {
 }
 
 const COLOR_SUPPORTED: &str = "color must be rgb8, bgr8, rgba8, bgra8, mono8 or these with 16 bits, 8UC1, \
-    8UC3 or 8UC4 (in OpenCV's order), yuv422, yuv422_yuy2, nv12, nv21, nv24 or Bayer, or JPEG, PNG, WebP or \
-    TIFF; set the camera to rgb8";
+    8UC3 or 8UC4 (in OpenCV's order), yuv422, yuv422_yuy2, nv12, nv21, nv24 or Bayer, or JPEG, PNG or \
+    WebP; set the camera to rgb8";
 const DEPTH_SUPPORTED: &str = "depth must be 16UC1, 16SC1 or mono16 (whole units) or 32FC1 or 64FC1 \
-    (meters), raw, PNG, TIFF or compressedDepth";
+    (meters), raw, PNG or compressedDepth";
 /// Encodings of masks, in lower case.
 pub const MASK_ENCODINGS: [&str; 4] = ["mono8", "8uc1", "mono16", "16uc1"];
 const MASK_SUPPORTED: &str = "masks must be mono8, 8UC1, mono16 or 16UC1, raw or PNG";
@@ -184,7 +184,7 @@ pub fn compressed_mask(image: &CompressedImage) -> Result<Raster<bool>, ImageErr
     mask_file(&image.data)
 }
 
-/// Color of a JPEG, PNG, WebP or TIFF file; a transparency is ignored.
+/// Color of a JPEG, PNG or WebP file; a transparency is ignored.
 ///
 /// # Errors
 /// [`ImageError`].
@@ -314,15 +314,15 @@ fn is_rvl(format: &str) -> bool {
     format.trim_end().ends_with("rvl")
 }
 
-/// Decodes a file by its first bytes: PNG or TIFF or, where allowed, JPEG or WebP.
+/// Decodes a file by its first bytes: PNG or, where allowed, JPEG or WebP.
 fn decode_file(data: &[u8], lossy_allowed: bool) -> Result<DynamicImage, ImageError> {
     // By the first bytes: the format of a message is free text.
     let format = match data {
         [0xff, 0xd8, 0xff, ..] => ImageFormat::Jpeg,
         [0x89, b'P', b'N', b'G', ..] => ImageFormat::Png,
         [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', ..] => ImageFormat::WebP,
-        [b'I', b'I', 42, 0, ..] | [b'M', b'M', 0, 42, ..] => ImageFormat::Tiff,
-        _ => return broken("neither JPEG, PNG, WebP nor TIFF by its first bytes"),
+        [b'I', b'I', 42, 0, ..] | [b'M', b'M', 0, 42, ..] => return refused("TIFF", COLOR_SUPPORTED),
+        _ => return broken("neither JPEG, PNG nor WebP by its first bytes"),
     };
     if !lossy_allowed && matches!(format, ImageFormat::Jpeg | ImageFormat::WebP) {
         let name = if format == ImageFormat::Jpeg { "JPEG" } else { "WebP" };

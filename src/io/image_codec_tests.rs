@@ -56,11 +56,11 @@ fn a_matrix_of_opencv_is_blue_green_red_and_a_missing_step_is_known() {
 
 #[test]
 fn files_of_other_formats_and_depth_of_other_types_are_read() {
-    for format in [ImageFormat::Tiff, ImageFormat::WebP] {
-        let mut file = std::io::Cursor::new(Vec::new());
-        DynamicImage::new_rgb8(3, 2).write_to(&mut file, format).unwrap();
-        assert_eq!(color_file(file.get_ref()).unwrap().width, 3, "{format:?}");
-    }
+    let mut file = std::io::Cursor::new(Vec::new());
+    DynamicImage::new_rgb8(3, 2).write_to(&mut file, ImageFormat::WebP).unwrap();
+    assert_eq!(color_file(file.get_ref()).unwrap().width, 3);
+    let tiff = color_file(b"II*\0").unwrap_err().to_string();
+    assert!(tiff.contains("`TIFF` is not supported"), "{tiff}");
     let doubles: Vec<u8> = [1.5f64, f64::NAN].iter().flat_map(|v| v.to_le_bytes()).collect();
     assert_eq!(raw_depth(&raw("64FC1", 2, 1, 16, &doubles)).unwrap().pixels, [1.5, 0.0]);
     let words: Vec<u8> = [1000i16, -1].iter().flat_map(|v| v.to_le_bytes()).collect();

@@ -40,6 +40,8 @@ const ASSUMED_SHARE: f64 = 0.7;
 const SAME_LENGTH: f64 = 0.2;
 /// Units of depth in use, meters: of the D405, of structured light, of TUM's recordings, of the L515, ...
 const UNITS_M: [f64; 7] = [1e-4, 1.25e-4, 2e-4, 2.5e-4, 5e-4, 1e-2, 1.0];
+/// Millimeters in a meter. derived: the unit of poses that are not in meters
+const MILLIMETERS: f64 = 1000.0;
 /// Largest relative difference between the ratio of lengths and that of units. chosen: scale errors of poses
 const UNIT_TOLERANCE: f64 = 0.1;
 /// Median depth of numbers that cannot be meters. chosen: beyond the reach of any camera indoors
@@ -55,6 +57,11 @@ const OTHER_DEPTH_SHARE: f32 = 0.03;
 /// ever have depth. chosen: what fills the image shows nothing beside it
 const MOST_COVERED: f64 = 0.95;
 const LEAST_READ: f64 = 0.05;
+
+/// Poses are not of the camera's frame if that is turned or off by more, radians and meters.
+/// derived: quarter turns are more, and what is less has no arm
+const ELSEWHERE_RAD: f64 = 0.1;
+const ELSEWHERE_M: f64 = 1e-6;
 
 /// A recording that is settled with others.
 pub struct Settled<'a> {
@@ -203,10 +210,10 @@ fn settle_poses(
     if recordings.iter().all(|r| r.views.candidates.is_empty()) {
         return Ok(names);
     }
+    match_candidates(recordings);
     let seen = seen_motions(looked, stop)?;
     let stands = looked.iter().all(stands_still);
     let count = recordings.iter().map(|r| r.views.candidates.len()).min().unwrap_or(0);
-    // Sources have the same order in recordings of one camera.
     let mut chosen: Option<(usize, Option<Mounting>)> = None;
     let mut rivals: Vec<(usize, Mounting)> = Vec::new();
     for c in 0..count {
@@ -237,21 +244,31 @@ fn settle_poses(
             |c: usize| recordings[0].views.candidates[c].source.certainty == Certainty::Stands;
         chosen = best.map(|(c, m)| (c, Some(m))).or(chosen.filter(|(c, _)| !is_named_at_rest(*c) || stands));
     }
-    let Some((c, mounting)) = chosen else {
+    let Some((c, mut mounting)) = chosen else {
         leave_out(recordings, config, "by what the images show they are not the camera's")?;
         return Ok(names);
     };
-    if let Some(mounting) = mounting
-        && !settle_lengths(recordings, looked, &mounting)
-        && config.tracking != TrackCamera::Never
-        && !config.asks_for_poses()
-    {
-        let why = format!(
-            "their lengths are {:.3} times those of depth, which is the ratio of no two units",
-            mounting.scale
-        );
-        leave_out(recordings, config, &why)?;
-        return Ok(names);
+    if let Some(found) = mounting {
+        let pairs = motion_pairs(&seen, recordings, c);
+        let must = config.tracking == TrackCamera::Never || config.asks_for_poses();
+        match settle_lengths(recordings, looked, &found) {
+            Some(scale) if is_elsewhere(&found) => {
+                let mut known = found.at_scale(&pairs, scale).unwrap_or(found);
+                if scale == MILLIMETERS {
+                    known.posed_from_camera.translation.vector /= MILLIMETERS;
+                }
+                mounting = Some(known);
+            }
+            None if !must => {
+                let why = format!(
+                    "their lengths are {:.3} times those of depth, which is the ratio of no two units",
+                    found.scale
+                );
+                leave_out(recordings, config, &why)?;
+                return Ok(names);
+            }
+            _ => {}
+        }
     }
     for (recording, name) in recordings.iter_mut().zip(&mut names) {
         let views = &mut recording.views;
@@ -259,12 +276,37 @@ fn settle_poses(
         let candidate = &views.candidates[c];
         *name = Some(candidate.name.clone());
         let notes = told(candidate, mounting.as_ref());
-        if let Some(mounting) = &mounting {
+        if let Some(mounting) = mounting.as_ref().filter(|m| is_elsewhere(m)) {
             views.mount(&mounting.posed_from_camera);
         }
         views.warnings.extend(notes);
     }
     Ok(names)
+}
+
+/// Brings the sources of all recordings into one order, without those that are not in all of them.
+fn match_candidates(recordings: &mut [Settled<'_>]) {
+    let Some((first, others)) = recordings.split_first_mut() else { return };
+    let has = |r: &Settled<'_>, name: &str| r.views.candidates.iter().any(|c| c.name == name);
+    let names = first.views.candidates.iter().map(|c| c.name.clone());
+    let common: Vec<String> = names.filter(|name| others.iter().all(|r| has(r, name))).collect();
+    for recording in std::iter::once(first).chain(others) {
+        let candidates = &mut recording.views.candidates;
+        if common.is_empty() {
+            // Poses in different worlds are refused later, with the names of both.
+            candidates.truncate(1);
+            continue;
+        }
+        let place = |c: &PoseCandidate| common.iter().position(|name| *name == c.name);
+        candidates.retain(|c| place(c).is_some());
+        candidates.sort_by_key(|c| place(c));
+    }
+}
+
+/// Whether poses are of another frame than the camera's.
+fn is_elsewhere(mounting: &Mounting) -> bool {
+    let camera = &mounting.posed_from_camera;
+    camera.rotation.angle() > ELSEWHERE_RAD || camera.translation.vector.norm() > ELSEWHERE_M
 }
 
 /// What is to be known about chosen poses.
@@ -277,12 +319,12 @@ fn told(candidate: &PoseCandidate, mounting: Option<&Mounting>) -> Option<Note> 
         );
         return Some(Note::new(NoteCode::CameraStands, text));
     }
-    let turned = mounting.filter(|m| m.posed_from_camera.rotation.angle() > 0.1)?;
+    let turned = mounting.filter(|m| is_elsewhere(m))?;
     let [x, y, z] = turned.posed_from_camera.translation.vector.into();
     let text = format!(
-        "{} are of a frame that is turned against the camera by a quarter turn, as its body is: {:.0} % of \
-         the motions between images agree with that; the camera was taken to be at ({:.0}, {:.0}, {:.0}) \
-         mm in it; record /tf_static from that frame to the optical frame, or poses of the optical frame",
+        "{} are not of the camera's optical frame, but of one such as its body: {:.0} % of the motions \
+         between images agree with that; the camera was taken to be at ({:.0}, {:.0}, {:.0}) mm in it; \
+         record /tf_static from that frame to the optical frame, or poses of the optical frame",
         candidate.name,
         100.0 * turned.share,
         1e3 * x,
@@ -321,12 +363,12 @@ fn leave_out(recordings: &mut [Settled<'_>], config: &CaptureConfig, why: &str) 
     Ok(())
 }
 
-/// Settles the unit of depth, or of poses, where their lengths contradict each other; returns whether they
-/// agree then.
-fn settle_lengths(recordings: &mut [Settled<'_>], looked: &[Looked], mounting: &Mounting) -> bool {
+/// Settles the unit of depth, or of poses, where their lengths contradict each other; returns the ratio of
+/// lengths of the poses to those of depth as it was decoded, `None` where it is that of no units.
+fn settle_lengths(recordings: &mut [Settled<'_>], looked: &[Looked], mounting: &Mounting) -> Option<f64> {
     let scale = mounting.scale;
     if (scale - 1.0).abs() <= SAME_LENGTH {
-        return true;
+        return Some(1.0);
     }
     let depths: Vec<f64> = looked.iter().filter_map(|l| median_depth(&l.frames)).collect();
     let depth_m = median(depths).unwrap_or(1.0);
@@ -344,10 +386,10 @@ fn settle_lengths(recordings: &mut [Settled<'_>], looked: &[Looked], mounting: &
             );
             recording.views.warnings.push(Note::new(NoteCode::DepthUnit, text));
         }
-        return true;
+        return Some(unit_m / 0.001);
     }
     // Poses in millimeters.
-    if is_near(1000.0) && depth_m < NO_METERS {
+    if is_near(MILLIMETERS) && depth_m < NO_METERS {
         for recording in recordings {
             for pose in recording.views.candidates.iter_mut().flat_map(|c| &mut c.poses).flatten() {
                 pose.translation.vector *= 0.001;
@@ -356,9 +398,9 @@ fn settle_lengths(recordings: &mut [Settled<'_>], looked: &[Looked], mounting: &
                 format!("camera poses are in millimeters by the lengths of depth, not in meters ({says})");
             recording.views.warnings.push(Note::new(NoteCode::DepthUnit, text));
         }
-        return true;
+        return Some(MILLIMETERS);
     }
-    false
+    None
 }
 
 /// Motions between looked at views that are near in time.
