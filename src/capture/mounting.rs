@@ -251,7 +251,7 @@ mod tests {
         }
         let pairs = pairs(&mounted, 1.0);
         let found = Mounting::best(&pairs).unwrap().at_scale(&pairs, 1.0).unwrap().posed_from_camera;
-        // An arm along the axis of all turns moves the world alone; the camera's motions are those of the images.
+        // An arm along the axis of all turns moves the world alone: motions are compared.
         for pair in &pairs {
             let motion = found.inverse() * pair.by_poses * found;
             let off_m = (motion.translation.vector - pair.by_images.translation.vector).norm();
