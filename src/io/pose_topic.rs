@@ -21,7 +21,7 @@ pub const POSE_TYPES: [&str; 5] = [
 
 /// `nav_msgs/msg/Path`.
 #[derive(Deserialize)]
-struct Path {
+struct PathMessage {
     header: Header,
     poses: Vec<PoseStamped>,
 }
@@ -58,7 +58,7 @@ impl PoseTopic {
                 self.add_pose(&m.header, Some(&m.child_frame_id), &m.transform, log_nanos)?;
             }
             "nav_msgs/msg/Path" => {
-                let m: Path = decode(data)?;
+                let m: PathMessage = decode(data)?;
                 self.add_path(&m, log_nanos)?;
             }
             // The covariance behind a pose is not read.
@@ -71,7 +71,7 @@ impl PoseTopic {
     }
 
     /// Takes the whole path so far; poses that it gives anew replace the earlier ones.
-    fn add_path(&mut self, path: &Path, log_nanos: i64) -> Result<(), MessageError> {
+    fn add_path(&mut self, path: &PathMessage, log_nanos: i64) -> Result<(), MessageError> {
         for pose in &path.poses {
             let mut header = pose.header.clone();
             // Publishers often leave the headers of a path's poses empty: the last one is then the newest.

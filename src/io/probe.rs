@@ -191,7 +191,7 @@ fn median_depth(frames: &[RgbdFrame]) -> Option<f64> {
 }
 
 /// A motion between two looked at views of a recording, by the images.
-struct Seen {
+struct SeenMotion {
     recording: usize,
     /// Indices into all of its views.
     views: [usize; 2],
@@ -404,7 +404,7 @@ fn settle_lengths(recordings: &mut [Settled<'_>], looked: &[Looked], mounting: &
 }
 
 /// Motions between looked at views that are near in time.
-fn seen_motions(looked: &[Looked], stop: &Stop) -> Result<Vec<Seen>, CaptureError> {
+fn seen_motions(looked: &[Looked], stop: &Stop) -> Result<Vec<SeenMotion>, CaptureError> {
     let noise = NoiseConfig::default();
     let mut seen = Vec::new();
     for (recording, looked) in looked.iter().enumerate() {
@@ -425,7 +425,12 @@ fn seen_motions(looked: &[Looked], stop: &Stop) -> Result<Vec<Seen>, CaptureErro
                     continue;
                 };
                 motion.translation.vector *= unit;
-                seen.push(Seen { recording, views: [looked.views[i], looked.views[j]], motion, depth: unit });
+                seen.push(SeenMotion {
+                    recording,
+                    views: [looked.views[i], looked.views[j]],
+                    motion,
+                    depth: unit,
+                });
             }
         }
     }
@@ -433,8 +438,8 @@ fn seen_motions(looked: &[Looked], stop: &Stop) -> Result<Vec<Seen>, CaptureErro
 }
 
 /// The motions by images beside those of a source of poses.
-fn motion_pairs(seen: &[Seen], recordings: &[Settled<'_>], candidate: usize) -> Vec<MotionPair> {
-    let pair = |s: &Seen| {
+fn motion_pairs(seen: &[SeenMotion], recordings: &[Settled<'_>], candidate: usize) -> Vec<MotionPair> {
+    let pair = |s: &SeenMotion| {
         let poses = &recordings[s.recording].views.candidates[candidate].poses;
         let [first, second] = s.views.map(|v| poses[v]);
         Some(MotionPair { by_images: s.motion, by_poses: second?.inverse() * first?, depth: s.depth })
