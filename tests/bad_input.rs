@@ -103,18 +103,19 @@ fn no_transforms_at_all() {
     refused(&folder, &[&bag], &["--parts", "2", "--set", "capture.tracking=never"], 1, &words);
     // By default the camera is tracked, and what was lost of it is said.
     degraded(&folder, &bag, &["the camera was lost from", "which are not used: "]);
-    let words = [
-        "state 1: none of 16 frames has a camera pose",
-        "begin at",
-        "before the first to after the last image",
-    ];
-    refused_drawer(&words, |state, m| {
+}
+
+#[test]
+fn transforms_of_another_clock_are_moved_to_that_of_the_images() {
+    let folder = tempfile::tempdir().unwrap();
+    let bag = drawer(&folder, |state, m| {
         let late = |tf: &mut TfMessage| tf.transforms.iter_mut().for_each(|t| t.header.stamp.sec += 100);
         if state == 1 && m.is("/tf") {
             change_tf(m, late);
         }
         true
     });
+    degraded(&folder, &bag, &["stamps that are 100.000 s off those of the images", "give both one clock"]);
 }
 
 #[test]

@@ -36,6 +36,9 @@ pub struct CaptureConfig {
     /// Where one bag is split into states: `[t]`, or `[t0, t1]` to leave out the time between. Seconds from
     /// the bag's start, or since the epoch if greater than 1e8; the recording time of the messages counts.
     pub split_secs: Vec<f64>,
+    /// Length of a unit of depth images in whole numbers (16UC1), meters: 0.0001 of a D405, 0.00025 of an
+    /// L515, 0.0002 of TUM's recordings; default: 0.001, or what the lengths of recorded poses tell.
+    pub depth_unit_m: Option<f64>,
     /// Depth readings nearer than this are not used, meters.
     pub depth_min_m: f64,
     /// Depth readings further than this are not used, meters.
@@ -121,6 +124,7 @@ impl Default for CaptureConfig {
             frames_per_state: 40,
             memory_gib: MEMORY_GIB,
             split_secs: Vec::new(),
+            depth_unit_m: None,
             depth_min_m: 0.1,
             depth_max_m: 6.0,
             isolate: IsolateConfig::default(),
@@ -169,6 +173,18 @@ impl CaptureConfig {
         })
     }
 
+    /// The settings without what is done to an object's depth once the object is isolated.
+    #[must_use]
+    pub fn until_isolated(&self) -> Self {
+        Self { denoise: false, color_depth: UseColorDepth::Never, ..self.clone() }
+    }
+
+    /// Whether the settings name poses, which nothing then replaces.
+    #[must_use]
+    pub fn asks_for_poses(&self) -> bool {
+        self.world_frame.is_some() || self.pose_frame.is_some() || self.topics.pose.is_some()
+    }
+
     /// Refuses settings with unusable values.
     ///
     /// # Errors
@@ -182,6 +198,9 @@ impl CaptureConfig {
                 "capture.depth_min_m",
                 "the depth range must satisfy 0 <= depth_min_m < depth_max_m",
             );
+        }
+        if self.depth_unit_m.is_some_and(|unit| !positive(unit)) {
+            return refuse("capture.depth_unit_m", "must be positive");
         }
         if self.frames_per_state == 0 {
             return refuse("capture.frames_per_state", "at least one frame per state is needed");

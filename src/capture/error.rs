@@ -238,19 +238,17 @@ pub enum CaptureError {
         /// Height according to that source, pixels.
         expected_height: usize,
     },
-    /// Depth is not aligned to color.
-    #[error(
-        "depth `{depth}` is not aligned to color `{color}`: {reason}; record the aligned depth \
-         (realsense2_camera: `align_depth.enable:=true`, topic aligned_depth_to_color/image_raw; others: \
-         depth_image_proc register)"
-    )]
+    /// Depth cannot be brought to the pixels of color.
+    #[error("depth `{depth}` cannot be brought to color `{color}`: {reason}; {remedy}")]
     NotAligned {
         /// Depth topic.
         depth: String,
         /// Color topic.
         color: String,
-        /// How the two differ.
+        /// What is missing.
         reason: String,
+        /// What to do about it.
+        remedy: String,
     },
     /// A lens distortion that cannot be undone.
     #[error(
@@ -284,8 +282,8 @@ pub enum CaptureError {
     /// A state has no valid depth reading.
     #[error(
         "state {state}: all depth is invalid (no reading between {min_m} and {max_m} m in {frames} frames); \
-         check the depth topic's unit (16UC1 is millimeters, 32FC1 meters) and the range (`--set \
-         capture.depth_max_m=METERS`)"
+         check the depth topic's unit (16UC1 is millimeters, unless `--set capture.depth_unit_m=METERS` says \
+         otherwise, 32FC1 meters) and the range (`--set capture.depth_max_m=METERS`)"
     )]
     NoDepth {
         /// Index of the state.

@@ -20,11 +20,13 @@ mod frame;
 mod gaps;
 mod isolate;
 mod mask;
+mod mounting;
 mod noise;
 mod noise_estimate;
 mod pixel_weights;
 mod poses;
 mod recording;
+mod register;
 mod scene;
 mod select;
 mod state;
@@ -51,6 +53,7 @@ pub use gaps::close_gaps;
 pub use isolate::isolate;
 pub use isolate::{CLEARLY, LEAST_PATCH, cell_of_point, clusters_of_cells};
 pub use mask::dilated_mask;
+pub use mounting::{MotionPair, Mounting};
 pub use noise::{GRAZING_COSINE, NoiseConfig};
 use noise_estimate::noise_factor;
 pub use pixel_weights::{object_weights, pixel_weights};
@@ -59,6 +62,7 @@ pub use poses::{
     align_worlds, refine_poses,
 };
 pub use recording::{Capture, MAX_STATES};
+pub use register::DepthRegistration;
 pub use scene::scene_box;
 pub use select::{common_focus, spread_views};
 pub use state::Split;
@@ -67,6 +71,7 @@ pub use sync::{nearest_stamp, pair};
 pub use tf::{MAX_TF_FRAMES, TfBuffer};
 pub use tracking::{
     Accelerometer, LiveTracker, LiveView, Lost, MeasuredUp, NoGravity, Observation, Track, TrackCamera,
-    TrackedState, Tracker, TrackingFindings, Unaligned, UpBy, Upright, align_tracks,
+    TrackedState, Tracker, TrackingFindings, Unaligned, UpBy, Upright, WorldUp, align_tracks, seen_motion,
+    world_up,
 };
 pub use undistort::{Distortion, UndistortMap};

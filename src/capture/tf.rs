@@ -3,7 +3,10 @@
 //! Every frame has at most one parent (REP-105). A moving transform is known at its samples; between close
 //! samples the translation is interpolated linearly and the rotation by slerp. Nothing is extrapolated.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
 
 use super::{CaptureError, error::stamp_secs};
 use geometry::Pose;
@@ -21,8 +24,28 @@ const MAX_PARENTS: usize = 8;
 #[derive(Clone, Debug)]
 enum Edge {
     Static(Pose),
-    /// Samples by stamp in nanoseconds.
-    Moving(BTreeMap<i64, Pose>),
+    /// Samples by stamp in nanoseconds; shared by copies of a buffer.
+    Moving(Arc<BTreeMap<i64, Pose>>),
+}
+
+impl Edge {
+    fn add(&mut self, stamp_nanos: i64, parent_from_child: Pose) {
+        match self {
+            Self::Moving(samples) => _ = Arc::make_mut(samples).insert(stamp_nanos, parent_from_child),
+            // A frame in both topics counts as moving.
+            Self::Static(_) => {
+                *self = Self::Moving(Arc::new(BTreeMap::from([(stamp_nanos, parent_from_child)])));
+            }
+        }
+    }
+
+    /// Number of samples; 0 of a static transform.
+    fn samples(&self) -> usize {
+        match self {
+            Self::Moving(samples) => samples.len(),
+            Self::Static(_) => 0,
+        }
+    }
 }
 
 /// Transforms of a recording.
@@ -32,6 +55,8 @@ pub struct TfBuffer {
     edges: BTreeMap<String, (String, Edge)>,
     /// Frames with more than one parent, and these parents.
     conflicts: BTreeMap<String, BTreeSet<String>>,
+    /// Transforms of such frames to the parents that were not first, by child and parent.
+    further: BTreeMap<(String, String), Edge>,
     /// Number of invalid transforms that were dropped.
     pub invalid: usize,
     /// Number of dropped transforms of frames beyond [`MAX_TF_FRAMES`].
@@ -73,23 +98,32 @@ impl TfBuffer {
     pub fn add_static(&mut self, parent: &str, child: &str, parent_from_child: Pose) {
         if self.accept(parent, child) {
             self.edges.insert(child.to_owned(), (parent.to_owned(), Edge::Static(parent_from_child)));
+        } else if self.has_further_parent(parent, child) {
+            let key = (child.to_owned(), parent.to_owned());
+            self.further.insert(key, Edge::Static(parent_from_child));
         }
     }
 
     /// Adds a sample of a moving transform.
     pub fn add(&mut self, parent: &str, child: &str, stamp_nanos: i64, parent_from_child: Pose) {
         if !self.accept(parent, child) {
+            if self.has_further_parent(parent, child) {
+                let key = (child.to_owned(), parent.to_owned());
+                let edge = self.further.entry(key).or_insert_with(|| Edge::Moving(Arc::default()));
+                edge.add(stamp_nanos, parent_from_child);
+            }
             return;
         }
         let (_, edge) = self
             .edges
             .entry(child.to_owned())
-            .or_insert_with(|| (parent.to_owned(), Edge::Moving(BTreeMap::new())));
-        match edge {
-            Edge::Moving(samples) => _ = samples.insert(stamp_nanos, parent_from_child),
-            // A frame in both topics counts as moving.
-            Edge::Static(_) => *edge = Edge::Moving(BTreeMap::from([(stamp_nanos, parent_from_child)])),
-        }
+            .or_insert_with(|| (parent.to_owned(), Edge::Moving(Arc::default())));
+        edge.add(stamp_nanos, parent_from_child);
+    }
+
+    /// Whether a parent is one of several that a frame is known to have.
+    fn has_further_parent(&self, parent: &str, child: &str) -> bool {
+        self.conflicts.get(child).is_some_and(|parents| parents.contains(parent))
     }
 
     fn accept(&mut self, parent: &str, child: &str) -> bool {
@@ -114,16 +148,101 @@ impl TfBuffer {
         }
     }
 
+    /// These transforms with one parent for every frame of the chain upwards from `frame`: a buffer for each
+    /// choice where frames have several parents, those with most samples first.
+    #[must_use]
+    pub fn with_one_parent(&self, frame: &str) -> Vec<Self> {
+        let chain = self.ancestors(frame);
+        let Some(&child) = chain.iter().find(|f| self.conflicts.contains_key(**f)) else {
+            return vec![self.clone()];
+        };
+        let Some((first, edge)) = self.edges.get(child) else { return vec![self.clone()] };
+        let mut choices: Vec<(&String, &Edge)> = vec![(first, edge)];
+        choices.extend(self.further.iter().filter(|((c, _), _)| c == child).map(|((_, p), edge)| (p, edge)));
+        // By name among equals, so that all states choose alike.
+        choices.sort_by_key(|(parent, edge)| (std::cmp::Reverse(edge.samples()), parent.to_owned()));
+        let mut all = Vec::new();
+        for (parent, edge) in choices.into_iter().take(MAX_PARENTS) {
+            let mut chosen = self.clone();
+            chosen.conflicts.remove(child);
+            chosen.edges.insert(child.to_owned(), (parent.clone(), edge.clone()));
+            all.extend(chosen.with_one_parent(frame));
+            if all.len() >= MAX_PARENTS {
+                all.truncate(MAX_PARENTS);
+                break;
+            }
+        }
+        all
+    }
+
+    /// The static transforms: parent, child, `parent_from_child`.
+    pub fn static_transforms(&self) -> impl Iterator<Item = (&str, &str, Pose)> {
+        self.edges.iter().filter_map(|(child, (parent, edge))| match edge {
+            Edge::Static(pose) => Some((parent.as_str(), child.as_str(), *pose)),
+            Edge::Moving(_) => None,
+        })
+    }
+
+    /// The frames of a chain upwards, from the frame itself.
+    #[must_use]
+    pub fn chain_frames<'a>(&'a self, frame: &'a str) -> Vec<&'a str> {
+        self.ancestors(frame)
+    }
+
+    /// Whether the pose of a frame in its parent changes with time.
+    #[must_use]
+    pub fn is_moving(&self, frame: &str) -> bool {
+        matches!(self.edges.get(frame), Some((_, Edge::Moving(_))))
+    }
+
+    /// Whether a frame has a parent.
+    #[must_use]
+    pub fn has_parent(&self, frame: &str) -> bool {
+        self.edges.contains_key(frame)
+    }
+
+    /// Frames whose pose in their parent changes with time and that carry no other such frame, by name.
+    #[must_use]
+    pub fn moving_ends(&self) -> Vec<&str> {
+        let moving = || self.edges.iter().filter(|(_, (_, edge))| matches!(edge, Edge::Moving(_)));
+        let carriers: BTreeSet<&str> =
+            moving().flat_map(|(child, _)| self.ancestors(child).into_iter().skip(1)).collect();
+        moving().map(|(child, _)| child.as_str()).filter(|child| !carriers.contains(child)).collect()
+    }
+
+    /// Frames that are fixed to a frame by static transforms below it, by name.
+    #[must_use]
+    pub fn fixed_below(&self, frame: &str) -> Vec<&str> {
+        let is_fixed = |child: &&str| {
+            let chain = self.ancestors(child);
+            let Some(place) = chain.iter().position(|f| *f == frame) else { return false };
+            place > 0
+                && chain[..place].iter().all(|f| matches!(self.edges.get(*f), Some((_, Edge::Static(_)))))
+        };
+        self.edges.keys().map(String::as_str).filter(is_fixed).collect()
+    }
+
+    /// Moves the samples of all moving transforms in time, each by the number of nanoseconds for its frame.
+    pub fn shift(&mut self, by_nanos: impl Fn(&str) -> i64) {
+        for (child, (_, edge)) in &mut self.edges {
+            if let Edge::Moving(samples) = edge {
+                let by = by_nanos(child);
+                *samples = Arc::new(samples.iter().map(|(t, pose)| (t.saturating_add(by), *pose)).collect());
+            }
+        }
+    }
+
     /// Sets the parent and samples of a frame from elsewhere (a pose topic), in place of the known ones.
     pub fn replace(&mut self, parent: &str, child: &str, samples: BTreeMap<i64, Pose>) {
         self.conflicts.remove(child);
-        self.edges.insert(child.to_owned(), (parent.to_owned(), Edge::Moving(samples)));
+        self.edges.insert(child.to_owned(), (parent.to_owned(), Edge::Moving(Arc::new(samples))));
     }
 
     /// Drops samples before a stamp, and the oldest of a frame with more than `most`.
     pub fn forget_before(&mut self, stamp_nanos: i64, most: usize) {
-        for (_, edge) in self.edges.values_mut() {
+        for edge in self.edges.values_mut().map(|(_, edge)| edge).chain(self.further.values_mut()) {
             let Edge::Moving(samples) = edge else { continue };
+            let samples = Arc::make_mut(samples);
             while samples.len() > most || samples.keys().next().is_some_and(|first| *first < stamp_nanos) {
                 samples.pop_first();
             }
@@ -307,6 +426,24 @@ mod tests {
         );
         tf.add_static("a", "a", Pose::identity());
         assert_eq!(tf.invalid, 1);
+        // Each parent can be chosen; the one with most samples comes first.
+        tf.add("odom", "link", 12 * S, Pose::identity());
+        tf.add("odom", "link", 13 * S, Pose::identity());
+        let roots: Vec<String> =
+            tf.with_one_parent("optical").iter().map(|t| t.chain_of_frame("optical").root).collect();
+        assert_eq!(roots, ["odom", "world"]);
+        assert!(tf.with_one_parent("optical")[1].lookup("world", "optical", 11 * S, 5 * S).is_ok());
+    }
+
+    #[test]
+    fn frames_that_move_at_the_end_of_a_chain_and_those_fixed_to_them() {
+        let mut tf = buffer();
+        tf.add_static("optical", "infra", Pose::identity());
+        tf.add("link", "tool", 11 * S, Pose::identity());
+        assert_eq!(tf.moving_ends(), ["tool"]);
+        assert_eq!(tf.fixed_below("link"), ["infra", "optical"]);
+        tf.shift(|_| -10 * S);
+        assert!(tf.lookup("world", "link", S, 5 * S).is_ok());
     }
 
     #[test]

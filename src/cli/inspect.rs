@@ -7,7 +7,7 @@ use super::{
     exit::{CliError, Exit},
     terminal,
 };
-use capture::{CaptureConfig, coverage};
+use capture::{Capture, coverage};
 use common::ahead::Ahead;
 use export::contact_sheet;
 use run::{Monitor, capture::open};
@@ -18,27 +18,36 @@ use run::{Monitor, capture::open};
 /// If it cannot be read at all, or the picture cannot be written.
 pub(super) fn print_contents(args: &InspectArgs) -> Result<Exit, CliError> {
     let config = args.resolved_config()?.config;
-    let found = io::inspect_with(&args.bags, &config.capture)?;
+    let mut found = io::inspect_with(&args.bags, &config.capture)?;
+    let mut opened = None;
+    if found.is_reconstructible() {
+        // What a run does until it has the object; what follows refuses nothing.
+        let capture = match &args.picture {
+            Some(_) => config.capture.clone(),
+            None => config.capture.until_isolated(),
+        };
+        match open(&args.bags, &capture, config.run.seed, &Ahead::default(), &Monitor::silent()) {
+            Ok(capture) => {
+                found.warn(&capture.warnings);
+                opened = Some(capture);
+            }
+            Err(error) => found.problem = Some(error.to_string()),
+        }
+    }
     terminal::print_result(&found.to_text())?;
     // A script can ask by the exit code.
     if !found.is_usable() {
         return Ok(Exit::Failed);
     }
-    match &args.picture {
-        Some(picture) => print_coverage(args, &config.capture, config.run.seed, picture),
-        None => Ok(Exit::Done),
+    match (&args.picture, opened) {
+        (Some(picture), Some(capture)) => print_coverage(&capture, picture),
+        _ => Ok(Exit::Done),
     }
 }
 
-/// Opens the images: prints their coverage of the object and advice, and writes a picture of them.
-fn print_coverage(
-    args: &InspectArgs,
-    config: &CaptureConfig,
-    seed: u64,
-    picture: &Path,
-) -> Result<Exit, CliError> {
-    let capture = open(&args.bags, config, seed, &Ahead::default(), &Monitor::silent())?;
-    let states = coverage(&capture);
+/// Prints the images' coverage of the object and advice, and writes a picture of them.
+fn print_coverage(capture: &Capture, picture: &Path) -> Result<Exit, CliError> {
+    let states = coverage(capture);
     let mut text = String::new();
     for note in &capture.notes {
         _ = writeln!(text, "note: {}", note.text);
@@ -57,7 +66,7 @@ fn print_coverage(
     for advice in &advice {
         _ = writeln!(text, "to do better: {advice}");
     }
-    io::write_new(picture, &contact_sheet(&capture, &states))
+    io::write_new(picture, &contact_sheet(capture, &states))
         .map_err(|source| CliError::File { path: picture.to_owned(), source })?;
     _ = writeln!(text, "picture: {}", picture.display());
     terminal::print_result(&text)?;

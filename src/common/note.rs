@@ -124,6 +124,17 @@ codes! {
     CameraInfoContradicted = "camera_info_contradicted", "Camera parameters contradict all others of their \
         topic.";
     PosesMissing = "poses_missing", "Frames have no camera pose.";
+    PosesUnused = "poses_unused", "Poses were recorded and cannot be used; the camera is tracked.";
+    PosesTurned = "poses_turned", "Poses are of a frame turned against the camera, as that of its body.";
+    CameraStands = "camera_stands", "The camera stands still; its pose is that of static transforms.";
+    TransformsShared = "transforms_shared", "Static transforms are taken from the recording of another \
+     state.";
+    ClocksDiffer = "clocks_differ", "Messages are stamped by different clocks; the times of recording relate \
+        them.";
+    DepthUnit = "depth_unit", "Depth, or poses, are in another unit than the standard one.";
+    DepthRegistered = "depth_registered", "Depth has a camera of its own and is brought to color's pixels.";
+    MasksUnlike = "masks_unlike", "Images that are named as masks show no object; they are not used.";
+    WorldTurned = "world_turned", "The world of the poses is not z-up; the twin's was turned upright.";
     FramesBroken = "frames_broken", "Images cannot be decoded.";
     MasksIncomplete = "masks_incomplete", "Only some frames have masks; none is used.";
     MatchesUnreadable = "matches_unreadable", "A file of matches cannot be read.";

@@ -7,11 +7,14 @@ use std::{
 
 use super::{
     bag::Bag,
+    image_codec::compressed_size,
     imu::{IMU_TYPE, ImuTopic},
+    lags::Lags,
     mcap_file::{FileReport, RawMessage},
+    pose_topic::{POSE_TYPES, PoseTopic},
     ros2msg::{
-        CameraInfo, CompressedFront, DecodeError, ImageFront, Odometry, PoseStamped, TfMessage, decode,
-        encode, imu::Imu,
+        CameraInfo, CompressedFront, CompressedImage, DecodeError, ImageFront, TfMessage, decode, encode,
+        imu::Imu,
     },
     topics::{INFO_TYPE, TopicSummary},
 };
@@ -19,7 +22,6 @@ use capture::{CaptureError, MAX_TF_FRAMES, Split, TfBuffer};
 use common::limits::NAMED;
 use common::note::{Note, NoteCode};
 use common::stop::Stop;
-use geometry::Pose;
 
 /// Largest number of indexed transforms, images and poses.
 const MAX_ENTRIES: usize = 5_000_000;
@@ -93,8 +95,22 @@ pub struct ImageTopic {
     pub frame: String,
     /// Number of messages in another frame than the first; they are not used.
     pub strays: usize,
+    /// Columns and rows of the first image, if it states them.
+    pub first_size: Option<(usize, usize)>,
+    /// How long after their stamps they were recorded.
+    pub lags: Lags,
     /// The images, in the order of reading.
     pub entries: Vec<ImageEntry>,
+}
+
+impl ImageTopic {
+    /// Gives images without a stamp the time of their recording, on the clock of the stamped ones.
+    fn stamp_all(&mut self) {
+        let lag = self.lags.median_nanos().unwrap_or(0);
+        for entry in self.entries.iter_mut().filter(|e| e.stamp_nanos == 0) {
+            entry.stamp_nanos = entry.log_nanos - lag;
+        }
+    }
 }
 
 /// The camera parameters of a topic.
@@ -130,19 +146,6 @@ impl InfoTopic {
     }
 }
 
-/// The poses of a topic.
-#[derive(Clone, Debug, Default)]
-pub struct PoseTopic {
-    /// Frame of the poses.
-    pub parent: String,
-    /// The frame whose pose is given, if the message names it.
-    pub child: Option<String>,
-    /// Poses by header stamp, nanoseconds.
-    pub samples: BTreeMap<i64, Pose>,
-    /// Number of dropped messages: NaN, no unit quaternion, other frames.
-    pub invalid: usize,
-}
-
 /// The contents of a bag without the pixels.
 #[derive(Clone, Debug, Default)]
 pub struct BagIndex {
@@ -160,6 +163,8 @@ pub struct BagIndex {
     pub markers: BTreeMap<String, Vec<i64>>,
     /// Transforms of /tf and /tf_static.
     pub tf: TfBuffer,
+    /// How long after their stamps the moving transforms were recorded, by child.
+    pub tf_lags: BTreeMap<String, Lags>,
     /// How each file was read.
     pub files: Vec<(PathBuf, FileReport)>,
     entries: usize,
@@ -176,6 +181,7 @@ impl BagIndex {
             stop.check()?;
             index.add(message, bag)
         })?;
+        index.images.values_mut().for_each(ImageTopic::stamp_all);
         Ok(index)
     }
 
@@ -219,11 +225,20 @@ impl BagIndex {
     }
 
     fn topic_summary(&self, name: &str, stat: &TopicStat) -> TopicSummary {
-        TopicSummary {
+        let summary = TopicSummary {
             name: name.to_owned(),
             type_name: stat.type_name.clone(),
             count: stat.count - stat.undecodable,
-            encoding: self.images.get(name).map_or_else(String::new, |i| i.encoding.clone()),
+            ..TopicSummary::default()
+        };
+        let Some(images) = self.images.get(name) else { return summary };
+        TopicSummary {
+            encoding: images.encoding.clone(),
+            frame: images.frame.clone(),
+            size: images.first_size,
+            stamps: images.entries.iter().map(|e| e.stamp_nanos).collect(),
+            moves: self.tf.chain_of_frame(&images.frame).moves,
+            ..summary
         }
     }
 
@@ -295,27 +310,26 @@ impl BagIndex {
             "sensor_msgs/msg/CompressedImage" => {
                 let front: CompressedFront = decode(data)?;
                 let (stamp, frame) = front.header.checked().ok_or(MessageError::Header)?;
-                // The size stands in the compressed data; the second reading checks it.
+                // The size stands in the compressed data, of which the first is looked at; the second reading
+                // checks it.
+                let is_first = self.images.get(topic).is_none_or(|i| i.entries.is_empty());
+                let first: Option<CompressedImage> = if is_first { decode(data).ok() } else { None };
                 self.add_image(topic, stamp, log_nanos, frame, front.format, None);
+                if let Some(images) = self.images.get_mut(topic).filter(|_| is_first) {
+                    images.first_size = first.as_ref().and_then(compressed_size);
+                }
             }
-            INFO_TYPE => self.add_info(topic, decode(data)?)?,
+            INFO_TYPE => self.add_info(topic, decode(data)?, log_nanos)?,
             IMU_TYPE => {
                 let m: Imu = decode(data)?;
                 let (stamp, frame) = m.header.checked().ok_or(MessageError::Header)?;
                 self.entries += 1;
                 self.imus.entry(topic.to_owned()).or_default().add(stamp, frame, &m);
             }
-            "tf2_msgs/msg/TFMessage" => self.add_transforms(topic, &decode(data)?),
-            "geometry_msgs/msg/PoseStamped" => {
-                let m: PoseStamped = decode(data)?;
-                let (stamp, parent) = m.header.checked().ok_or(MessageError::Header)?;
-                self.add_pose(topic, stamp, parent, None, m.pose.checked());
-            }
-            "nav_msgs/msg/Odometry" => {
-                let m: Odometry = decode(data)?;
-                let (stamp, parent) = m.header.checked().ok_or(MessageError::Header)?;
-                let child = m.child_frame_id.trim_start_matches('/').to_owned();
-                self.add_pose(topic, stamp, parent, Some(child), m.pose.checked());
+            "tf2_msgs/msg/TFMessage" => self.add_transforms(topic, &decode(data)?, log_nanos),
+            name if POSE_TYPES.contains(&name) => {
+                let poses = self.poses.entry(topic.to_owned()).or_default();
+                self.entries += poses.add(name, data, log_nanos)?;
             }
             // Any of them may mark the end of a state; only its recording time is needed.
             name if name.starts_with("std_msgs/") => {
@@ -344,14 +358,16 @@ impl BagIndex {
         if images.entries.is_empty() {
             images.frame = frame;
             images.encoding = encoding;
+            images.first_size = size;
         } else if images.frame != frame {
             images.strays += 1;
             return;
         }
+        images.lags.add(stamp_nanos, log_nanos);
         images.entries.push(ImageEntry { ordinal, stamp_nanos, log_nanos, size });
     }
 
-    fn add_info(&mut self, topic: &str, mut info: CameraInfo) -> Result<(), MessageError> {
+    fn add_info(&mut self, topic: &str, mut info: CameraInfo, log_nanos: i64) -> Result<(), MessageError> {
         let (stamp, frame) = info.header.checked().ok_or(MessageError::Header)?;
         if info.d.len() > MAX_COEFFICIENTS {
             return Err(MessageError::Lens(info.d.len()));
@@ -370,11 +386,11 @@ impl BagIndex {
         if known == next {
             infos.distinct.push(info);
         }
-        infos.entries.push((stamp, known));
+        infos.entries.push((if stamp == 0 { log_nanos } else { stamp }, known));
         Ok(())
     }
 
-    fn add_transforms(&mut self, topic: &str, message: &TfMessage) {
+    fn add_transforms(&mut self, topic: &str, message: &TfMessage, log_nanos: i64) {
         for t in &message.transforms {
             self.entries += 1;
             // Old recordings write `/base_link`; tf2 knows frames without the slash.
@@ -384,32 +400,19 @@ impl BagIndex {
                 (Some((_, parent)), Some(pose)) if topic.ends_with("tf_static") => {
                     self.tf.add_static(&parent, child, pose)
                 }
-                (Some((stamp, parent)), Some(pose)) => self.tf.add(&parent, child, stamp, pose),
+                (Some((stamp, parent)), Some(pose)) => {
+                    // Not `entry`: it would copy the name for every transform.
+                    if !self.tf_lags.contains_key(child) && self.tf_lags.len() < MAX_TF_FRAMES {
+                        self.tf_lags.insert(child.to_owned(), Lags::default());
+                    }
+                    if let Some(lags) = self.tf_lags.get_mut(child) {
+                        lags.add(stamp, log_nanos);
+                    }
+                    let stamp = if stamp == 0 { log_nanos } else { stamp };
+                    self.tf.add(&parent, child, stamp, pose);
+                }
                 _ => self.tf.invalid += 1,
             }
-        }
-    }
-
-    fn add_pose(
-        &mut self,
-        topic: &str,
-        stamp: i64,
-        parent: String,
-        child: Option<String>,
-        pose: Option<Pose>,
-    ) {
-        self.entries += 1;
-        let poses = self.poses.entry(topic.to_owned()).or_default();
-        // The first message names the frames, also where its pose is invalid.
-        if poses.samples.is_empty() && poses.invalid == 0 {
-            poses.parent = parent.clone();
-            poses.child.clone_from(&child);
-        }
-        match pose {
-            Some(pose) if poses.parent == parent && poses.child == child => {
-                _ = poses.samples.insert(stamp, pose)
-            }
-            _ => poses.invalid += 1,
         }
     }
 }
@@ -449,12 +452,12 @@ mod tests {
         info.header.frame_id = "camera".into();
         for i in 0..MAX_CAMERAS + 10 {
             info.k[2] = i as f64;
-            let more = index.add_info("/info", info.clone());
+            let more = index.add_info("/info", info.clone(), 1);
             // One that is not equal to itself is one.
             assert_eq!(more.is_err(), i >= MAX_CAMERAS - 1);
             info.k[2] = f64::NAN;
             if i < MAX_CAMERAS - 1 {
-                index.add_info("/info", info.clone()).unwrap();
+                index.add_info("/info", info.clone(), 1).unwrap();
             }
         }
         let infos = index.infos.get_mut("/info").unwrap();
@@ -462,6 +465,6 @@ mod tests {
         assert_eq!(infos.settle(), 0);
         assert!(begun.elapsed().as_secs() < 5, "{:?}", begun.elapsed());
         info.d = vec![0.0; 65];
-        assert!(matches!(index.add_info("/info", info), Err(MessageError::Lens(65))));
+        assert!(matches!(index.add_info("/info", info, 1), Err(MessageError::Lens(65))));
     }
 }

@@ -4,8 +4,13 @@
 use std::{collections::BTreeMap, path::Path};
 
 use super::{
-    bag::Bag, bag_index::BagIndex, pixels::decode_views, poses::PoseSource, read_joint_log,
-    ros2msg::definitions::RosMessage as _, views::Views,
+    bag::Bag,
+    bag_index::BagIndex,
+    pixels::decode_views,
+    probe::{Settled, settle},
+    read_joint_log,
+    ros2msg::definitions::RosMessage as _,
+    views::Views,
 };
 use capture::{CaptureConfig, CaptureError, RgbdFrame, TrackCamera, spread_views};
 use common::note::{Note, NoteCode};
@@ -34,7 +39,8 @@ pub fn read_frame_run(
     let index = BagIndex::read(&bag, stop)?;
     // Frames are compared with a twin in the world of the recorded poses.
     let config = &CaptureConfig { tracking: TrackCamera::Never, ..config.clone() };
-    let views = Views::find(&bag, &index, config, 0)?;
+    let mut views = Views::find(&bag, &index, config, 0)?;
+    settle(&mut [Settled { bag: &bag, views: &mut views, state: 0 }], config, stop)?;
     let poses: Vec<Pose> = views.views.iter().filter_map(|v| v.world_from_camera).collect();
     let chosen: Vec<(usize, usize)> =
         spread_views(&poses, config.frames_per_state).into_iter().map(|v| (0, v)).collect();
@@ -61,8 +67,7 @@ pub fn read_frame_run(
             max_m: config.depth_max_m,
         });
     }
-    let source = PoseSource::find(&index, &views.topics, config)?;
-    let velocities: Option<Vec<_>> = frames.iter().map(|f| velocity(&source, f, config)).collect();
+    let velocities: Option<Vec<_>> = frames.iter().map(|f| velocity(&views, f, config)).collect();
     let name =
         path.file_stem().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned());
     let mut of_positions = Vec::new();
@@ -77,14 +82,8 @@ pub fn read_frame_run(
 }
 
 /// Velocity of the camera in its own frame at a frame's stamp.
-fn velocity(
-    source: &PoseSource,
-    frame: &RgbdFrame,
-    config: &CaptureConfig,
-) -> Option<[nalgebra::Vector3<f64>; 2]> {
-    let gap = (config.tf_max_gap_secs * 1e9) as i64;
-    let delay = (config.pose_delay_secs * 1e9) as i64;
-    let at = |nanos: i64| source.tf.lookup(&source.world, &source.optical, nanos + delay, gap).ok();
+fn velocity(views: &Views, frame: &RgbdFrame, config: &CaptureConfig) -> Option<[nalgebra::Vector3<f64>; 2]> {
+    let at = |nanos: i64| views.pose_at(nanos, config);
     let here = (0, at(frame.stamp_nanos)?);
     // The first and the last frame may have poses on one side only.
     let before = at(frame.stamp_nanos - VELOCITY_NANOS).map_or(here, |p| (-VELOCITY_NANOS, p));

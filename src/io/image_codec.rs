@@ -7,6 +7,7 @@ use std::borrow::Cow;
 use image::{DynamicImage, ImageFormat, ImageReader, Limits};
 
 use super::{
+    mosaic::{bayer_color, yuv_color},
     picture_size::{bare_png, stated_size},
     ros2msg::{CompressedImage, Image},
     rvl,
@@ -45,13 +46,16 @@ pub enum ImageError {
     Broken(String),
 }
 
-const COLOR_SUPPORTED: &str = "color must have 8 bits a channel: rgb8, bgr8, rgba8, bgra8, mono8, or JPEG \
-    or PNG; set the camera to rgb8";
-const DEPTH_SUPPORTED: &str =
-    "depth must be 16UC1 or mono16 (millimeters) or 32FC1 (meters), raw, PNG or compressedDepth";
+const COLOR_SUPPORTED: &str = "color must be rgb8, bgr8, rgba8, bgra8, mono8 or these with 16 bits, 8UC1, \
+    8UC3 or 8UC4 (in OpenCV's order), yuv422, yuv422_yuy2, nv12, nv21, nv24 or Bayer, or JPEG, PNG or \
+    WebP; set the camera to rgb8";
+const DEPTH_SUPPORTED: &str = "depth must be 16UC1, 16SC1 or mono16 (whole units) or 32FC1 or 64FC1 \
+    (meters), raw, PNG or compressedDepth";
+/// Encodings of masks, in lower case.
+pub const MASK_ENCODINGS: [&str; 4] = ["mono8", "8uc1", "mono16", "16uc1"];
 const MASK_SUPPORTED: &str = "masks must be mono8, 8UC1, mono16 or 16UC1, raw or PNG";
 
-fn broken<T>(what: impl Into<String>) -> Result<T, ImageError> {
+pub(super) fn broken<T>(what: impl Into<String>) -> Result<T, ImageError> {
     Err(ImageError::Broken(what.into()))
 }
 
@@ -59,36 +63,67 @@ fn refused<T>(encoding: &str, supported: &'static str) -> Result<T, ImageError> 
     Err(ImageError::Encoding { encoding: encoding.escape_debug().take(64).collect(), supported })
 }
 
-/// Color of a raw image.
+/// Color of a raw image. Names of encodings are those of `sensor_msgs/image_encodings.hpp`, in either case.
 ///
 /// # Errors
 /// [`ImageError`].
 pub fn raw_color(image: &Image) -> Result<Raster<[u8; 3]>, ImageError> {
-    let (bytes, order): (usize, [usize; 3]) = match image.encoding.as_str() {
-        "rgb8" | "8UC3" => (3, [0, 1, 2]),
-        "bgr8" => (3, [2, 1, 0]),
-        "rgba8" => (4, [0, 1, 2]),
-        "bgra8" => (4, [2, 1, 0]),
-        "mono8" | "8UC1" => (1, [0, 0, 0]),
-        other => return refused(other, COLOR_SUPPORTED),
+    let name = image.encoding.to_ascii_lowercase();
+    if let Some(found) = yuv_color(image, &name).or_else(|| bayer_color(image, &name)) {
+        return found;
+    }
+    // Bytes of a pixel and of a channel, and the channels of red, green and blue. `8UC3` is what cv_bridge
+    // gives a matrix of OpenCV, whose channels are blue, green and red.
+    let (bytes, channel, order): (usize, usize, [usize; 3]) = match name.as_str() {
+        "rgb8" => (3, 1, [0, 1, 2]),
+        "bgr8" | "8uc3" => (3, 1, [2, 1, 0]),
+        "rgba8" => (4, 1, [0, 1, 2]),
+        "bgra8" | "8uc4" => (4, 1, [2, 1, 0]),
+        "mono8" | "8uc1" => (1, 1, [0, 0, 0]),
+        "rgb16" => (6, 2, [0, 1, 2]),
+        "bgr16" | "16uc3" => (6, 2, [2, 1, 0]),
+        "rgba16" => (8, 2, [0, 1, 2]),
+        "bgra16" | "16uc4" => (8, 2, [2, 1, 0]),
+        "mono16" => (2, 2, [0, 0, 0]),
+        _ => return refused(&image.encoding, COLOR_SUPPORTED),
     };
-    rows(image, bytes, |p| order.map(|k| p[k]))
+    // The upper byte of a channel: the last one, unless big-endian.
+    let upper = if image.is_bigendian == 0 { channel - 1 } else { 0 };
+    rows(image, bytes, |p| order.map(|k| p[k * channel + upper]))
 }
 
-/// Depth in meters of a raw image; 0 where unknown.
+/// Whether an encoding leaves the order of its channels to OpenCV's convention.
+#[must_use]
+pub fn has_opencv_order(encoding: &str) -> bool {
+    matches!(encoding.to_ascii_uppercase().as_str(), "8UC3" | "8UC4" | "16UC3" | "16UC4")
+}
+
+/// Depth in meters of a raw image, whole numbers taken as millimeters; 0 where unknown.
 ///
 /// # Errors
 /// [`ImageError`].
 pub fn raw_depth(image: &Image) -> Result<Raster<f32>, ImageError> {
     let big = image.is_bigendian != 0;
-    match image.encoding.as_str() {
-        "16UC1" | "mono16" => rows(image, 2, |p| millimeters(word(p, big))),
-        "32FC1" => rows(image, 4, |p| {
+    match image.encoding.to_ascii_lowercase().as_str() {
+        "16uc1" | "mono16" => rows(image, 2, |p| millimeters(word(p, big))),
+        // Negative readings are no distances.
+        "16sc1" => rows(image, 2, |p| millimeters(u16::try_from(word(p, big) as i16).unwrap_or(0))),
+        "32fc1" => rows(image, 4, |p| {
             let bytes = [p[0], p[1], p[2], p[3]];
             known(if big { f32::from_be_bytes(bytes) } else { f32::from_le_bytes(bytes) })
         }),
-        other => refused(other, DEPTH_SUPPORTED),
+        "64fc1" => rows(image, 8, |p| {
+            let bytes = [p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7]];
+            known(if big { f64::from_be_bytes(bytes) } else { f64::from_le_bytes(bytes) } as f32)
+        }),
+        _ => refused(&image.encoding, DEPTH_SUPPORTED),
     }
+}
+
+/// Whether an encoding or format of depth counts whole units, whose length the message does not give.
+#[must_use]
+pub fn counts_units(encoding: &str) -> bool {
+    !encoding.to_ascii_lowercase().trim_start().starts_with(['3', '6'])
 }
 
 /// Mask of a raw image: nonzero is the object.
@@ -96,10 +131,10 @@ pub fn raw_depth(image: &Image) -> Result<Raster<f32>, ImageError> {
 /// # Errors
 /// [`ImageError`].
 pub fn raw_mask(image: &Image) -> Result<Raster<bool>, ImageError> {
-    match image.encoding.as_str() {
-        "mono8" | "8UC1" => rows(image, 1, |p| p[0] != 0),
-        "mono16" | "16UC1" => rows(image, 2, |p| p[0] != 0 || p[1] != 0),
-        other => refused(other, MASK_SUPPORTED),
+    match image.encoding.to_ascii_lowercase().as_str() {
+        "mono8" | "8uc1" => rows(image, 1, |p| p[0] != 0),
+        "mono16" | "16uc1" => rows(image, 2, |p| p[0] != 0 || p[1] != 0),
+        _ => refused(&image.encoding, MASK_SUPPORTED),
     }
 }
 
@@ -149,25 +184,15 @@ pub fn compressed_mask(image: &CompressedImage) -> Result<Raster<bool>, ImageErr
     mask_file(&image.data)
 }
 
-/// Color of a JPEG or PNG file with 8 bits a channel; a transparency is ignored.
+/// Color of a JPEG, PNG or WebP file; a transparency is ignored.
 ///
 /// # Errors
 /// [`ImageError`].
 pub fn color_file(data: &[u8]) -> Result<Raster<[u8; 3]>, ImageError> {
-    match decode_file(data, true)? {
-        DynamicImage::ImageRgb16(_) | DynamicImage::ImageRgba16(_) => {
-            refused("16-bit RGB PNG", COLOR_SUPPORTED)
-        }
-        DynamicImage::ImageLuma16(_) | DynamicImage::ImageLumaA16(_) => {
-            refused("16-bit gray PNG", COLOR_SUPPORTED)
-        }
-        decoded => {
-            let rgb = decoded.into_rgb8();
-            let width = rgb.width() as usize;
-            let height = rgb.height() as usize;
-            Ok(Raster { width, height, pixels: rgb.as_raw().as_chunks().0.to_vec() })
-        }
-    }
+    let rgb = decode_file(data, true)?.into_rgb8();
+    let width = rgb.width() as usize;
+    let height = rgb.height() as usize;
+    Ok(Raster { width, height, pixels: rgb.as_raw().as_chunks().0.to_vec() })
 }
 
 /// Color and mask of an RGBA PNG file; the mask is where alpha is at least one half. Without alpha there is
@@ -239,23 +264,32 @@ fn word(p: &[u8], big: bool) -> u16 {
 }
 
 fn rows<T>(image: &Image, bytes: usize, mut pixel: impl FnMut(&[u8]) -> T) -> Result<Raster<T>, ImageError> {
-    // `step` may exceed the bytes of the pixels, as drivers pad rows. CDR only knows the length of `data`:
-    // whether it fits the image is checked here.
     let width = image.width as usize;
     let height = image.height as usize;
-    let step = image.step as usize;
     check_size(width, height)?;
-    if step < width * bytes {
-        return broken(format!("a row of {step} bytes cannot hold {width} pixels of {bytes} bytes"));
-    }
-    if image.data.len() != step * height {
-        return broken(format!("{} bytes instead of {height} rows of {step}", image.data.len()));
-    }
+    let step = row_step(image, width * bytes, height)?;
     let row = image.data.chunks_exact(step).flat_map(|row| row[..width * bytes].chunks_exact(bytes));
     Ok(Raster { width, height, pixels: row.map(&mut pixel).collect() })
 }
 
-fn check_size(width: usize, height: usize) -> Result<(), ImageError> {
+/// Bytes from one of `count` rows to the next. `step` may exceed the bytes of a row, as drivers pad rows;
+/// some publishers leave it 0, or give the bytes of a pixel. CDR only knows the length of `data`: whether
+/// it fits the image is checked here.
+pub(super) fn row_step(image: &Image, row_bytes: usize, count: usize) -> Result<usize, ImageError> {
+    let step = image.step as usize;
+    if image.data.len() == row_bytes * count && step < row_bytes {
+        return Ok(row_bytes);
+    }
+    if step < row_bytes {
+        return broken(format!("a row of {step} bytes cannot hold {row_bytes} bytes of pixels"));
+    }
+    if image.data.len() != step * count {
+        return broken(format!("{} bytes instead of {count} rows of {step}", image.data.len()));
+    }
+    Ok(step)
+}
+
+pub(super) fn check_size(width: usize, height: usize) -> Result<(), ImageError> {
     if width == 0 || height == 0 || width > MAX_SIDE || height > MAX_SIDE {
         return broken(format!("an image of {width}x{height} pixels (1 to {MAX_SIDE} are taken)"));
     }
@@ -280,15 +314,20 @@ fn is_rvl(format: &str) -> bool {
     format.trim_end().ends_with("rvl")
 }
 
-/// Decodes a PNG or, where allowed, JPEG file, distinguished by their first bytes.
-fn decode_file(data: &[u8], jpeg_allowed: bool) -> Result<DynamicImage, ImageError> {
+/// Decodes a file by its first bytes: PNG or, where allowed, JPEG or WebP.
+fn decode_file(data: &[u8], lossy_allowed: bool) -> Result<DynamicImage, ImageError> {
     // By the first bytes: the format of a message is free text.
     let format = match data {
-        [0xff, 0xd8, 0xff, ..] if jpeg_allowed => ImageFormat::Jpeg,
-        [0xff, 0xd8, 0xff, ..] => return refused("JPEG", "depth and masks need PNG, as JPEG blurs them"),
+        [0xff, 0xd8, 0xff, ..] => ImageFormat::Jpeg,
         [0x89, b'P', b'N', b'G', ..] => ImageFormat::Png,
-        _ => return broken("neither JPEG nor PNG by its first bytes"),
+        [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', ..] => ImageFormat::WebP,
+        [b'I', b'I', 42, 0, ..] | [b'M', b'M', 0, 42, ..] => return refused("TIFF", COLOR_SUPPORTED),
+        _ => return broken("neither JPEG, PNG nor WebP by its first bytes"),
     };
+    if !lossy_allowed && matches!(format, ImageFormat::Jpeg | ImageFormat::WebP) {
+        let name = if format == ImageFormat::Jpeg { "JPEG" } else { "WebP" };
+        return refused(name, "depth and masks need PNG, as JPEG blurs them");
+    }
     // Checked before decoding: a few bytes can state an image of gigabytes.
     if let Some((width, height)) = stated_size(data) {
         check_size(width, height)?;
@@ -328,147 +367,5 @@ fn rvl_image(data: &[u8]) -> Result<Raster<u16>, ImageError> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn raw(encoding: &str, width: u32, height: u32, step: u32, data: &[u8]) -> Image {
-        Image { encoding: encoding.into(), width, height, step, data: data.to_vec(), ..Image::default() }
-    }
-
-    fn png(image: DynamicImage) -> Vec<u8> {
-        let mut bytes = std::io::Cursor::new(Vec::new());
-        image.write_to(&mut bytes, ImageFormat::Png).unwrap();
-        bytes.into_inner()
-    }
-
-    fn depth_png(values: &[u16]) -> Vec<u8> {
-        png(DynamicImage::ImageLuma16(
-            image::ImageBuffer::from_raw(values.len() as u32, 1, values.to_vec()).unwrap(),
-        ))
-    }
-
-    fn depth_message(format: &str, a: f32, b: f32, code: &[u8]) -> CompressedImage {
-        let data = [&[0; 4], &a.to_le_bytes(), &b.to_le_bytes(), code].concat();
-        CompressedImage { format: format.into(), data, ..CompressedImage::default() }
-    }
-
-    #[test]
-    fn channels_come_out_as_rgb_and_padding_is_skipped() {
-        let check = |encoding, step, data: &[u8]| {
-            assert_eq!(raw_color(&raw(encoding, 1, 2, step, data)).unwrap().pixels, [[1, 2, 3], [4, 5, 6]])
-        };
-        check("rgb8", 3, &[1, 2, 3, 4, 5, 6]);
-        check("rgb8", 5, &[1, 2, 3, 9, 9, 4, 5, 6, 9, 9]);
-        check("bgr8", 3, &[3, 2, 1, 6, 5, 4]);
-        check("rgba8", 4, &[1, 2, 3, 0, 4, 5, 6, 0]);
-        check("bgra8", 4, &[3, 2, 1, 0, 6, 5, 4, 0]);
-        assert_eq!(raw_color(&raw("mono8", 1, 1, 1, &[7])).unwrap().pixels, [[7, 7, 7]]);
-    }
-
-    #[test]
-    fn sixteen_bit_color_is_refused_by_name() {
-        for name in ["rgb16", "bgr16", "yuv422_yuy2"] {
-            let error = raw_color(&raw(name, 1, 1, 6, &[0; 6])).unwrap_err();
-            assert!(
-                matches!(&error, ImageError::Encoding { .. }) && error.to_string().contains(name),
-                "{error}"
-            );
-        }
-        let wide = png(DynamicImage::new_rgb16(2, 2));
-        assert!(color_file(&wide).unwrap_err().to_string().contains("16-bit RGB"));
-    }
-
-    #[test]
-    fn wrong_sizes_are_refused() {
-        for image in [
-            raw("rgb8", 2, 1, 3, &[0; 3]),
-            raw("rgb8", 1, 2, 3, &[0; 5]),
-            raw("rgb8", 0, 2, 3, &[]),
-            raw("rgb8", 9000, 1, 27000, &[0; 27000]),
-        ] {
-            assert!(
-                matches!(raw_color(&image), Err(ImageError::Broken(_))),
-                "{}x{}",
-                image.width,
-                image.height
-            );
-        }
-    }
-
-    #[test]
-    fn depth_is_in_meters_whatever_the_byte_order() {
-        let mut image = raw("16UC1", 2, 1, 4, &[0xe8, 0x03, 0, 0]);
-        assert_eq!(raw_depth(&image).unwrap().pixels, [1.0, 0.0]);
-        image.data = vec![0x03, 0xe8, 0, 0];
-        image.is_bigendian = 1;
-        assert_eq!(raw_depth(&image).unwrap().pixels, [1.0, 0.0]);
-        let floats: Vec<u8> =
-            [1.5f32, f32::NAN, f32::INFINITY, -1.0].iter().flat_map(|v| v.to_le_bytes()).collect();
-        assert_eq!(raw_depth(&raw("32FC1", 4, 1, 16, &floats)).unwrap().pixels, [1.5, 0.0, 0.0, 0.0]);
-        assert!(raw_depth(&raw("rgb8", 1, 1, 3, &[0; 3])).unwrap_err().to_string().contains("`rgb8`"));
-    }
-
-    #[test]
-    fn compressed_depth_as_png_and_rvl() {
-        let values = [0u16, 1000, 1001, 65535];
-        let expected = [0.0, 1.0, 1.001, 65.535f32];
-        let close = |r: Raster<f32>| r.pixels.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-5);
-        let code = depth_png(&values);
-        for format in ["16UC1; compressedDepth png", "16UC1; compressedDepth"] {
-            assert!(close(compressed_depth(&depth_message(format, 0.0, 0.0, &code)).unwrap()));
-        }
-        let code = [&4u32.to_le_bytes()[..], &1u32.to_le_bytes(), &rvl::encode(&values)].concat();
-        assert!(close(
-            compressed_depth(&depth_message("16UC1; compressedDepth rvl", 0.0, 0.0, &code)).unwrap()
-        ));
-        let plain = CompressedImage {
-            format: "16UC1; png compressed ".into(),
-            data: depth_png(&values),
-            ..CompressedImage::default()
-        };
-        assert!(close(compressed_depth(&plain).unwrap()));
-    }
-
-    #[test]
-    fn quantized_float_depth_follows_its_formula() {
-        // depth = a / (q - b)
-        let message =
-            depth_message("32FC1; compressedDepth png", 1000.0, -500.0, &depth_png(&[0, 500, 1500]));
-        assert_eq!(compressed_depth(&message).unwrap().pixels, [0.0, 1.0, 0.5]);
-    }
-
-    #[test]
-    fn broken_compressed_depth_is_an_error() {
-        for (format, data) in [
-            ("16UC1; compressedDepth png", &[0u8; 11][..]),
-            ("16UC1; compressedDepth rvl", &[0; 16]),
-            ("16UC1; compressedDepth png", &[0; 40]),
-        ] {
-            let message =
-                CompressedImage { format: format.into(), data: data.to_vec(), ..CompressedImage::default() };
-            assert!(matches!(compressed_depth(&message), Err(ImageError::Broken(_))));
-        }
-        let huge = [&8000u32.to_le_bytes()[..], &9000u32.to_le_bytes(), &[0; 8]].concat();
-        assert!(matches!(
-            compressed_depth(&depth_message("16UC1; compressedDepth rvl", 0.0, 0.0, &huge)),
-            Err(ImageError::Broken(_))
-        ));
-    }
-
-    #[test]
-    fn masks_and_alpha() {
-        assert_eq!(raw_mask(&raw("mono8", 3, 1, 3, &[0, 1, 255])).unwrap().pixels, [false, true, true]);
-        assert_eq!(raw_mask(&raw("mono16", 2, 1, 4, &[0, 0, 0, 1])).unwrap().pixels, [false, true]);
-        let rgba = image::RgbaImage::from_raw(2, 1, vec![1, 2, 3, 255, 4, 5, 6, 0]).unwrap();
-        let (color, alpha) = color_with_alpha_file(&png(DynamicImage::ImageRgba8(rgba))).unwrap();
-        assert_eq!((color.pixels, alpha), (vec![[1, 2, 3], [4, 5, 6]], Some(vec![true, false])));
-        assert!(mask_file(&[0xff, 0xd8, 0xff, 0]).unwrap_err().to_string().contains("JPEG"));
-    }
-
-    #[test]
-    fn nearest_resizing_keeps_values() {
-        let small = Raster { width: 2, height: 1, pixels: vec![1u8, 2] };
-        assert_eq!(small.resized_nearest(4, 2).pixels, [1, 1, 2, 2, 1, 1, 2, 2]);
-        assert_eq!(small.resized_nearest(4, 2).resized_nearest(2, 1), small);
-    }
-}
+#[path = "image_codec_tests.rs"]
+mod tests;

@@ -11,6 +11,7 @@ use super::{
     board_look::board_note,
     dataset,
     inspect_motion::{MotionInspection, inspect_motion, is_of_joints},
+    probe::{Settled, settle},
     source::Source,
     topics::INFO_TYPE,
     views::Views,
@@ -69,6 +70,8 @@ pub struct Inspection {
     pub recordings: Vec<StateInspection>,
     /// Why all of it together cannot be reconstructed as it is.
     pub problem: Option<String>,
+    /// Warnings about the images of all recordings together.
+    pub warnings: Vec<Note>,
 }
 
 /// Looks into a recording with the default settings.
@@ -155,7 +158,7 @@ fn inspect_bag(
     seen.span_secs = index.span_nanos().map(|(a, b)| (a as f64 * 1e-9, b as f64 * 1e-9));
     seen.topics = index.topics.keys().map(|name| inspect_topic(name, &index)).collect();
     seen.transforms = index.tf.describe();
-    match Views::find(&bag, &index, config, state) {
+    match settled_views(&bag, &index, config, state) {
         Ok(views) => {
             seen.views = views.views.len();
             seen.untracked = views.are_untracked();
@@ -175,6 +178,18 @@ fn inspect_bag(
         }
     }
     Ok((seen, index))
+}
+
+/// The views of a bag, as a run would have them.
+fn settled_views(
+    bag: &Bag,
+    index: &BagIndex,
+    config: &CaptureConfig,
+    state: usize,
+) -> Result<Views, CaptureError> {
+    let mut views = Views::find(bag, index, config, state)?;
+    settle(&mut [Settled { bag, views: &mut views, state }], config, &Stop::never())?;
+    Ok(views)
 }
 
 fn inspect_topic(name: &str, index: &BagIndex) -> TopicInspection {
@@ -245,12 +260,20 @@ impl Inspection {
         self.is_reconstructible() || self.is_diagnosable()
     }
 
-    fn is_reconstructible(&self) -> bool {
+    /// Whether nothing was found so far that keeps `reconstruct` from using it.
+    #[must_use]
+    pub fn is_reconstructible(&self) -> bool {
         self.problem.is_none() && self.recordings.iter().all(|r| r.problem.is_none())
     }
 
     fn is_diagnosable(&self) -> bool {
         !self.recordings.is_empty() && self.recordings.iter().all(|r| r.motion.is_usable)
+    }
+
+    /// Adds the warnings of a run that are not those of one recording.
+    pub fn warn(&mut self, warnings: &[Note]) {
+        let is_known = |w: &&Note| self.recordings.iter().any(|r| r.warnings.contains(w));
+        self.warnings = warnings.iter().filter(|w| !is_known(w)).cloned().collect();
     }
 
     /// The inspection as text for a terminal.
@@ -260,6 +283,7 @@ impl Inspection {
         for recording in &self.recordings {
             recording.write(&mut text);
         }
+        list(&mut text, "warnings about the images", &self.warnings);
         let problems: Vec<_> =
             self.recordings.iter().filter_map(|r| r.problem.as_ref()).chain(&self.problem).collect();
         match problems.as_slice() {

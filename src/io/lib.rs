@@ -67,6 +67,7 @@ mod camera;
 #[cfg(test)]
 mod conformance_tests;
 mod dataset;
+mod depth_camera;
 mod expansion;
 mod file_ranges;
 mod folder;
@@ -77,23 +78,29 @@ mod image_files;
 mod imu;
 mod inspect;
 mod inspect_motion;
+mod lags;
 mod live_view;
 mod mcap_file;
 mod mcap_record;
 mod mcap_summary;
+mod mosaic;
 mod offered_qos;
 mod onnx;
 #[cfg(feature = "onnx")]
 mod onnx_matcher;
 mod picture_size;
 mod pixels;
+mod pose_candidate;
+mod pose_topic;
 mod poses;
+mod probe;
 mod recording;
 #[cfg(feature = "rerun")]
 mod rerun;
 mod ros1_bag;
 mod ros1msg;
 mod source;
+mod synchronize;
 mod synth_bag;
 mod synth_dataset;
 mod synth_error;
@@ -120,6 +127,7 @@ pub use onnx::{MAX_MODEL_BYTES, OnnxError};
 #[cfg(feature = "onnx")]
 pub use onnx_matcher::OnnxMatcher;
 pub use pixels::Decoded;
+pub use poses::poses_unused;
 pub use recording::{Recording, object_name, state_count};
 #[cfg(feature = "rerun")]
 pub use rerun::{Seen, write_rerun};

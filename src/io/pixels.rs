@@ -6,17 +6,21 @@ use rayon::prelude::*;
 
 use super::{
     bag::Bag,
+    depth_camera::Camera,
     image_codec::{self as codec, ImageError, Raster},
     mcap_file::RawMessage,
     ros2msg::{CompressedImage, Image, decode},
-    views::{Camera, View, Views, check_size},
+    views::{View, Views, check_size},
 };
-use capture::{CaptureConfig, CaptureError, RgbdFrame, UndistortMap};
+use capture::{CaptureConfig, CaptureError, DepthRegistration, RgbdFrame, UndistortMap};
 use common::stop::Stop;
 use geometry::Intrinsics;
 
 /// A needed message: index of its topic in [`Wanted::topics`], and its number in the topic.
 type Key = (usize, usize);
+
+/// Index of the topic of depth.
+const DEPTH: usize = 1;
 
 /// A message has more bytes than its image can need.
 #[derive(Clone, Copy, Debug, thiserror::Error)]
@@ -50,14 +54,25 @@ fn most_pixels(camera: &Intrinsics) -> usize {
 /// Number of cameras whose lens maps are shared by all frames; with more cameras, each frame makes its own.
 const SHARED_MAPS: usize = 4;
 
-/// Undistortion maps of a camera, for color and depth; masks use that of color.
-type Maps = [Option<UndistortMap>; 2];
+/// What brings the images of a camera to its ideal one.
+struct Maps {
+    /// Undistortion of color and masks.
+    color: Option<UndistortMap>,
+    /// Undistortion of depth in the camera of color.
+    depth: Option<UndistortMap>,
+    /// Where depth has a camera of its own, in place of its undistortion.
+    registration: Option<DepthRegistration>,
+}
 
 fn maps(camera: &Camera) -> Maps {
-    [
-        UndistortMap::new(&camera.intrinsics, &camera.color),
-        UndistortMap::new(&camera.intrinsics, &camera.depth),
-    ]
+    let registration = camera.own_depth.map(|(own, color_from_depth)| {
+        DepthRegistration::new(own, &camera.depth, camera.intrinsics, color_from_depth)
+    });
+    let depth = match registration {
+        Some(_) => None,
+        None => UndistortMap::new(&camera.intrinsics, &camera.depth),
+    };
+    Maps { color: UndistortMap::new(&camera.intrinsics, &camera.color), depth, registration }
 }
 
 /// Frames of the chosen views, and what was lost.
@@ -137,10 +152,12 @@ impl Payloads {
         let keys = chosen
             .iter()
             .map(|(_, v)| &views.views[*v])
-            .flat_map(|v| [Some((0, v.color)), Some((1, v.depth)), v.mask.map(|m| (2, m))]);
+            .flat_map(|v| [Some((0, v.color)), Some((DEPTH, v.depth)), v.mask.map(|m| (2, m))]);
         let mut found: BTreeMap<Key, _> = keys.flatten().map(|k| (k, None)).collect();
         let mut counts = [0; 3];
-        let pixels = views.cameras.first().map_or(0, |c| c.intrinsics.width * c.intrinsics.height);
+        let pixels = views.cameras.first().map_or(0, |c| {
+            [&c.intrinsics, c.of_depth()].map(|k| k.width * k.height).into_iter().fold(0, usize::max)
+        });
         let most = BYTES_BESIDE + BYTES_PER_PIXEL * pixels;
         // Messages are counted as the index counted them: each of the topic, whatever its content.
         bag.read(&mut |message: &RawMessage| {
@@ -177,19 +194,22 @@ impl Decoder<'_> {
         let intrinsics = self.views.cameras[view.camera].intrinsics;
         let mut rgb = self.pixels(view, (0, view.color), codec::raw_color, codec::compressed_color)?.pixels;
         let mut depth_m =
-            self.pixels(view, (1, view.depth), codec::raw_depth, codec::compressed_depth)?.pixels;
+            self.pixels(view, (DEPTH, view.depth), codec::raw_depth, codec::compressed_depth)?.pixels;
         let mut mask = match view.mask {
             Some(m) => Some(self.pixels(view, (2, m), codec::raw_mask, codec::compressed_mask)?.pixels),
             None => None,
         };
         // Lens (2.3). Depth and masks take the nearest pixel: a mean
         // across an edge is an unseen surface.
-        if let Some(map) = &self.maps[0] {
+        if let Some(map) = &self.maps.color {
             rgb = map.undistorted_color(&rgb);
             mask = mask.map(|m| map.undistorted_nearest(&m, false));
         }
-        if let Some(map) = &self.maps[1] {
+        if let Some(map) = &self.maps.depth {
             depth_m = map.undistorted_nearest(&depth_m, 0.0);
+        }
+        if let Some(registration) = &self.maps.registration {
+            depth_m = registration.registered(&depth_m);
         }
         let factor = self.views.depth_factor as f32;
         if factor != 1.0 {
@@ -224,7 +244,8 @@ impl Decoder<'_> {
             Some(Some(Err(why))) => return Err(broken(why.to_string())),
             _ => return Err(broken("the message is gone".into())),
         };
-        let camera = &self.views.cameras[view.camera].intrinsics;
+        let camera = &self.views.cameras[view.camera];
+        let camera = if key.0 == DEPTH { camera.of_depth() } else { &camera.intrinsics };
         let decoded = match is_compressed {
             true => {
                 let image = decode(data).map_err(|e| broken(e.to_string()))?;

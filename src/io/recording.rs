@@ -1,17 +1,22 @@
 //! Opens recordings: from paths to views, and from views to frames.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use super::{
     bag::Bag,
     bag_index::BagIndex,
     pixels::{Decoded, decode_views},
+    probe::{Settled, settle},
     source::Source,
     topics::choose,
     views::{View, Views},
 };
 use capture::{CaptureConfig, CaptureError, RgbdFrame, Split, TrackCamera, spread_views};
-use common::limits::BYTES_PER_PIXEL;
+use common::limits::{BYTES_PER_PIXEL, NAMED};
+use common::note::{Note, NoteCode};
 use common::stop::Stop;
 use geometry::Pose;
 
@@ -44,10 +49,10 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Reads a bag without its pixels. `state` is used in messages.
+    /// Reads a bag, of its pixels only some views. `state` is used in messages.
     ///
     /// # Errors
-    /// Every [`CaptureError`] about files, topics, cameras, alignment and poses.
+    /// Every [`CaptureError`] about files, topics, cameras, depth and poses.
     pub fn open(
         path: &Path,
         config: &CaptureConfig,
@@ -55,8 +60,37 @@ impl Recording {
         stop: &Stop,
     ) -> Result<Self, CaptureError> {
         let bag = Bag::open(path)?;
-        let views = Views::find(&bag, &BagIndex::read(&bag, stop)?, config, state)?;
+        let mut views = Views::find(&bag, &BagIndex::read(&bag, stop)?, config, state)?;
+        settle(&mut [Settled { bag: &bag, views: &mut views, state }], config, stop)?;
         Ok(Self { bag, views })
+    }
+
+    /// Reads the bags of all states, which were recorded with one camera.
+    ///
+    /// # Errors
+    /// Those of [`Self::open`].
+    pub fn open_states(
+        paths: &[PathBuf],
+        config: &CaptureConfig,
+        stop: &Stop,
+    ) -> Result<Vec<Self>, CaptureError> {
+        let bags: Vec<Bag> = paths.iter().map(|path| Bag::open(path)).collect::<Result<_, _>>()?;
+        let mut indices: Vec<BagIndex> =
+            bags.iter().map(|bag| BagIndex::read(bag, stop)).collect::<Result<_, _>>()?;
+        let shared = share_static_transforms(&mut indices);
+        let mut all = Vec::new();
+        for (state, ((bag, index), note)) in bags.iter().zip(&indices).zip(shared).enumerate() {
+            let mut views = Views::find(bag, index, config, state)?;
+            views.warnings.extend(note.map(|note| note.about(format!("state {state}"))));
+            all.push(views);
+        }
+        drop(indices);
+        let mut settled = Vec::new();
+        for (state, (bag, views)) in bags.iter().zip(&mut all).enumerate() {
+            settled.push(Settled { bag, views, state });
+        }
+        settle(&mut settled, config, stop)?;
+        Ok(bags.into_iter().zip(all).map(|(bag, views)| Self { bag, views }).collect())
     }
 
     /// Reads a bag of all states one after the other, with the views of each.
@@ -84,8 +118,9 @@ impl Recording {
             index.leave_out_between(split, &topics.color);
         }
         // For the whole bag, so both states share one choice of topics and one source of poses.
-        let views = Views::find(&bag, &index, config, 0)?;
+        let mut views = Views::find(&bag, &index, config, 0)?;
         let split = split?;
+        settle(&mut [Settled { bag: &bag, views: &mut views, state: 0 }], config, stop)?;
         let mut of_states = Vec::new();
         for state in 0..2 {
             let of_state: Vec<usize> = (0..views.views.len())
@@ -116,8 +151,7 @@ impl Recording {
         stop: &Stop,
     ) -> Result<Self, CaptureError> {
         let always = CaptureConfig { tracking: TrackCamera::Always, ..config.clone() };
-        let views = Views::find(&self.bag, &BagIndex::read(&self.bag, stop)?, &always, state)?;
-        Ok(Self { views, ..self })
+        Self::open(&self.bag.path, &always, state, stop)
     }
 
     /// All its views, by their numbers.
@@ -167,6 +201,36 @@ impl Recording {
             Ok(decode_views(&self.bag, &unmasked, &chosen, config, stop)?.frames)
         })
     }
+}
+
+/// Gives each recording the static transforms of frames that have a parent in another one alone: they belong
+/// to the camera and the robot, and recorders that start late miss them. Returns a note for each recording
+/// that got some.
+fn share_static_transforms(indices: &mut [BagIndex]) -> Vec<Option<Note>> {
+    let mut known: BTreeMap<String, (String, Pose)> = BTreeMap::new();
+    for index in indices.iter() {
+        for (parent, child, pose) in index.tf.static_transforms() {
+            known.entry(child.to_owned()).or_insert_with(|| (parent.to_owned(), pose));
+        }
+    }
+    let mut notes = Vec::new();
+    for index in indices {
+        let mut got = Vec::new();
+        for (child, (parent, pose)) in &known {
+            if !index.tf.has_parent(child) {
+                index.tf.add_static(parent, child, *pose);
+                got.push(child.as_str());
+            }
+        }
+        let named = got.iter().take(NAMED).copied().collect::<Vec<_>>().join(", ");
+        notes.push((!got.is_empty()).then(|| {
+            let text = format!(
+                "static transforms were recorded with another state alone, and are taken from it ({named})"
+            );
+            Note::new(NoteCode::TransformsShared, text)
+        }));
+    }
+    notes
 }
 
 /// Views without their masks.

@@ -3,8 +3,8 @@
 
 use std::path::Path;
 
-use super::foreign_topics::refuse_foreign;
-use capture::{CaptureError, TopicConfig};
+use super::{foreign_topics::refuse_foreign, image_codec::MASK_ENCODINGS, pose_topic::POSE_TYPES};
+use capture::{CaptureError, TopicConfig, pair};
 use common::limits::NAMED;
 
 /// Type, count and encoding of a topic.
@@ -18,6 +18,14 @@ pub struct TopicSummary {
     pub count: usize,
     /// Encoding of an Image, format of a CompressedImage (of the first message).
     pub encoding: String,
+    /// Frame of an image topic.
+    pub frame: String,
+    /// Columns and rows of an image topic, if known.
+    pub size: Option<(usize, usize)>,
+    /// Stamps of an image topic, nanoseconds; empty where they are not known.
+    pub stamps: Vec<i64>,
+    /// Whether transforms say that the frame of an image topic moves.
+    pub moves: bool,
 }
 
 /// The topics used.
@@ -37,6 +45,8 @@ pub struct TopicChoice {
     pub pose: Option<String>,
     /// Marker between states.
     pub marker: Option<String>,
+    /// Image topics that could have been chosen and were not.
+    pub others: Vec<String>,
 }
 
 /// Role of an image topic.
@@ -50,8 +60,6 @@ pub enum ImageRole {
     Mask,
 }
 
-/// Types of pose messages.
-pub const POSE_TYPES: [&str; 2] = ["geometry_msgs/msg/PoseStamped", "nav_msgs/msg/Odometry"];
 /// Types of image messages.
 pub const IMAGE_TYPES: [&str; 2] = ["sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"];
 /// Type of camera parameters.
@@ -68,13 +76,33 @@ impl TopicSummary {
         let encoding = self.encoding.as_str();
         // Checked before the encoding: label images are often 16UC1, as depth is.
         let named_mask = ["mask", "segment", "label"].iter().any(|w| name.contains(w));
-        let depth_encoding = ["16UC1", "32FC1", "mono16"].iter().any(|e| encoding.starts_with(e))
-            || encoding.contains("compressedDepth");
-        Some(match () {
-            () if named_mask => ImageRole::Mask,
-            () if depth_encoding || name.contains("depth") => ImageRole::Depth,
-            () => ImageRole::Color,
-        })
+        let has_color = encoding.contains("jpeg") || !self.may_be_mask();
+        let depth_encoding =
+            ["16UC1", "16SC1", "32FC1", "64FC1", "mono16"].iter().any(|e| encoding.starts_with(e))
+                || encoding.contains("compressedDepth");
+        match () {
+            // A picture of masks, drawn over the image or in colors, is none of the camera's images.
+            () if named_mask && has_color => None,
+            () if named_mask => Some(ImageRole::Mask),
+            () if depth_encoding || (name.contains("depth") && self.may_be_mask()) => Some(ImageRole::Depth),
+            // Depth in colors.
+            () if name.contains("depth") => None,
+            () => Some(ImageRole::Color),
+        }
+    }
+
+    /// Whether the encoding has one channel, or does not tell.
+    fn may_be_mask(&self) -> bool {
+        let encoding = self.encoding.to_ascii_lowercase();
+        let is_raw = self.type_name == IMAGE_TYPES[0];
+        match is_raw {
+            true => encoding.is_empty() || MASK_ENCODINGS.contains(&encoding.as_str()),
+            // Before `;` the encoding of the image, if the format has both.
+            false => match encoding.split_once(';') {
+                Some((raw, _)) => MASK_ENCODINGS.contains(&raw.trim()),
+                None => true,
+            },
+        }
     }
 
     /// How well the name fits a role; higher is better.
@@ -88,18 +116,29 @@ impl TopicSummary {
             ImageRole::Color => {
                 8 * has(&["color", "rgb"]) + 2 * has(&["image_raw", "image_rect"])
                     - 16 * has(&["infra", "/ir", "fisheye", "debug", "overlay"])
+                    - 8 * has(&DRAWN)
                     + raw
             }
             ImageRole::Depth => {
                 // Drivers publish depth in the depth camera's frame beside the aligned one, but only the
                 // aligned one fits the color.
-                8 * has(&["aligned", "registered", "depth_to_color", "depth_to_rgb"])
-                    + 2 * has(&["image_raw", "image_rect"])
-                    + raw
+                8 * i32::from(is_aligned_by_name(&self.name)) + 2 * has(&["image_raw", "image_rect"]) + raw
             }
             ImageRole::Mask => 4 * has(&["object"]) + 2 * has(&["mask"]) + raw,
         }
     }
+}
+
+/// Words in the names of images that other nodes make of the camera's.
+const DRAWN: [&str; 12] = [
+    "annotat", "detect", "result", "preview", "visual", "track", "heatmap", "segment", "mask", "label",
+    "output", "marked",
+];
+
+/// Whether a topic is named as depth that was brought to the pixels of color.
+pub fn is_aligned_by_name(topic: &str) -> bool {
+    let name = topic.to_ascii_lowercase();
+    ["aligned", "registered", "depth_to_color", "depth_to_rgb"].iter().any(|w| name.contains(w))
 }
 
 /// The topic without the suffix of an image transport.
@@ -130,7 +169,10 @@ pub fn choose(
     if asked.iter().all(|w| w.is_none()) && !topics.iter().any(|t| t.count > 0 && t.image_role().is_some()) {
         return Err(CaptureError::NotRgbd { path: path.to_owned(), topics: chooser.list(|_| true) });
     }
-    let color = match chooser.asked("color", wanted.color.as_ref(), &IMAGE_TYPES)? {
+    let asked_color = chooser.asked("color", wanted.color.as_ref(), &IMAGE_TYPES)?;
+    let asked_depth = chooser.asked("depth", wanted.depth.as_ref(), &IMAGE_TYPES)?;
+    let of_one_camera = chooser.one_camera(asked_color.as_deref(), asked_depth.as_deref());
+    let color = match asked_color.or_else(|| of_one_camera.map(|pair| pair[0].to_owned())) {
         Some(topic) => topic,
         None => chooser.best(ImageRole::Color).ok_or_else(|| {
             chooser.missing(
@@ -140,13 +182,13 @@ pub fn choose(
             )
         })?,
     };
-    let depth = match chooser.asked("depth", wanted.depth.as_ref(), &IMAGE_TYPES)? {
+    let depth = match asked_depth.or_else(|| of_one_camera.map(|pair| pair[1].to_owned())) {
         Some(topic) => topic,
         None => chooser.best(ImageRole::Depth).ok_or_else(|| {
             chooser.missing(
                 "depth",
-                "record depth aligned to color (realsense2_camera: align_depth.enable:=true, \
-                 /camera/camera/aligned_depth_to_color/image_raw), or name it with `--topic depth=TOPIC`",
+                "record depth (realsense2_camera: enable_depth:=true, /camera/camera/depth/image_rect_raw \
+                 with its camera_info and /tf_static), or name it with `--topic depth=TOPIC`",
             )
         })?,
     };
@@ -160,12 +202,35 @@ pub fn choose(
     };
     let depth_info = chooser
         .asked("depth camera_info", wanted.depth_info.as_ref(), &[INFO_TYPE])?
-        .or_else(|| chooser.info_of(&depth));
-    let mask =
-        chooser.asked("mask", wanted.mask.as_ref(), &IMAGE_TYPES)?.or_else(|| chooser.best(ImageRole::Mask));
+        .or_else(|| chooser.info_of(&depth))
+        // The info of color stands beside depth where both have one namespace.
+        .filter(|info| wanted.depth_info.is_some() || *info != color_info);
+    let mask = chooser.asked("mask", wanted.mask.as_ref(), &IMAGE_TYPES)?.or_else(|| chooser.mask_of(&color));
     let pose = chooser.asked("pose", wanted.pose.as_ref(), &POSE_TYPES)?;
     let marker = chooser.asked("marker", wanted.marker.as_ref(), &[])?;
-    Ok(TopicChoice { color, depth, color_info, depth_info, mask, pose, marker })
+    let others = chooser.others([&color, &depth], mask.as_ref());
+    Ok(TopicChoice { color, depth, color_info, depth_info, mask, pose, marker, others })
+}
+
+/// Largest difference of stamps of images of one camera, nanoseconds. derived: half a period at 10 Hz
+const TOGETHER_NANOS: i64 = 50_000_000;
+/// Least share of the color images that have a mask of the same camera. chosen: a majority
+const LEAST_MASKED: f64 = 0.5;
+
+/// Number of parts at the beginning of two names that are the same.
+fn shared_parts(a: &str, b: &str) -> usize {
+    let parts = |name: &str| -> Vec<String> { base(name).split('/').map(str::to_owned).collect() };
+    // The empty part before the first slash is no evidence.
+    parts(a).iter().zip(&parts(b)).skip(1).take_while(|(a, b)| a == b).count()
+}
+
+/// Share of the stamps of the side with fewer that have a partner on the other side; 1 where one is unknown.
+fn paired_share(a: &[i64], b: &[i64]) -> f64 {
+    let fewer = a.len().min(b.len());
+    if fewer == 0 {
+        return 1.0;
+    }
+    pair(a, b, TOGETHER_NANOS).iter().flatten().count() as f64 / fewer as f64
 }
 
 struct Chooser<'a> {
@@ -227,6 +292,84 @@ impl Chooser<'_> {
         (role != ImageRole::Color || best.rank(role) > -8).then(|| best.name.clone())
     }
 
+    /// Color and depth of one camera: of all pairs the one that most speaks for, by names, frames, stamps,
+    /// sizes and camera_infos together.
+    fn one_camera(&self, color: Option<&str>, depth: Option<&str>) -> Option<[&str; 2]> {
+        let of_role = |role: ImageRole, asked: Option<&str>| -> Vec<&TopicSummary> {
+            let fits = move |t: &&TopicSummary| match asked {
+                Some(name) => t.name == name,
+                None => t.image_role() == Some(role) && (role != ImageRole::Color || t.rank(role) > -8),
+            };
+            self.topics.iter().filter(|t| t.count > 0).filter(fits).collect()
+        };
+        let depths = of_role(ImageRole::Depth, depth);
+        let mut best: Option<(f64, [&TopicSummary; 2])> = None;
+        for c in of_role(ImageRole::Color, color) {
+            for d in &depths {
+                let score = self.pair_score(c, d);
+                // Of equals the first by name, as topics are sorted.
+                if best.is_none_or(|(most, _)| score > most) {
+                    best = Some((score, [c, d]));
+                }
+            }
+        }
+        best.map(|(_, pair)| pair.map(|t| t.name.as_str()))
+    }
+
+    /// How much speaks for two topics as color and depth of one camera.
+    fn pair_score(&self, color: &TopicSummary, depth: &TopicSummary) -> f64 {
+        let score = |holds: bool, weight: f64| if holds { weight } else { 0.0 };
+        let names = f64::from(color.rank(ImageRole::Color) + depth.rank(ImageRole::Depth));
+        let own_info = self.info_of(&color.name).is_some();
+        let one_frame = !color.frame.is_empty() && color.frame == depth.frame;
+        let one_size = color.size.is_some() && color.size == depth.size;
+        let shared = shared_parts(&color.name, &depth.name) as f64;
+        // More images break ties.
+        let count = 0.5 * (color.count.min(depth.count) as f64)
+            / (color.count.max(depth.count).max(1) as f64)
+            + 1e-6 * color.count as f64;
+        names
+            + score(own_info, 16.0)
+            + score(one_frame, 8.0)
+            + score(one_size, 4.0)
+            + 6.0 * shared
+            + 24.0 * paired_share(&color.stamps, &depth.stamps)
+            + score(color.moves, 8.0)
+            + count
+    }
+
+    /// The masks of the images of a topic: named so, of their size, and of their times.
+    fn mask_of(&self, color: &str) -> Option<String> {
+        let color = self.topics.iter().find(|t| t.name == color)?;
+        let fits = |t: &&TopicSummary| {
+            t.count > 0
+                && t.image_role() == Some(ImageRole::Mask)
+                && (t.size.is_none() || color.size.is_none() || t.size == color.size)
+                && (t.stamps.is_empty() || paired_share(&color.stamps, &t.stamps) >= LEAST_MASKED)
+        };
+        let rank = |t: &&TopicSummary| {
+            let near = shared_parts(&color.name, &t.name) as i32;
+            (-t.rank(ImageRole::Mask) - 2 * near, usize::MAX - t.count, t.name.clone())
+        };
+        self.topics.iter().filter(fits).min_by_key(rank).map(|t| t.name.clone())
+    }
+
+    /// The image topics that are not used, at most as many as are named in messages.
+    fn others(&self, [color, depth]: [&String; 2], mask: Option<&String>) -> Vec<String> {
+        let is_used = |t: &TopicSummary| {
+            let same = |used: &String| base(&t.name) == base(used);
+            same(color) || same(depth) || mask.is_some_and(same)
+        };
+        let images =
+            self.topics.iter().filter(|t| t.count > 0 && IMAGE_TYPES.contains(&t.type_name.as_str()));
+        let mut names: Vec<String> = images.filter(|t| !is_used(t)).map(|t| t.name.clone()).collect();
+        if let Some(more) = names.len().checked_sub(NAMED).filter(|n| *n > 0) {
+            names.truncate(NAMED);
+            names.push(format!("and {more} more"));
+        }
+        names
+    }
+
     /// The camera_info beside an image topic.
     fn info_of(&self, image: &str) -> Option<String> {
         // camera_info is beside the raw image; transports put theirs below it.
@@ -266,90 +409,5 @@ impl Chooser<'_> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn topic(name: &str, kind: &str, encoding: &str) -> TopicSummary {
-        let type_name = if kind.contains('/') { kind.to_owned() } else { format!("sensor_msgs/msg/{kind}") };
-        TopicSummary { name: name.into(), type_name, count: 30, encoding: encoding.into() }
-    }
-
-    fn realsense() -> Vec<TopicSummary> {
-        vec![
-            topic("/camera/camera/aligned_depth_to_color/camera_info", "CameraInfo", ""),
-            topic(
-                "/camera/camera/aligned_depth_to_color/image_raw/compressedDepth",
-                "CompressedImage",
-                "16UC1; compressedDepth png",
-            ),
-            topic("/camera/camera/color/camera_info", "CameraInfo", ""),
-            topic(
-                "/camera/camera/color/image_raw/compressed",
-                "CompressedImage",
-                "rgb8; jpeg compressed bgr8",
-            ),
-            topic("/camera/camera/depth/camera_info", "CameraInfo", ""),
-            topic("/camera/camera/depth/image_rect_raw", "Image", "16UC1"),
-            topic("/camera/camera/infra1/image_rect_raw", "Image", "mono8"),
-            topic("/object_mask", "Image", "mono8"),
-            topic("/tf", "tf2_msgs/msg/TFMessage", ""),
-        ]
-    }
-
-    fn pick(topics: &[TopicSummary], wanted: &TopicConfig) -> Result<TopicChoice, CaptureError> {
-        choose(topics, wanted, Path::new("bag"))
-    }
-
-    #[test]
-    fn realsense_topics_are_found_and_the_aligned_depth_wins() {
-        let choice = pick(&realsense(), &TopicConfig::default()).unwrap();
-        assert_eq!(choice.color, "/camera/camera/color/image_raw/compressed");
-        assert_eq!(choice.depth, "/camera/camera/aligned_depth_to_color/image_raw/compressedDepth");
-        assert_eq!(choice.color_info, "/camera/camera/color/camera_info");
-        assert_eq!(choice.depth_info.as_deref(), Some("/camera/camera/aligned_depth_to_color/camera_info"));
-        assert_eq!(choice.mask.as_deref(), Some("/object_mask"));
-    }
-
-    #[test]
-    fn raw_is_preferred_over_compressed_of_the_same_camera() {
-        let mut topics = realsense();
-        topics.push(topic("/camera/camera/color/image_raw", "Image", "rgb8"));
-        assert_eq!(pick(&topics, &TopicConfig::default()).unwrap().color, "/camera/camera/color/image_raw");
-    }
-
-    #[test]
-    fn topics_can_be_named_and_wrong_names_are_refused() {
-        let depth = |name: &str| TopicConfig { depth: Some(name.into()), ..TopicConfig::default() };
-        let name = "/camera/camera/depth/image_rect_raw";
-        assert_eq!(pick(&realsense(), &depth(name)).unwrap().depth, name);
-        let text = pick(&realsense(), &depth("/nope")).unwrap_err().to_string();
-        assert!(
-            text.contains("/nope") && text.contains("not in the recording") && text.contains("/object_mask"),
-            "{text}"
-        );
-        assert!(pick(&realsense(), &depth("/tf")).unwrap_err().to_string().contains("TFMessage"));
-    }
-
-    #[test]
-    fn what_is_missing_is_named_with_its_remedy() {
-        let without = |words: &[&str]| {
-            realsense().into_iter().filter(|t| !words.iter().any(|w| t.name.contains(w))).collect::<Vec<_>>()
-        };
-        let text = |topics: &[TopicSummary]| pick(topics, &TopicConfig::default()).unwrap_err().to_string();
-        assert!(text(&without(&["depth"])).contains("no depth topic"));
-        // Infrared is no color.
-        let no_color = text(&without(&["color/image"]));
-        assert!(no_color.contains("no color topic") && no_color.contains("infra1"), "{no_color}");
-        assert!(text(&without(&["color/camera_info"])).contains("no camera_info topic"));
-        let other = text(&without(&["camera", "mask"]));
-        assert!(other.contains("not an RGB-D recording") && other.contains("/tf"), "{other}");
-    }
-
-    #[test]
-    fn the_only_camera_info_serves_a_camera_without_one_beside_it() {
-        let topics =
-            [topic("/rgb", "Image", "rgb8"), topic("/d", "Image", "16UC1"), topic("/info", "CameraInfo", "")];
-        let choice = pick(&topics, &TopicConfig::default()).unwrap();
-        assert_eq!((choice.color_info.as_str(), choice.depth_info), ("/info", None));
-    }
-}
+#[path = "topics_tests.rs"]
+mod tests;

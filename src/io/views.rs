@@ -3,35 +3,22 @@
 
 use super::{
     bag::Bag,
-    bag_index::{BagIndex, ImageEntry, InfoTopic},
+    bag_index::{BagIndex, InfoTopic},
     camera::pinhole,
+    depth_camera::{Camera, DepthSource},
+    image_codec::{counts_units, has_opencv_order},
     imu::accelerometer,
-    poses::PoseSource,
+    pose_candidate::PoseCandidate,
+    poses::{PoseSource, PoseSources, poses_unused},
+    synchronize::{Matched, synchronized},
     topics::{TopicChoice, choose},
 };
-use capture::{Accelerometer, CaptureConfig, CaptureError, Distortion, nearest_stamp, pair, stamp_secs};
+use capture::{Accelerometer, CaptureConfig, CaptureError, nearest_stamp, stamp_secs};
 use common::note::{Note, NoteCode};
 use geometry::{Intrinsics, Pose};
 
 /// Length of a unit of depth in whole numbers, meters. derived: REP 118
 const REP_118_UNIT_M: f64 = 0.001;
-/// Largest relative difference of focal lengths of aligned images. chosen: drivers round them
-const FOCAL_TOLERANCE: f64 = 0.005;
-/// Largest difference of principal points of aligned images, pixels. chosen: drivers round them
-const CENTER_TOLERANCE_PX: f64 = 1.0;
-/// Largest distance between frames of aligned images, meters and radians. chosen: drivers round them
-const FRAME_TOLERANCE: f64 = 1e-3;
-
-/// A pinhole camera with the distortion of its lenses.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Camera {
-    /// The ideal camera.
-    pub intrinsics: Intrinsics,
-    /// Distortion of the color images.
-    pub color: Distortion,
-    /// Distortion of the depth images.
-    pub depth: Distortion,
-}
 
 /// One RGB-D view, by the indices of its messages.
 #[derive(Clone, Debug)]
@@ -63,8 +50,18 @@ pub struct Views {
     pub cameras: Vec<Camera>,
     /// Views, sorted by stamp.
     pub views: Vec<View>,
+    /// All views without their poses, sorted by stamp.
+    pub(super) unposed: Vec<View>,
+    /// Sources of poses, the most certain first.
+    pub(super) candidates: Vec<PoseCandidate>,
+    /// The source of the poses that are used, and the pose of the camera in the frame that they are of.
+    pub(super) used: Option<(PoseSource, Pose)>,
     /// Factor applied to depth readings.
     pub depth_factor: f64,
+    /// Whether depth counts units whose length neither the recording nor the settings give.
+    pub(super) has_unknown_unit: bool,
+    /// The topics that are used, and those that could have been.
+    pub(super) topics_text: String,
     /// Source of the up direction for a tracked camera.
     pub accelerometer: Option<Accelerometer>,
     /// Notes on the chosen topics.
@@ -81,10 +78,10 @@ pub fn views_kept(state: usize, kept: usize, all: usize) -> Note {
 }
 
 impl Views {
-    /// The views of an indexed bag. `state` is used in messages.
+    /// The views of an indexed bag, with the poses of the most certain source. `state` is used in messages.
     ///
     /// # Errors
-    /// Every [`CaptureError`] about topics, cameras, alignment and poses.
+    /// Every [`CaptureError`] about topics, cameras, depth and poses.
     pub fn find(
         bag: &Bag,
         index: &BagIndex,
@@ -97,36 +94,122 @@ impl Views {
             world_frame: String::new(),
             cameras: Vec::new(),
             views: Vec::new(),
-            depth_factor: bag.depth_unit_m().map_or(1.0, |unit_m| unit_m / REP_118_UNIT_M),
+            unposed: Vec::new(),
+            candidates: Vec::new(),
+            used: None,
+            depth_factor: 1.0,
+            has_unknown_unit: false,
             accelerometer: None,
+            topics_text: String::new(),
             notes: bag.notes.clone(),
             warnings: Vec::new(),
         };
         found.warnings.extend(bag.warnings.iter().cloned());
         found.warnings.extend(index.damage());
+        let depth_encoding = index.images.get(&found.topics.depth).map_or("", |i| i.encoding.as_str());
+        if counts_units(depth_encoding) {
+            let unit_m = config.depth_unit_m.or(bag.depth_unit_m());
+            found.depth_factor = unit_m.unwrap_or(REP_118_UNIT_M) / REP_118_UNIT_M;
+            found.has_unknown_unit = unit_m.is_none();
+        }
         // First messages of one moment, then their cameras, then their poses: losses of each step are
         // reported separately.
-        let matches = found.synchronize(index, config, state)?;
+        let matches = synchronized(&found.topics, index, config, state, &mut found.warnings)?;
         let cameras = found.find_cameras(index)?;
-        let poses = PoseSource::wanted(index, &found.topics, config)?;
-        match &poses {
-            Some(poses) => {
-                found.world_frame = poses.world.clone();
-                found.place(index, config, state, &matches, &cameras, poses)?;
-            }
+        let by_stamp = by_stamp(&cameras);
+        for m in &matches {
+            let camera = by_stamp.camera(m.color.stamp_nanos);
+            found.check_sizes(m, &found.cameras[camera])?;
+            found.unposed.push(View::of(m, camera));
+        }
+        let sources = PoseSources::wanted(index, &found.topics, config)?;
+        found.find_poses(index, config, state, sources)?;
+        let optical = index.images.get(&found.topics.color).map_or("", |i| i.frame.as_str());
+        let (instrument, note) = accelerometer(&index.imus, &index.tf, optical);
+        found.accelerometer = instrument;
+        if found.are_untracked() {
+            found.notes.extend(note);
+        }
+        found.topics_text = found.chosen_topics(bag, index);
+        Ok(found)
+    }
+
+    /// Gives the views the poses of the most certain source, and keeps the others to be compared.
+    ///
+    /// # Errors
+    /// [`CaptureError::NoPoses`] and [`CaptureError::InvalidPoses`] where the settings ask for poses.
+    fn find_poses(
+        &mut self,
+        index: &BagIndex,
+        config: &CaptureConfig,
+        state: usize,
+        sources: PoseSources,
+    ) -> Result<(), CaptureError> {
+        let must = sources.must;
+        self.candidates =
+            sources.sources.into_iter().map(|s| PoseCandidate::of_source(s, self, index, config)).collect();
+        let most = self.candidates.iter().map(PoseCandidate::count).max().unwrap_or(0);
+        let reason =
+            sources.refused.or_else(|| self.candidates.first().map(|c| c.reason(self.unposed.len())));
+        if most == 0 && must {
+            let Some(first) = self.candidates.first() else { return Ok(()) };
+            return Err(first.error(state, self.unposed.len()));
+        }
+        self.candidates.retain(|c| c.is_enough(self.unposed.len()) || (must && c.count() > 0));
+        match self.candidates.iter().position(PoseCandidate::is_named) {
+            Some(first) => self.take_poses(first, state),
             None => {
-                found.without_poses(&matches, &cameras)?;
-                let optical = index.images.get(&found.topics.color).map_or("", |i| i.frame.as_str());
-                let (instrument, note) = accelerometer(&index.imus, &index.tf, optical);
-                found.accelerometer = instrument;
-                found.notes.extend(note);
+                self.take_no_poses();
+                if self.candidates.is_empty() {
+                    self.warnings.extend(reason.map(|why| poses_unused(&why)));
+                }
             }
         }
-        found.notes.push(Note::new(
-            NoteCode::TopicsChosen,
-            format!("{}: {}", bag.path.display(), found.describe_topics(poses.as_ref())),
-        ));
-        Ok(found)
+        Ok(())
+    }
+
+    /// Gives the views the poses of a candidate; those without one are dropped and reported.
+    pub(super) fn take_poses(&mut self, candidate: usize, state: usize) {
+        let chosen = &self.candidates[candidate];
+        self.world_frame.clone_from(&chosen.source.world);
+        self.used = Some((chosen.source.clone(), Pose::identity()));
+        self.views.clear();
+        for (view, pose) in self.unposed.iter().zip(&chosen.poses) {
+            if pose.is_some() {
+                self.views.push(View { world_from_camera: *pose, ..view.clone() });
+            }
+        }
+        let all = self.unposed.len();
+        self.warnings.retain(|w| !is_of_poses(w.code));
+        self.warnings.extend(chosen.warnings(state, all));
+    }
+
+    /// Brings the poses of a frame to the camera in it.
+    pub(super) fn mount(&mut self, posed_from_camera: &Pose) {
+        for view in &mut self.views {
+            view.world_from_camera = view.world_from_camera.map(|pose| pose * posed_from_camera);
+        }
+        if let Some((_, mounted)) = &mut self.used {
+            *mounted = *posed_from_camera;
+        }
+    }
+
+    /// Pose of the camera at a stamp; `None` where none was recorded.
+    #[must_use]
+    pub fn pose_at(&self, stamp_nanos: i64, config: &CaptureConfig) -> Option<Pose> {
+        let gap = (config.tf_max_gap_secs * 1e9) as i64;
+        let delay = (config.pose_delay_secs * 1e9) as i64;
+        let (source, mounted) = self.used.as_ref()?;
+        let pose = source.tf.lookup(&source.world, &source.optical, stamp_nanos + delay, gap).ok()?;
+        Some(pose * mounted)
+    }
+
+    /// Leaves the camera to be tracked.
+    pub(super) fn take_no_poses(&mut self) {
+        self.world_frame.clear();
+        self.used = None;
+        self.views.clone_from(&self.unposed);
+        self.warnings.retain(|w| !is_of_poses(w.code));
     }
 
     /// `frames` frames, with their columns and rows.
@@ -137,96 +220,31 @@ impl Views {
         (frames, width, height)
     }
 
-    fn describe_topics(&self, poses: Option<&PoseSource>) -> String {
-        let t = &self.topics;
-        let mask = t.mask.as_ref().map_or("no mask topic".into(), |m| format!("masks {m}"));
-        let poses = poses.map_or("no camera poses: tracked by the images".into(), |p| {
-            format!("poses of `{}` in `{}` from {}", p.optical, p.world, p.origin)
-        });
-        format!("color {}, depth {}, camera_info {}, {mask}, {poses}", t.color, t.depth, t.color_info)
+    /// Adds the note on the topics and the poses that are used, once these are settled.
+    pub(super) fn tell_what_is_used(&mut self, poses: Option<&str>) {
+        let poses = poses.unwrap_or("no camera poses: tracked by the images");
+        self.notes.push(Note::new(NoteCode::TopicsChosen, format!("{}, {poses}", self.topics_text)));
     }
 
-    /// Pairs color, depth and mask messages of the same views, and reports losses.
-    fn synchronize(
-        &mut self,
-        index: &BagIndex,
-        config: &CaptureConfig,
-        state: usize,
-    ) -> Result<Vec<Matched>, CaptureError> {
-        let entries = |topic: &str| index.images.get(topic).map_or(&[][..], |i| &i.entries[..]);
-        let stamps = |topic: &str| entries(topic).iter().map(|e| e.stamp_nanos).collect::<Vec<_>>();
-        let slop = (config.sync_slop_secs * 1e9) as i64;
-        let color = stamps(&self.topics.color);
-        // Color leads (docs/method.md 2.2): each view has the stamp, camera and pose of its color image.
-        let depth = pair(&color, &stamps(&self.topics.depth), slop);
-        let mask = self
-            .topics
-            .mask
-            .as_ref()
-            // Masks that are not used must not cost frames without one.
-            .filter(|_| config.isolate.use_masks)
-            .map(|topic| pair(&color, &stamps(topic), slop));
-        let mut matched = Vec::new();
-        let mut no_depth = 0;
-        let mut no_mask = 0;
-        for (i, entry) in entries(&self.topics.color).iter().enumerate() {
-            let Some(d) = depth[i] else {
-                no_depth += 1;
-                continue;
-            };
-            let mask = match (&mask, &self.topics.mask) {
-                (Some(partners), Some(topic)) => match partners[i] {
-                    Some(m) => Some(entries(topic)[m].clone()),
-                    None => {
-                        // Without its mask, a frame's background would count as the object.
-                        no_mask += 1;
-                        continue;
-                    }
-                },
-                _ => None,
-            };
-            matched.push(Matched {
-                color: entry.clone(),
-                depth: entries(&self.topics.depth)[d].clone(),
-                mask,
-            });
-        }
-        let slop_ms = config.sync_slop_secs * 1e3;
-        if no_depth > 0 {
-            self.warnings.push(Note::new(NoteCode::DepthUnpaired, format!(
-                "state {state}: {no_depth} of {} color images have no depth image within {slop_ms} ms and \
-                 are not used",
-                color.len()
-            )));
-        }
-        if no_mask > 0 {
-            self.warnings.push(Note::new(NoteCode::MasksUnpaired, format!(
-                "state {state}: {no_mask} of {} color images have no mask within {slop_ms} ms and are not \
-                 used",
-                color.len()
-            )));
-        }
-        for topic in [&self.topics.color, &self.topics.depth] {
-            if let Some(strays) = index.images.get(topic).map(|i| i.strays).filter(|n| *n > 0) {
-                self.warnings.push(Note::new(
-                    NoteCode::ImagesInOtherFrame,
-                    format!("{topic}: {strays} images are in another frame than the first and are not used"),
-                ));
-            }
-        }
-        if matched.is_empty() {
-            let reason = format!(
-                "of {} color and {} depth images none are within {slop_ms} ms of each other{}; check the \
-                 header stamps or raise the limit with `--set capture.sync_slop_secs=SECONDS`",
-                color.len(),
-                entries(&self.topics.depth).len(),
-                if no_mask > 0 { " and of a mask" } else { "" }
-            );
-            return Err(CaptureError::NoFrames { state, reason });
-        }
-        // Messages are in the order of recording, which may differ from that of their stamps.
-        matched.sort_by_key(|m| (m.color.stamp_nanos, m.color.ordinal));
-        Ok(matched)
+    /// The topics that are used, and those that could have been.
+    fn chosen_topics(&self, bag: &Bag, index: &BagIndex) -> String {
+        let t = &self.topics;
+        let mask = t.mask.as_ref().map_or("no mask topic".into(), |m| format!("masks {m}"));
+        let encoding = index.images.get(&t.color).map_or("", |i| i.encoding.as_str());
+        let order = if has_opencv_order(encoding) {
+            format!(" ({encoding}: its channels are taken for blue, green, red, as OpenCV has them)")
+        } else {
+            String::new()
+        };
+        let others =
+            if t.others.is_empty() { String::new() } else { format!(" (not used: {})", t.others.join(", ")) };
+        format!(
+            "{}: color {}{order}, depth {}, camera_info {}, {mask}{others}",
+            bag.path.display(),
+            t.color,
+            t.depth,
+            t.color_info
+        )
     }
 
     /// The cameras of the color topic's distinct parameters, checked against those of depth.
@@ -240,11 +258,7 @@ impl Views {
                 format!("{}: {lost} messages contradict all others and are not used", t.color_info),
             ));
         }
-        // The first stands for all: aligned depth has the camera of the color images.
-        let mut depth_infos =
-            t.depth_info.as_ref().and_then(|n| index.infos.get(n)).cloned().unwrap_or_default();
-        depth_infos.settle();
-        let aligned = depth_infos.distinct.into_iter().next();
+        let source = DepthSource::of_topics(t, index)?;
         for info in &infos.distinct {
             let (intrinsics, color) = pinhole(info, &t.color_info, &t.color)?;
             // Focus may change from frame to frame, but not the size of the images.
@@ -260,149 +274,17 @@ impl Views {
                     expected_height: first.height,
                 });
             }
-            // Without its own camera_info, depth aligned to color has color's lens.
-            let mut depth = color;
-            if let (Some(depth_info), Some(name)) = (&aligned, &t.depth_info) {
-                let (other, distortion) = pinhole(depth_info, name, &t.depth)?;
-                depth = distortion;
-                self.check_alignment(index, &intrinsics, &other)?;
-            } else {
-                // Depth has no camera_info to compare; the optical frames are still compared.
-                self.check_alignment(index, &intrinsics, &intrinsics)?;
-            }
-            self.cameras.push(Camera { intrinsics, color, depth });
+            self.cameras.push(source.camera(intrinsics, color)?);
         }
-        match self.cameras.first() {
-            Some(camera) if !camera.color.is_pinhole() || !camera.depth.is_pinhole() => {
-                self.notes.push(Note::new(
-                    NoteCode::ImagesUndistorted,
-                    format!("images are undistorted by {}", self.topics.color_info),
-                ));
-            }
-            _ => {}
+        let Some(camera) = self.cameras.first() else { return Ok(infos) };
+        if !camera.color.is_pinhole() || !camera.depth.is_pinhole() {
+            self.notes.push(Note::new(
+                NoteCode::ImagesUndistorted,
+                format!("images are undistorted by {}", self.topics.color_info),
+            ));
         }
+        self.notes.extend(camera.registration_note(&self.topics.depth));
         Ok(infos)
-    }
-
-    fn check_alignment(
-        &self,
-        index: &BagIndex,
-        color: &Intrinsics,
-        depth: &Intrinsics,
-    ) -> Result<(), CaptureError> {
-        let t = &self.topics;
-        let refuse =
-            |reason| Err(CaptureError::NotAligned { depth: t.depth.clone(), color: t.color.clone(), reason });
-        if (color.width, color.height) != (depth.width, depth.height) {
-            return refuse(format!(
-                "depth is {}x{}, color {}x{}",
-                depth.width, depth.height, color.width, color.height
-            ));
-        }
-        let focal = (color.fx / depth.fx - 1.0).abs().max((color.fy / depth.fy - 1.0).abs());
-        let center = (color.cx - depth.cx).abs().max((color.cy - depth.cy).abs());
-        // Aligned depth has color's matrix up to rounding; unaligned depth differs by far more.
-        if focal > FOCAL_TOLERANCE || center > CENTER_TOLERANCE_PX {
-            return refuse(format!(
-                "their camera matrices differ (fx {:.1} and {:.1}, cx {:.1} and {:.1})",
-                depth.fx, color.fx, depth.cx, color.cx
-            ));
-        }
-        let frame = |topic: &str| index.images.get(topic).map_or("", |i| i.frame.as_str());
-        let color_frame = frame(&t.color);
-        let depth_frame = frame(&t.depth);
-        if color_frame == depth_frame {
-            return Ok(());
-        }
-        // Stamp 0 and no gap: only a static transform can answer.
-        match index.tf.lookup(color_frame, depth_frame, 0, 0) {
-            Ok(pose)
-                if pose.translation.vector.norm() <= FRAME_TOLERANCE
-                    && pose.rotation.angle() <= FRAME_TOLERANCE =>
-            {
-                Ok(())
-            }
-            Ok(pose) => refuse(format!(
-                "frame `{depth_frame}` lies {:.1} mm from `{color_frame}`",
-                1e3 * pose.translation.vector.norm()
-            )),
-            Err(_) => refuse(format!(
-                "it is in frame `{depth_frame}`, color in `{color_frame}`, and no static transform says \
-                 that they are one"
-            )),
-        }
-    }
-
-    /// Gives every match its camera and pose; those without a pose are dropped and reported.
-    fn place(
-        &mut self,
-        index: &BagIndex,
-        config: &CaptureConfig,
-        state: usize,
-        matches: &[Matched],
-        infos: &InfoTopic,
-        poses: &PoseSource,
-    ) -> Result<(), CaptureError> {
-        let gap = (config.tf_max_gap_secs * 1e9) as i64;
-        let delay = (config.pose_delay_secs * 1e9) as i64;
-        let by_stamp = by_stamp(infos);
-        let mut failures = 0;
-        let mut first_failure = None;
-        for m in matches {
-            let stamp = m.color.stamp_nanos;
-            let camera = by_stamp.camera(stamp);
-            self.check_sizes(m, self.cameras[camera].intrinsics)?;
-            // (2.2), at the stamp of the color image; nothing is extrapolated.
-            match poses.tf.lookup(&poses.world, &poses.optical, stamp + delay, gap) {
-                Ok(world_from_camera) => self.views.push(View::of(m, camera, Some(world_from_camera))),
-                Err(error) => {
-                    failures += 1;
-                    first_failure.get_or_insert(error);
-                }
-            }
-        }
-        let invalid = poses.invalid(index);
-        let first = first_failure.map(|e| e.to_string());
-        if self.views.is_empty() {
-            // Reported as the cause: a missing pose is only its symptom.
-            if invalid > 0 {
-                return Err(CaptureError::InvalidPoses { topic: poses.origin.clone(), count: invalid });
-            }
-            return Err(CaptureError::NoPoses {
-                state,
-                frames: matches.len(),
-                first: first.unwrap_or_default(),
-            });
-        }
-        if let Some(first) = first {
-            self.warnings.push(Note::new(
-                NoteCode::PosesMissing,
-                format!(
-                    "state {state}: {failures} of {} frames have no camera pose and are not used (first: \
-                 {first})",
-                    matches.len()
-                ),
-            ));
-        }
-        if invalid > 0 {
-            self.warnings.push(Note::new(NoteCode::TransformsInvalid, format!(
-                "state {state}: {invalid} transforms from {} are invalid (NaN, or no unit quaternion) and \
-                 are not used",
-                poses.origin
-            )));
-        }
-        Ok(())
-    }
-
-    /// Gives every match its camera, without a pose: the camera must be tracked.
-    fn without_poses(&mut self, matches: &[Matched], infos: &InfoTopic) -> Result<(), CaptureError> {
-        let by_stamp = by_stamp(infos);
-        for m in matches {
-            let camera = by_stamp.camera(m.color.stamp_nanos);
-            self.check_sizes(m, self.cameras[camera].intrinsics)?;
-            self.views.push(View::of(m, camera, None));
-        }
-        Ok(())
     }
 
     /// Whether the camera must be tracked.
@@ -411,17 +293,26 @@ impl Views {
         self.views.iter().all(|v| v.world_from_camera.is_none())
     }
 
-    fn check_sizes(&self, m: &Matched, camera: Intrinsics) -> Result<(), CaptureError> {
-        let messages = [(Some(&m.color), &self.topics.color), (Some(&m.depth), &self.topics.depth)];
-        let mask = (m.mask.as_ref(), self.topics.mask.as_ref().unwrap_or(&self.topics.color));
-        for (entry, topic) in messages.into_iter().chain([mask]) {
+    fn check_sizes(&self, m: &Matched, camera: &Camera) -> Result<(), CaptureError> {
+        let color = &camera.intrinsics;
+        let mask = (m.mask.as_ref(), self.topics.mask.as_ref().unwrap_or(&self.topics.color), color);
+        let messages = [
+            (Some(&m.color), &self.topics.color, color),
+            (Some(&m.depth), &self.topics.depth, camera.of_depth()),
+        ];
+        for (entry, topic, camera) in messages.into_iter().chain([mask]) {
             let Some(entry) = entry else { continue };
             if let Some(size) = entry.size {
-                check_size(topic, size, entry.stamp_nanos, &camera)?;
+                check_size(topic, size, entry.stamp_nanos, camera)?;
             }
         }
         Ok(())
     }
+}
+
+/// Whether a warning is about the poses of a source.
+fn is_of_poses(code: NoteCode) -> bool {
+    matches!(code, NoteCode::PosesMissing | NoteCode::TransformsInvalid | NoteCode::ClocksDiffer)
 }
 
 /// Refuses an image with another size than its camera's.
@@ -472,7 +363,7 @@ impl ByStamp {
 }
 
 impl View {
-    fn of(matched: &Matched, camera: usize, world_from_camera: Option<Pose>) -> Self {
+    fn of(matched: &Matched, camera: usize) -> Self {
         Self {
             stamp_nanos: matched.color.stamp_nanos,
             log_nanos: matched.color.log_nanos,
@@ -480,13 +371,7 @@ impl View {
             depth: matched.depth.ordinal,
             mask: matched.mask.as_ref().map(|e| e.ordinal),
             camera,
-            world_from_camera,
+            world_from_camera: None,
         }
     }
-}
-
-struct Matched {
-    color: ImageEntry,
-    depth: ImageEntry,
-    mask: Option<ImageEntry>,
 }

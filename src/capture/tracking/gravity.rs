@@ -4,7 +4,7 @@
 use nalgebra::{Matrix3, Point3, Unit, UnitQuaternion, Vector3};
 
 use super::{imu::MeasuredUp, locate::mean_depth_m, observation::Observation, track::Track};
-use crate::select::common_focus;
+use crate::{poses::surfels::Surfels, select::common_focus};
 use geometry::Pose;
 use numeric::statistics::median;
 
@@ -70,15 +70,17 @@ pub(super) struct Placed<'a> {
 }
 
 /// A plane with nothing below it.
-struct SupportPlane {
-    normal: Unit<Vector3<f64>>,
+pub(super) struct SupportPlane {
+    pub normal: Unit<Vector3<f64>>,
     offset_m: f64,
+    /// Share of the observed surface that lies on it.
+    pub share: f64,
     /// Standard deviation of its normal, radians.
     sigma_rad: f64,
 }
 
 /// A sampled patch of surface.
-struct SurfacePatch {
+pub(super) struct SurfacePatch {
     point: Point3<f64>,
     /// Unit normal, pointing towards the camera.
     normal: Vector3<f64>,
@@ -165,8 +167,7 @@ impl Placed<'_> {
 
     /// Mean up axis of the images.
     fn images_upright(&self) -> Unit<Vector3<f64>> {
-        let up = self.poses.iter().map(|p| p.rotation * -Vector3::y()).sum::<Vector3<f64>>();
-        Unit::try_new(up, 1e-9).unwrap_or_else(|| Unit::new_unchecked(-Vector3::y()))
+        images_up(self.poses).unwrap_or_else(|| Unit::new_unchecked(-Vector3::y()))
     }
 
     fn depth_m(&self) -> f64 {
@@ -174,24 +175,36 @@ impl Placed<'_> {
     }
 
     fn surface_patches(&self) -> Vec<SurfacePatch> {
-        let count: usize = self.observations.iter().map(|o| o.surfels.sum_of_points().1 as usize).sum();
-        let every = count.div_ceil(LOOKED_AT).max(1);
-        let mut patches = Vec::new();
-        for (observation, pose) in self.observations.iter().zip(self.poses) {
-            patches.extend(observation.surfels.points(every).map(|(point, normal)| SurfacePatch {
-                // A surfel covers more area if it is far away or seen at an angle.
-                weight: point.z.powi(2) / normal.dot(&point.coords.normalize()).max(0.1),
-                gate_m: GATE * DEPTH_SHARE * point.z,
-                point: pose * point,
-                normal: -(pose.rotation * normal),
-            }));
-        }
-        patches
+        let surfels: Vec<&Surfels> = self.observations.iter().map(|o| &o.surfels).collect();
+        surface_patches(&surfels, self.poses)
     }
 }
 
+/// Samples of the surface that cameras at the given poses see.
+pub(super) fn surface_patches(surfels: &[&Surfels], poses: &[Pose]) -> Vec<SurfacePatch> {
+    let count: usize = surfels.iter().map(|s| s.sum_of_points().1 as usize).sum();
+    let every = count.div_ceil(LOOKED_AT).max(1);
+    let mut patches = Vec::new();
+    for (surfels, pose) in surfels.iter().zip(poses) {
+        patches.extend(surfels.points(every).map(|(point, normal)| SurfacePatch {
+            // A surfel covers more area if it is far away or seen at an angle.
+            weight: point.z.powi(2) / normal.dot(&point.coords.normalize()).max(0.1),
+            gate_m: GATE * DEPTH_SHARE * point.z,
+            point: pose * point,
+            normal: -(pose.rotation * normal),
+        }));
+    }
+    patches
+}
+
+/// Mean up axis of images; `None` if they are held in all directions.
+pub(super) fn images_up(poses: &[Pose]) -> Option<Unit<Vector3<f64>>> {
+    let up = poses.iter().map(|p| p.rotation * -Vector3::y()).sum::<Vector3<f64>>();
+    Unit::try_new(up, 1e-9)
+}
+
 /// The largest plane with nothing below it that faces up, about along `upright`.
-fn support_plane(patches: &[SurfacePatch], upright: &Unit<Vector3<f64>>) -> Option<SupportPlane> {
+pub(super) fn support_plane(patches: &[SurfacePatch], upright: &Unit<Vector3<f64>>) -> Option<SupportPlane> {
     let total: f64 = patches.iter().map(|p| p.weight).sum();
     let mut best: Option<(f64, Unit<Vector3<f64>>, f64)> = None;
     for proposing in patches.iter().step_by(PROPOSING) {
@@ -208,8 +221,8 @@ fn support_plane(patches: &[SurfacePatch], upright: &Unit<Vector3<f64>>) -> Opti
             best = Some((held, normal, offset_m));
         }
     }
-    let (_, normal, offset_m) = best?;
-    let mut found = SupportPlane { normal, offset_m, sigma_rad: LEVEL_RAD };
+    let (held, normal, offset_m) = best?;
+    let mut found = SupportPlane { normal, offset_m, share: held / total, sigma_rad: LEVEL_RAD };
     for _ in 0..5 {
         found = refitted_plane(patches, &found)?;
     }
@@ -244,6 +257,7 @@ fn refitted_plane(patches: &[SurfacePatch], plane: &SupportPlane) -> Option<Supp
     Some(SupportPlane {
         normal,
         offset_m: normal.dot(&mean),
+        share: plane.share,
         sigma_rad: LEVEL_RAD.hypot(error_m / reach_m.max(1e-9)),
     })
 }

@@ -17,9 +17,11 @@ mod locate;
 mod lost;
 mod observation;
 mod pose_graph;
+mod seen_motion;
 mod track;
 mod tracked_state;
 mod tracker;
+mod world_up;
 
 use serde::{Deserialize, Serialize};
 
@@ -30,9 +32,11 @@ pub use self::{
     live::{LiveTracker, LiveView},
     lost::Lost,
     observation::Observation,
+    seen_motion::seen_motion,
     track::{Track, TrackingFindings},
     tracked_state::TrackedState,
     tracker::Tracker,
+    world_up::{WorldUp, world_up},
 };
 
 /// Whether the camera is tracked by its images.

@@ -13,6 +13,7 @@ mod read;
 mod steps;
 mod track;
 mod upright;
+mod world_up;
 
 use std::path::PathBuf;
 
@@ -22,13 +23,14 @@ use self::{
     poses::corrected,
     read::{RecordedStates, both_states, check_undivided, each_a_state, frames_of, measure_noise},
     steps::Steps,
+    world_up::turned_upright,
 };
 use super::Monitor;
-use ::capture::{Capture, CaptureConfig, CaptureError, RefinePoses, TrackCamera};
+use ::capture::{Capture, CaptureConfig, CaptureError, PoseFindings, RefinePoses, TrackCamera};
 use common::ahead::Ahead;
-use common::note::Note;
+use common::note::{Note, NoteCode};
 use geometry::Pose;
-use io::{Source, open_keyframes, open_start_end};
+use io::{Source, open_keyframes, open_start_end, poses_unused};
 
 pub use ahead::work_ahead;
 
@@ -51,8 +53,59 @@ pub fn open(
 ) -> Result<Capture, CaptureError> {
     config.check()?;
     let source = Source::of(sources)?;
+    let mut capture = posed_capture(&source, config, seed, ahead, monitor)?;
+    let is_of_bags = matches!(source, Source::States(_) | Source::Both(_));
+    let may_track = is_of_bags && config.tracking == TrackCamera::Auto && !config.asks_for_poses();
+    if may_track && capture.tracking.is_empty() && are_contradicted(&capture.poses) {
+        // What the images show is more certain. Where they show too little, the poses are what there is.
+        let tracked = CaptureConfig { tracking: TrackCamera::Always, ..config.clone() };
+        match posed_capture(&source, &tracked, seed, ahead, monitor) {
+            Ok(mut tracked) => {
+                let why = capture.warnings.iter().find(|w| w.code == NoteCode::PosesContradict);
+                tracked.warnings.extend(why.map(|w| poses_unused(&w.text)));
+                capture = tracked;
+            }
+            Err(CaptureError::Stopped(stopped)) => return Err(stopped.into()),
+            Err(_) => {}
+        }
+    }
     let mut steps = Steps::new(monitor);
-    let mut capture = match &source {
+    let frames: usize = capture.states.iter().map(Vec::len).sum();
+    steps.expects((STEPS_OF_FRAMES - 1) * frames);
+    if is_of_bags && capture.tracking.is_empty() {
+        turned_upright(&mut capture, config, &steps.stop)?;
+    }
+    let had_masks = capture.states.iter().flatten().all(|frame| frame.mask.is_some());
+    isolated(&mut capture, config, seed, &steps.stop)?;
+    steps.did(frames);
+    // Denoising last: it works on the object's pixels and hides the measured noise.
+    if config.denoise {
+        denoised(&mut capture, &steps.stop)?;
+    }
+    steps.did(frames);
+    // Without masks a pixel without depth may show anything.
+    if had_masks {
+        filled(&mut capture, config, seed, &steps.stop)?;
+    }
+    steps.did(frames);
+    Ok(capture)
+}
+
+/// Whether the images contradict the poses of a state, and no delay explains that.
+fn are_contradicted(found: &PoseFindings) -> bool {
+    found.agreement.iter().flatten().any(|a| a.contradicts() && a.certain_delay_s().is_none())
+}
+
+/// The frames of a recording with corrected poses.
+fn posed_capture(
+    source: &Source,
+    config: &CaptureConfig,
+    seed: u64,
+    ahead: &Ahead,
+    monitor: &Monitor,
+) -> Result<Capture, CaptureError> {
+    let mut steps = Steps::new(monitor);
+    let mut capture = match source {
         Source::States(paths) => {
             check_undivided(paths.len(), config)?;
             let recorded = each_a_state(paths, config, &steps.stop)?;
@@ -77,19 +130,6 @@ pub fn open(
     // Poses before isolation, which combines the points of all frames.
     if config.refine_poses == RefinePoses::Auto {
         corrected(&mut capture, ahead, &steps.stop)?;
-    }
-    steps.did(frames);
-    let had_masks = capture.states.iter().flatten().all(|frame| frame.mask.is_some());
-    isolated(&mut capture, config, seed, &steps.stop)?;
-    steps.did(frames);
-    // Denoising last: it works on the object's pixels and hides the measured noise.
-    if config.denoise {
-        denoised(&mut capture, &steps.stop)?;
-    }
-    steps.did(frames);
-    // Without masks a pixel without depth may show anything.
-    if had_masks {
-        filled(&mut capture, config, seed, &steps.stop)?;
     }
     steps.did(frames);
     Ok(capture)

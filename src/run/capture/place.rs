@@ -81,7 +81,6 @@ fn give_poses(
         view.world_from_camera = pose.map(|pose| world_from_map * pose_scaled(&pose, scale));
         sightings.extend(board.map(|board| (view.stamp_nanos, board)));
     }
-    // Depth of a folder may have a unit of its own.
     views.depth_factor *= scale;
     if let Some(board) = &mut capture.board {
         board.sightings.push(sightings);

@@ -8,6 +8,12 @@ use common::note::{Note, NoteCode};
 use common::stop::Stop;
 use io::{Decoded, Recording, views_kept};
 
+/// Noise of depth, relative to the expected one, below which its unit is in doubt where no poses tell it:
+/// noise grows with the square of the distance, so depth that is N times too far has one N-th of what is
+/// expected.
+/// chosen: below that of structured light, above that of a unit of 0.25 mm
+const DOUBTFUL_NOISE: f64 = 0.35;
+
 /// A recording with the indices of its states, and of the views of each.
 pub(super) struct RecordedStates {
     pub recording: Recording,
@@ -46,10 +52,7 @@ pub(super) fn each_a_state(
     config: &CaptureConfig,
     stop: &Stop,
 ) -> Result<Vec<RecordedStates>, CaptureError> {
-    let mut recordings = Vec::new();
-    for (state, path) in paths.iter().enumerate() {
-        recordings.push(Recording::open(path, config, state, stop)?);
-    }
+    let recordings = Recording::open_states(paths, config, stop)?;
     // All states are tracked or none: recorded poses do not relate to another state's map.
     let is_tracked = recordings.iter().any(|r| r.views.are_untracked());
     let mut recorded = Vec::new();
@@ -185,6 +188,19 @@ pub(super) fn measure_noise(
     capture.noise = config.noise;
     if let Some(factor) = measured_noise(capture.states.iter().flatten(), config, stop)? {
         capture.noise = config.noise.scaled(factor);
+        // Without poses nothing else tells the unit.
+        if factor < DOUBTFUL_NOISE && !capture.tracking.is_empty() && config.depth_unit_m.is_none() {
+            capture.warnings.push(Note::new(
+                NoteCode::DepthUnit,
+                format!(
+                    "depth is {:.1} times more exact than a depth camera is at its distance: all lengths \
+                     are by a unit of 1 mm, which may be too long; measure something, and give `--set \
+                     capture.depth_unit_m=METERS` (0.0001 of a D405, 0.00025 of an L515, 0.0002 of TUM's \
+                     recordings, 0.001 otherwise)",
+                    1.0 / factor
+                ),
+            ));
+        }
         capture.notes.push(Note::new(
             NoteCode::NoiseMeasured,
             format!(
