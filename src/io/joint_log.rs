@@ -262,8 +262,9 @@ impl<'a> Reader<'a> {
             return;
         }
         for (i, name) in state.name.iter().enumerate() {
-            // JointState: each array has the length of `name` or is empty.
-            let at = |values: &[f64]| if values.len() == state.name.len() { values[i] } else { f64::NAN };
+            // JointState: each array is as long as `name`, or empty; some drivers send longer ones.
+            let is_known = |values: &[f64]| values.len() >= state.name.len();
+            let at = |values: &[f64]| if is_known(values) { values[i] } else { f64::NAN };
             let values = [at(&state.position), at(&state.velocity), at(&state.effort)];
             add(&mut self.joints, name, stamp, values);
         }

@@ -1,7 +1,6 @@
 //! Reads URDF files and their meshes as a tree.
 
 use std::{
-    borrow::Cow,
     collections::BTreeMap,
     path::{Component, Path, PathBuf},
 };
@@ -93,10 +92,7 @@ pub(super) fn tree_of(description: &Description, path: &Path) -> Result<Tree, Ur
 pub(super) fn read_description(path: &Path) -> Result<(Description, String), UrdfError> {
     let text = files::read_text(path, URDF);
     let text = text.map_err(|source| UrdfError::Disk { path: path.to_owned(), source })?;
-    let text = match with_declaration(&text) {
-        Cow::Owned(mended) => mended,
-        Cow::Borrowed(_) => text,
-    };
+    let text = with_declaration(&text).into_owned();
     if is_template(&text) {
         return Err(UrdfError::of(path, xacro_fault(path)));
     }

@@ -96,7 +96,7 @@ pub fn examined_joint<'c>(
 /// Proves a joint's findings on the held-out runs.
 #[must_use]
 pub fn proven_report(examined: Examined, rng: &mut impl Rng) -> JointReport {
-    let Examined { name, problem, held_out, mut diagnosis, given, tracks } = examined;
+    let Examined { name, problem, held_out, mut diagnosis, given, tracks, .. } = examined;
     let effects = problem.catalogue;
     let mut report =
         unproven_report(name.clone(), problem.turns, diagnosis.clone(), tracks, problem.coverage.clone());

@@ -1,6 +1,6 @@
 //! Whether recorded efforts are held between samples, as a simulator applies them, or sampled with the
 //! positions, as a drive measures them: the reading under which the logs are more likely, each with the effects
-//! that it needs. See docs/method.md 14.17.
+//! that it needs. See docs/method.md 14.15.
 
 use crate::{
     fit::problem::Problem,
