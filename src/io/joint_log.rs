@@ -56,8 +56,8 @@ struct Samples {
 }
 
 impl Samples {
-    /// Adds values to the last sample if they have its stamp and are what it lacks: some drivers send positions
-    /// and efforts in messages of their own. Returns whether they did.
+    /// Adds values to the last sample if they have its stamp and are what it lacks: some drivers send
+    /// positions and efforts in messages of their own. Returns whether they did.
     fn completes_last(&mut self, stamp: i64, values: [f64; 3]) -> bool {
         let own = [&mut self.position, &mut self.velocity, &mut self.effort];
         if self.stamps.last() != Some(&stamp) {
@@ -368,7 +368,9 @@ impl<'a> Reader<'a> {
         }
         if self.joints.is_empty() && self.feedback.is_empty() && self.poses.is_empty() {
             if self.topics.values().any(|kind| kind == JOINT_STATE) {
-                return refused(format!("its {JOINT_STATE} name no joints: record them with `name` filled in"));
+                return refused(format!(
+                    "its {JOINT_STATE} name no joints: record them with `name` filled in"
+                ));
             }
             let what = "nor transforms (/tf) of the twin's links";
             return refused(format!(

@@ -141,8 +141,8 @@ pub fn impossible_inertia(inertia: &Matrix3<f64>) -> Option<String> {
     })
 }
 
-/// By how much a finite tensor misses that of a body, kg m^2: how far its least principal moment lies below 0,
-/// or its largest above the sum of the others; 0 if a body can have it.
+/// By how much a finite tensor misses that of a body, kg m^2: how far its least principal moment lies below
+/// 0, or its largest above the sum of the others; 0 if a body can have it.
 #[must_use]
 pub fn inertia_excess(inertia: &Matrix3<f64>) -> f64 {
     let [a, b, c] = principal_moments(inertia);

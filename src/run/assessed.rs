@@ -1,5 +1,5 @@
-//! The assessment of all joints of a twin, with efforts as they were told or as the runs show them: held between
-//! samples, or sampled with the positions.
+//! The assessment of all joints of a twin, with efforts as they were told or as the runs show them: held
+//! between samples, or sampled with the positions.
 
 use std::collections::BTreeMap;
 

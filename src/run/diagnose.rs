@@ -186,7 +186,9 @@ fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> R
         let about =
             |e: &dyn std::fmt::Display| failed("recording", &format!("run '{}': {e}", path.display()));
         // Positions from poses and efforts from wrenches are added before the joints are examined.
-        read.off_axis.push(complete_run(&mut recording, tree, request.hold.unwrap_or_default()).map_err(|e| about(&e))?);
+        read.off_axis.push(
+            complete_run(&mut recording, tree, request.hold.unwrap_or_default()).map_err(|e| about(&e))?,
+        );
         read.warnings.extend(recording.warnings.iter().cloned());
         read.recordings.push((recording, is_held(path)));
     }

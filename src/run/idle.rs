@@ -11,9 +11,9 @@ use gap::{
     twin_tree::TwinTree,
 };
 
-/// Removes efforts that never change in a run in which their joint was driven. Where each run has commands of
-/// the joint, these take their place, with a warning; else gives the reason why the joint cannot be diagnosed,
-/// by joint.
+/// Removes efforts that never change in a run in which their joint was driven. Where each run has commands
+/// of the joint, these take their place, with a warning; else gives the reason why the joint cannot be
+/// diagnosed, by joint.
 pub(super) fn remove_idle_efforts(
     recordings: &mut [(Recording, bool)],
     tree: &TwinTree,
@@ -22,7 +22,8 @@ pub(super) fn remove_idle_efforts(
     warnings: &mut Vec<Note>,
 ) -> BTreeMap<usize, String> {
     let mut refused = BTreeMap::new();
-    let is_suspect = |j: &usize| recordings.iter().any(|(r, _)| has_constant_effort(r, &tree.joints[*j].name));
+    let is_suspect =
+        |j: &usize| recordings.iter().any(|(r, _)| has_constant_effort(r, &tree.joints[*j].name));
     let suspects: Vec<usize> = moving.iter().copied().filter(is_suspect).collect();
     if suspects.is_empty() {
         return refused;
@@ -39,12 +40,13 @@ pub(super) fn remove_idle_efforts(
         let Some(idle) = runs.iter().position(is_idle) else { continue };
         let name = &tree.joints[j].name;
         let what = format!(
-            "joint '{name}': its recorded effort never changes in run '{}', though its motion shows that it was \
-             driven: it was not measured",
+            "joint '{name}': its recorded effort never changes in run '{}', though its motion shows that it \
+             was driven: it was not measured",
             recordings[idle].0.name
         );
         // Nothing may use it, not even the other joints of a chain.
-        for samples in recordings.iter_mut().flat_map(|(run, _)| &mut run.joints).filter(|s| s.name == *name) {
+        for samples in recordings.iter_mut().flat_map(|(run, _)| &mut run.joints).filter(|s| s.name == *name)
+        {
             samples.effort.fill(f64::NAN);
         }
         if recordings.iter().all(|(run, _)| run.commands.iter().any(|c| c.joint == *name)) {

@@ -44,7 +44,10 @@ pub(super) const MOST_DIVIDED: usize = 2;
 /// Indices of the independently moving joints of a twin.
 pub(super) fn moving_joints(tree: &TwinTree) -> Vec<usize> {
     let joints = tree.joints.iter().enumerate();
-    joints.filter(|(_, joint)| joint.motion != Motion::Fixed && joint.mimic.is_none()).map(|(j, _)| j).collect()
+    joints
+        .filter(|(_, joint)| joint.motion != Motion::Fixed && joint.mimic.is_none())
+        .map(|(j, _)| j)
+        .collect()
 }
 
 /// A joint's plant with its actuator, and its runs, with efforts read as `hold` says.

@@ -1,5 +1,5 @@
-//! The twin as its runs show it: joints that stand still are fixed where they stand, followers move with their
-//! leaders, and angles go on over the jumps of their encoders.
+//! The twin as its runs show it: joints that stand still are fixed where they stand, followers move with
+//! their leaders, and angles go on over the jumps of their encoders.
 
 use common::note::{Note, NoteCode};
 use gap::{
@@ -19,8 +19,8 @@ pub(super) fn recorded_twin(tree: &TwinTree, recordings: &mut [(Recording, bool)
     for joint in tree.joints.iter().filter(|j| j.motion == Motion::Turn) {
         if unwrap_turns(recordings.iter_mut().map(|(run, _)| run), &joint.name) {
             let text = format!(
-                "joint '{}': its angle jumps by a turn; positions go on over the jumps, counted from the first \
-                 run",
+                "joint '{}': its angle jumps by a turn; positions go on over the jumps, counted from the \
+                 first run",
                 joint.name
             );
             notes.push(Note::new(NoteCode::PositionsWrapped, text));
@@ -49,7 +49,8 @@ pub(super) fn recorded_twin(tree: &TwinTree, recordings: &mut [(Recording, bool)
         if let Some(position) = standing {
             fix_joint(&mut posed.joints[j], *position);
             let text = format!(
-                "joint '{}' stands still in all runs: it is taken as fixed at {position:.4} and not diagnosed",
+                "joint '{}' stands still in all runs: it is taken as fixed at {position:.4} and not \
+                 diagnosed",
                 joint.name
             );
             notes.push(Note::new(NoteCode::JointFixed, text));
@@ -64,8 +65,8 @@ pub(super) fn recorded_twin(tree: &TwinTree, recordings: &mut [(Recording, bool)
         if !above.is_empty() && above.iter().all(|k| is_hardly_felt(&posed, j, *k)) {
             fix_joint(&mut posed.joints[j], 0.0);
             let text = format!(
-                "joint '{}' is not recorded, and where it stands hardly loads the others: it is taken as fixed \
-                 at 0",
+                "joint '{}' is not recorded, and where it stands hardly loads the others: it is taken as \
+                 fixed at 0",
                 joint.name
             );
             notes.push(Note::new(NoteCode::JointFixed, text));

@@ -29,8 +29,8 @@ pub enum XmlError {
     Parse(#[from] roxmltree::Error),
 }
 
-/// The text with a valid XML declaration: `<?xml ...?>` without a version, or behind a byte order mark or empty
-/// lines, is not XML, but simulators ignore the declaration and load such files.
+/// The text with a valid XML declaration: `<?xml ...?>` without a version, or behind a byte order mark or
+/// empty lines, is not XML, but simulators ignore the declaration and load such files.
 #[must_use]
 pub fn with_declaration(text: &str) -> Cow<'_, str> {
     let trimmed = text.trim_start_matches(|c: char| c == '\u{feff}' || c.is_whitespace());

@@ -15,8 +15,8 @@ const PARTS: usize = 64;
 /// chosen: far above what noise and the width of a part make, far below what a drive does.
 const LEAST_GAIN: f64 = 0.5;
 
-/// Whether the efforts of a run never change, though its motion gains energy: a joint without a drive passes no
-/// place faster than before, whatever friction, load and springs it has.
+/// Whether the efforts of a run never change, though its motion gains energy: a joint without a drive passes
+/// no place faster than before, whatever friction, load and springs it has.
 #[must_use]
 pub fn is_idle_effort(moved: &Moved) -> bool {
     is_constant(moved) && gains_energy(&moved.motion)

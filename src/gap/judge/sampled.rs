@@ -1,6 +1,6 @@
 //! Whether recorded efforts are held between samples, as a simulator applies them, or sampled with the
-//! positions, as a drive measures them: the reading under which the logs are more likely, each with the effects
-//! that it needs. See docs/method.md 14.15.
+//! positions, as a drive measures them: the reading under which the logs are more likely, each with the
+//! effects that it needs. See docs/method.md 14.15.
 
 use crate::{
     fit::problem::Problem,
@@ -13,9 +13,9 @@ use crate::{
     record::{drive::Hold, log::JointLog},
 };
 
-/// Gain of score with sampled efforts, before any search: of the twin, or of the effects found with held ones,
-/// with and without a delay, which may stand for half an interval. `fitted` are the logs of a joint that was
-/// examined with held efforts.
+/// Gain of score with sampled efforts, before any search: of the twin, or of the effects found with held
+/// ones, with and without a delay, which may stand for half an interval. `fitted` are the logs of a joint
+/// that was examined with held efforts.
 #[must_use]
 pub fn promised_gain(held: &Examined, plant: &Plant, fitted: Vec<JointLog>) -> f64 {
     let catalogue = held.problem.catalogue;

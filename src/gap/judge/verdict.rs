@@ -266,8 +266,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     };
     let unexplained = unexplained_gain(&after, problem.independent_count());
     let nothing = Diagnosis::without_findings(Verdict::None, twin);
-    let mut diagnosis =
-        Diagnosis { before, lacks, score: chosen.score, noise: chosen.fit.noise, ..nothing };
+    let mut diagnosis = Diagnosis { before, lacks, score: chosen.score, noise: chosen.fit.noise, ..nothing };
     if chosen.fit.model.terms.is_empty() {
         let Fit { covariance, witnesses, model, .. } = &base.fit;
         let spread = Spread { covariance: covariance.clone(), witnesses: witnesses.clone() };

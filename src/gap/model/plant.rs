@@ -73,7 +73,8 @@ pub enum PlantError {
     Coupled(String, String),
     /// A link that it moves has an inertia that no body has.
     #[error(
-        "joint '{joint}' moves link '{link}', whose inertia no body can have: correct the <inertia> of '{link}'"
+        "joint '{joint}' moves link '{link}', whose inertia no body can have: correct the <inertia> of that \
+         link"
     )]
     NoBody {
         /// The joint.

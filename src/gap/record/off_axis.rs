@@ -429,7 +429,7 @@ mod tests {
             friction: 0.0,
             limit: None,
             mimic: None,
-        is_free: false,
+            is_free: false,
         }
     }
 

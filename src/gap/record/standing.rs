@@ -15,8 +15,8 @@ pub fn is_motion(range: f64, noise: f64) -> bool {
     range > LEAST_RANGE * noise && range >= LEAST_TRAVEL
 }
 
-/// Mean position of a joint that stands at one place in all runs, rad or m; `None` if it moves, or a run has no
-/// position of it.
+/// Mean position of a joint that stands at one place in all runs, rad or m; `None` if it moves, or a run has
+/// no position of it.
 #[must_use]
 pub fn standing_position(runs: &[&Recording], joint: &str) -> Option<f64> {
     let mut logs = Vec::with_capacity(runs.len());

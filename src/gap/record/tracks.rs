@@ -240,7 +240,7 @@ mod tests {
             friction: 0.0,
             limit: None,
             mimic: None,
-        is_free: false,
+            is_free: false,
         };
         let joints = vec![
             joint("hinge", Motion::Turn, 0, 1, 1.0, Vector3::z()),

@@ -2,12 +2,15 @@
 
 use crate::record::recording::Recording;
 
+/// Steps from whose median the first velocity is taken.
+/// chosen: few of them jump.
+const FIRST_STEPS: usize = 9;
 /// Degrees of a turn, for positions that were recorded in degrees.
 const DEGREES: f64 = 360.0;
 
-/// Continues the angles of a joint over jumps of a turn, within runs and from run to run; returns whether there
-/// was a jump. A jump is a step that is off the motion before it by more than half a turn: of 2 pi, or of 360
-/// where a step is too long for radians.
+/// Continues the angles of a joint over jumps of a turn, within runs and from run to run; returns whether
+/// there was a jump. A jump is a step that is off the motion before it by more than half a turn: of 2 pi, or
+/// of 360 where a step is too long for radians.
 pub fn unwrap_turns<'r>(runs: impl Iterator<Item = &'r mut Recording>, joint: &str) -> bool {
     let samples = runs.filter_map(|run| run.joints.iter_mut().find(|s| s.name == joint));
     let mut all: Vec<_> = samples.map(|s| (&s.time_s[..], &mut s.position[..])).collect();
@@ -19,7 +22,8 @@ pub fn unwrap_turns<'r>(runs: impl Iterator<Item = &'r mut Recording>, joint: &s
     let mut middle: Option<f64> = None;
     for (time_s, q) in &mut all {
         continue_angles(time_s, q, turn);
-        let Some(own) = numeric::statistics::median(q.iter().copied().filter(|q| q.is_finite()).collect()) else {
+        let Some(own) = numeric::statistics::median(q.iter().copied().filter(|q| q.is_finite()).collect())
+        else {
             continue;
         };
         // The first run says which of the turns is counted from.
@@ -33,7 +37,10 @@ pub fn unwrap_turns<'r>(runs: impl Iterator<Item = &'r mut Recording>, joint: &s
 fn unforeseen_steps(time_s: &[f64], position: &[f64]) -> Vec<(usize, f64)> {
     let known: Vec<usize> = (0..position.len()).filter(|&k| position[k].is_finite()).collect();
     let mut steps = Vec::with_capacity(known.len());
-    let mut velocity = 0.0;
+    let first = known.windows(2).take(FIRST_STEPS);
+    let rates =
+        first.map(|pair| (position[pair[1]] - position[pair[0]]) / (time_s[pair[1]] - time_s[pair[0]]));
+    let mut velocity = numeric::statistics::median(rates.filter(|r| r.is_finite()).collect()).unwrap_or(0.0);
     for pair in known.windows(2) {
         let width = time_s[pair[1]] - time_s[pair[0]];
         let step = position[pair[1]] - position[pair[0]];
