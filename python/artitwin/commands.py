@@ -100,6 +100,7 @@ def diagnose(
     command: Mapping[str, Iterable[str]] = {},
     wrench: Mapping[str, str] = {},
     pose: Mapping[str, str] = {},
+    joint: Mapping[str, str] = {},
     accuracy_mm: float | None = None,
     seed: int | None = None,
     name: str | None = None,
@@ -110,7 +111,7 @@ def diagnose(
 
     The options are those of the command (`artitwin diagnose --help`); what is not given has the program's
     default. `wrench` and `pose` map a topic to a link, `command` a topic to the joints of its values, none
-    where it names them.
+    where it names them, `joint` a joint of the twin to its recorded name.
 
     Raises an `ArtitwinError` with the program's message. `insufficient` is a result: see `verdict` and
     `warnings`.
@@ -130,6 +131,7 @@ def diagnose(
         *options("command", (_command(topic, list(joints)) for topic, joints in command.items())),
         *options("wrench", (f"{topic}={link}" for topic, link in wrench.items())),
         *options("pose", (f"{topic}={link}" for topic, link in pose.items())),
+        *options("joint", (f"{joint}={recorded}" for joint, recorded in joint.items())),
         *option("accuracy", accuracy_mm),
         *option("seed", seed),
         "--",

@@ -8,7 +8,7 @@ use super::{
     actuator_args::{command_topic, effort_unit, servo},
     board::paper,
     recording_args::RecordingArgs,
-    wanted::{local, name, topic_of_link, vector},
+    wanted::{local, name, recorded_joint, topic_of_link, vector},
 };
 use capture::Paper;
 use gap::record::command::{EffortUnit, ToldServo};
@@ -189,9 +189,10 @@ pub(super) struct DiagnoseArgs {
         allow_hyphen_values = true
     )]
     pub gravity: [f64; 3],
-    /// How the effort runs between samples
-    #[arg(long, value_parser = ["zero", "linear"], default_value = "zero")]
-    pub effort_hold: String,
+    /// How the effort runs between samples: zero, held until the next one, as simulators apply it; or linear,
+    /// sampled with the position, as drives measure it; default: what the runs show
+    #[arg(long, value_parser = ["zero", "linear"])]
+    pub effort_hold: Option<String>,
     /// Effects to fit at every joint instead of searching for them, such as viscous_friction,inertia
     #[arg(long, value_name = "EFFECT", value_delimiter = ',')]
     pub effects: Vec<String>,
@@ -227,6 +228,9 @@ pub(super) struct DiagnoseArgs {
     /// found without
     #[arg(long, value_name = "TOPIC[=JOINT,...]", value_parser = command_topic)]
     pub command: Vec<(String, Vec<String>)>,
+    /// Joint of the twin that was recorded under another name; may be repeated
+    #[arg(long, value_name = "JOINT=RECORDED", value_parser = recorded_joint)]
+    pub joint: Vec<(String, String)>,
     /// Seed of the permutation tests
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,

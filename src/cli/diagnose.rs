@@ -29,13 +29,17 @@ pub(super) fn diagnose_request(args: &DiagnoseArgs) -> DiagnoseRequest {
         name: args.output.name.clone(),
         force: args.output.force,
         gravity: args.gravity,
-        hold: if args.effort_hold == "linear" { Hold::Linear } else { Hold::Zero },
+        hold: args
+            .effort_hold
+            .as_deref()
+            .map(|hold| if hold == "linear" { Hold::Linear } else { Hold::Zero }),
         seed: args.seed,
         effects: args.effects.clone(),
         streams: Streams {
             wrenches: args.wrench.clone(),
             poses: args.pose.clone(),
             commands: args.command.clone(),
+            joints: args.joint.clone(),
             ..Streams::default()
         },
         told: Told { unit: args.effort_unit, servos: args.servo.clone() },

@@ -28,6 +28,16 @@ pub(super) fn topic_of_link(text: &str) -> Result<(String, String), Wanted> {
     }
 }
 
+/// Reads a joint of the twin with its recorded name.
+pub(super) fn recorded_joint(text: &str) -> Result<(String, String), Wanted> {
+    match text.split_once('=') {
+        Some((joint, recorded)) if !joint.is_empty() && !recorded.is_empty() => {
+            Ok((joint.to_owned(), recorded.to_owned()))
+        }
+        _ => Err(Wanted("JOINT=RECORDED, such as left_door=door")),
+    }
+}
+
 /// Reads a path of this machine.
 pub(super) fn local() -> impl TypedValueParser<Value = PathBuf> {
     PathBufValueParser::new()

@@ -227,6 +227,15 @@ codes! {
     Stopping = "stopping", "The run stops after its present step.";
     // Diagnoses.
     JointNotDiagnosed = "joint_not_diagnosed", "The runs say too little about a joint.";
+    EffortsSampled = "efforts_sampled", "The efforts were sampled with the positions, not held until the \
+        next sample.";
+    EffortsIdle = "efforts_idle", "The efforts of a joint never change, though it was driven: its commands \
+        are used, or it is not diagnosed.";
+    PositionsWrapped = "positions_wrapped", "The angle of a joint jumps by a turn; its positions go on over \
+        the jumps.";
+    JointFixed = "joint_fixed", "A joint stands still in all runs, floats, or is not felt where it was not \
+        recorded: it is taken as fixed.";
+    InertiaImpossible = "inertia_impossible", "A link of a twin has an inertia that no body can have.";
     UnitsDoubtful = "units_doubtful", "A twin or a recording looks as if it were in other units; the joint \
         is not diagnosed.";
     EffortSignTurned = "effort_sign_turned", "The efforts of a joint have the sign of the opposite axis; it \

@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, Matrix3, Point3, Unit, Vector3};
 
 use geometry::Pose;
+use model::Mimic;
 
 /// Type of a joint's motion in the dynamics.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,6 +27,8 @@ pub struct TwinLink {
     pub center_of_mass: Point3<f64>,
     /// Inertia about the center of mass, axes of the link frame, kg m^2.
     pub inertia: Matrix3<f64>,
+    /// By how much the inertia misses that of a body, kg m^2; infinite for an incomplete tensor.
+    pub inertia_excess: f64,
 }
 
 /// A joint of the twin; its frame is the child's frame.
@@ -49,8 +52,10 @@ pub struct TwinJoint {
     pub friction: f64,
     /// Lowest and highest position, if the twin has limits.
     pub limit: Option<(f64, f64)>,
-    /// Whether the joint follows another one.
-    pub is_mimic: bool,
+    /// The joint that it follows, if any.
+    pub mimic: Option<Mimic>,
+    /// Whether it floats or is planar; it is then taken as fixed.
+    pub is_free: bool,
 }
 
 impl TwinJoint {
@@ -159,6 +164,13 @@ impl TwinTree {
         self.inverse_dynamics(position, &zero, &zero, true)
     }
 
+    /// Energy of the links in the gravity field, J.
+    #[must_use]
+    pub fn gravity_energy(&self, position: &[f64]) -> f64 {
+        let links = self.links.iter().zip(self.link_poses(position));
+        links.map(|(l, pose)| -l.mass_kg * self.gravity.dot(&(pose * l.center_of_mass).coords)).sum()
+    }
+
     /// `root_from_link` of every link, for joint positions in the order of `joints`.
     #[must_use]
     pub fn link_poses(&self, position: &[f64]) -> Vec<Pose> {
@@ -210,6 +222,22 @@ impl TwinTree {
     pub fn chain_joints(&self, joint: usize) -> Vec<usize> {
         let moving = (0..self.joints.len()).filter(|&k| self.joints[k].motion != Motion::Fixed);
         moving.filter(|&k| k != joint && (self.is_above(k, joint) || self.is_above(joint, k))).collect()
+    }
+
+    /// Whether joint `follower` follows joint `leader`, perhaps by way of others.
+    #[must_use]
+    pub fn follows(&self, follower: usize, leader: usize) -> bool {
+        let mut at = follower;
+        // No more steps than joints: a ring of followers has no leader.
+        for _ in 0..self.joints.len() {
+            let Some(mimic) = &self.joints[at].mimic else { return false };
+            let Some(next) = self.joints.iter().position(|j| j.name == mimic.joint) else { return false };
+            if next == leader {
+                return true;
+            }
+            at = next;
+        }
+        false
     }
 
     /// Whether joint `upper` lies between the root and joint `lower`.

@@ -55,6 +55,27 @@ struct Samples {
     effort: Vec<f64>,
 }
 
+impl Samples {
+    /// Adds values to the last sample if they have its stamp and are what it lacks: some drivers send
+    /// positions and efforts in messages of their own. Returns whether they did.
+    fn completes_last(&mut self, stamp: i64, values: [f64; 3]) -> bool {
+        let own = [&mut self.position, &mut self.velocity, &mut self.effort];
+        if self.stamps.last() != Some(&stamp) {
+            return false;
+        }
+        let mut lasts: Vec<&mut f64> = own.into_iter().filter_map(|v| v.last_mut()).collect();
+        if lasts.iter().zip(values).any(|(last, value)| last.is_finite() && value.is_finite()) {
+            return false;
+        }
+        for (last, value) in lasts.iter_mut().zip(values) {
+            if value.is_finite() {
+                **last = value;
+            }
+        }
+        true
+    }
+}
+
 /// A track with clock stamps, nanoseconds.
 struct Stamped<T> {
     track: T,
@@ -94,6 +115,9 @@ fn add(joints: &mut BTreeMap<String, Samples>, name: &str, stamp: i64, values: [
         return;
     }
     let samples = joints.entry(name.to_owned()).or_default();
+    if samples.completes_last(stamp, values) {
+        return;
+    }
     samples.stamps.push(stamp);
     samples.position.push(values[0]);
     samples.velocity.push(values[1]);
@@ -238,8 +262,9 @@ impl<'a> Reader<'a> {
             return;
         }
         for (i, name) in state.name.iter().enumerate() {
-            // JointState: each array has the length of `name` or is empty.
-            let at = |values: &[f64]| if values.len() == state.name.len() { values[i] } else { f64::NAN };
+            // JointState: each array is as long as `name`, or empty; some drivers send longer ones.
+            let is_known = |values: &[f64]| values.len() >= state.name.len();
+            let at = |values: &[f64]| if is_known(values) { values[i] } else { f64::NAN };
             let values = [at(&state.position), at(&state.velocity), at(&state.effort)];
             add(&mut self.joints, name, stamp, values);
         }
@@ -342,6 +367,11 @@ impl<'a> Reader<'a> {
             ));
         }
         if self.joints.is_empty() && self.feedback.is_empty() && self.poses.is_empty() {
+            if self.topics.values().any(|kind| kind == JOINT_STATE) {
+                return refused(format!(
+                    "its {JOINT_STATE} name no joints: record them with `name` filled in"
+                ));
+            }
             let what = "nor transforms (/tf) of the twin's links";
             return refused(format!(
                 "it holds no {JOINT_STATE}, {what}; its topics are: {seen}; name poses with --pose"
@@ -398,14 +428,16 @@ impl<'a> Reader<'a> {
         let poses = self.poses.into_values().map(|s| PoseTrack { time_s: seconds(&s.stamps), ..s.track });
         let wrenches =
             self.wrenches.into_values().map(|s| WrenchTrack { time_s: seconds(&s.stamps), ..s.track });
-        Recording {
+        let mut recording = Recording {
             name,
             joints,
             commands: self.commands.since(first),
             poses: poses.collect(),
             wrenches: wrenches.collect(),
             warnings,
-        }
+        };
+        recording.rename_joints(&self.streams.joints);
+        recording
     }
 }
 

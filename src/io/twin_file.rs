@@ -10,13 +10,13 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::{
     UrdfError,
     package_path::named_path,
-    urdf::{read_description, tree_joints},
+    urdf::{read_description, tree_joints, xacro_fault},
     urdf_fault::UrdfFault,
 };
 use common::limits::CHAIN_WORK;
-use export::{Description, INERTIA, InertialText, JointText, LimitText, LinkText};
+use export::{Description, InertialText, JointText, LimitText, LinkText};
 use gap::twin_tree::{Motion, TwinJoint, TwinLink, TwinTree};
-use model::{JointType, TreeJoint};
+use model::{JointType, TreeJoint, inertia_excess};
 
 /// The URDF at a path; in a folder, the only one except those for ROS (`*.ros.urdf`).
 ///
@@ -28,15 +28,19 @@ pub fn twin_path(path: &Path) -> Result<PathBuf, UrdfError> {
     }
     let disk = |source| UrdfError::Disk { path: path.to_owned(), source };
     let mut found = Vec::new();
+    let mut templates = Vec::new();
     for entry in fs::read_dir(path).map_err(disk)? {
         let entry = entry.map_err(disk)?.path();
         let name = entry.file_name().unwrap_or_default().to_string_lossy();
-        if name.ends_with(".urdf") && !name.ends_with(".ros.urdf") && !name.starts_with('.') {
+        if name.ends_with(".urdf.xacro") {
+            templates.push(entry);
+        } else if name.ends_with(".urdf") && !name.ends_with(".ros.urdf") && !name.starts_with('.') {
             found.push(entry);
         }
     }
     match &found[..] {
         [one] => Ok(one.clone()),
+        [] if !templates.is_empty() => Err(UrdfError::of(path, xacro_fault(&templates.remove(0)))),
         all => Err(UrdfError::of(path, UrdfFault::NotOneUrdf(all.len()))),
     }
 }
@@ -85,10 +89,12 @@ pub fn twin_of(text: &str, gravity: [f64; 3]) -> Result<TwinTree, UrdfFault> {
 }
 
 fn twin_tree(description: Description, gravity: [f64; 3]) -> Result<TwinTree, UrdfFault> {
-    let description = description.require_sound()?;
-    let links: Vec<TwinLink> = description.links.iter().map(link).collect::<Result<_, _>>()?;
+    let mut description = description.require_sound()?;
+    let links: Vec<TwinLink> = description.links.iter().map(twin_link).collect();
+    let free = fix_free_joints(&mut description);
     let placed = tree_joints(&description)?;
-    let joints: Vec<TwinJoint> = description.joints.iter().zip(placed).map(|(j, at)| joint(j, at)).collect();
+    let texts = description.joints.iter().zip(free);
+    let joints: Vec<TwinJoint> = texts.zip(placed).map(|((j, free), at)| joint(j, free, at)).collect();
     // The work of a diagnosis grows with this product, whatever the recordings.
     let moving = joints.iter().filter(|j| j.motion != Motion::Fixed).count();
     if moving * links.len() > CHAIN_WORK {
@@ -122,37 +128,51 @@ fn twin_tree(description: Description, gravity: [f64; 3]) -> Result<TwinTree, Ur
 }
 
 /// A link; without `<inertial>` its mass and inertia are 0.
-fn link(link: &LinkText) -> Result<TwinLink, UrdfFault> {
+fn twin_link(link: &LinkText) -> TwinLink {
     let Some(inertial) = &link.inertial else {
-        return Ok(TwinLink {
+        return TwinLink {
             name: link.name.clone(),
             mass_kg: 0.0,
             center_of_mass: Point3::origin(),
             inertia: Matrix3::zeros(),
-        });
+            inertia_excess: 0.0,
+        };
     };
+    let tensor = inertia_tensor(inertial);
     let r = inertial.link_from_inertial.rotation.to_rotation_matrix();
-    Ok(TwinLink {
+    TwinLink {
         name: link.name.clone(),
         mass_kg: inertial.mass.unwrap_or(0.0),
         center_of_mass: Point3::from(inertial.link_from_inertial.translation.vector),
         // URDF gives the inertia in the inertial frame, a twin in the link frame.
-        inertia: r.matrix() * tensor(inertial)? * r.matrix().transpose(),
-    })
-}
-
-/// The inertia in its frame; zeros where it has none.
-fn tensor(inertial: &InertialText) -> Result<Matrix3<f64>, UrdfFault> {
-    if inertial.inertia.iter().all(Option::is_none) {
-        return Ok(Matrix3::zeros());
+        inertia: r.matrix() * tensor.unwrap_or_default() * r.matrix().transpose(),
+        inertia_excess: tensor.as_ref().map_or(f64::INFINITY, inertia_excess),
     }
-    // A tensor with guessed entries belongs to no body.
-    let of = |k: usize| inertial.inertia[k].ok_or(UrdfFault::Inertia(INERTIA[k]));
-    let [xx, xy, xz, yy, yz, zz] = [of(0)?, of(1)?, of(2)?, of(3)?, of(4)?, of(5)?];
-    Ok(Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz))
 }
 
-fn joint(text: &JointText, placed: TreeJoint) -> TwinJoint {
+/// The inertia in its frame, kg m^2; zeros where it has none, `None` where an element is missing.
+fn inertia_tensor(inertial: &InertialText) -> Option<Matrix3<f64>> {
+    if inertial.inertia.iter().all(Option::is_none) {
+        return Some(Matrix3::zeros());
+    }
+    let [xx, xy, xz, yy, yz, zz] = inertial.inertia;
+    Some(Matrix3::new(xx?, xy?, xz?, xy?, yy?, yz?, xz?, yz?, zz?))
+}
+
+/// Makes floating and planar joints fixed; gives for each joint whether it was one.
+fn fix_free_joints(description: &mut Description) -> Vec<bool> {
+    let mut free = Vec::with_capacity(description.joints.len());
+    for joint in &mut description.joints {
+        let is_free = ["floating", "planar"].contains(&joint.kind.as_str());
+        if is_free {
+            joint.kind = "fixed".to_owned();
+        }
+        free.push(is_free);
+    }
+    free
+}
+
+fn joint(text: &JointText, is_free: bool, placed: TreeJoint) -> TwinJoint {
     let motion = match placed.kind {
         JointType::Fixed => Motion::Fixed,
         JointType::Revolute | JointType::Continuous => Motion::Turn,
@@ -171,7 +191,8 @@ fn joint(text: &JointText, placed: TreeJoint) -> TwinJoint {
         damping: text.damping,
         friction: text.friction,
         limit: limited.then_some((lower, upper)),
-        is_mimic: placed.mimic.is_some(),
+        mimic: placed.mimic,
+        is_free,
     }
 }
 
@@ -264,8 +285,6 @@ mod tests {
             ),
             ("lower='-1' upper='1'", "lower='nan' upper='inf'", "(and 1 more: see `artitwin check`)"),
             ("lower='-1'", "lower='2'", "lower 2 is above upper 1"),
-            ("ixx='1'", "ixx='-1'", "not positive"),
-            ("ixy='0'", "", "an <inertia> has no ixy"),
             ("<parent link='a'/>", "<parent link='b'/>", "in a loop of joints (b)"),
             ("<link name='a'/>", "<link name='a'/><link name='a'/>", "more than one of the links"),
         ] {

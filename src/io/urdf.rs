@@ -1,7 +1,6 @@
 //! Reads URDF files and their meshes as a tree.
 
 use std::{
-    borrow::Cow,
     collections::BTreeMap,
     path::{Path, PathBuf},
 };
@@ -93,12 +92,25 @@ pub(super) fn tree_of(description: &Description, path: &Path) -> Result<Tree, Ur
 pub(super) fn read_description(path: &Path) -> Result<(Description, String), UrdfError> {
     let text = files::read_text(path, URDF);
     let text = text.map_err(|source| UrdfError::Disk { path: path.to_owned(), source })?;
-    let text = match with_declaration(&text) {
-        Cow::Owned(mended) => mended,
-        Cow::Borrowed(_) => text,
-    };
+    let text = with_declaration(&text).into_owned();
+    if is_template(&text) {
+        return Err(UrdfError::of(path, xacro_fault(path)));
+    }
     let description = Description::parse(&text).map_err(|e| UrdfError::of(path, e))?;
     Ok((description, text))
+}
+
+/// Whether a text is a xacro template. What xacro writes keeps the namespace, and no expressions.
+fn is_template(text: &str) -> bool {
+    text.contains("xmlns:xacro") && ["<xacro:", "${", "$("].iter().any(|sign| text.contains(sign))
+}
+
+/// The fault of a xacro template at a path.
+pub(super) fn xacro_fault(template: &Path) -> UrdfFault {
+    let expanded = template.with_extension("");
+    let is_named = expanded.extension().is_some_and(|e| e == "urdf") && expanded != template;
+    let expanded = if is_named { expanded } else { template.with_extension("expanded.urdf") };
+    UrdfFault::Xacro(template.display().to_string(), expanded.display().to_string())
 }
 
 /// A fault of a visual: its mesh, or the path to it.

@@ -9,9 +9,6 @@ pub enum UrdfFault {
     /// It describes no bodies.
     #[error(transparent)]
     Unsound(#[from] UnsoundUrdf),
-    /// An incomplete tensor.
-    #[error("an <inertia> has no {0}")]
-    Inertia(&'static str),
     /// A joint of an unsupported type.
     #[error("joint '{joint}' is of type '{kind}'; fixed, revolute, continuous and prismatic are read")]
     JointType {
@@ -31,6 +28,9 @@ pub enum UrdfFault {
     /// A joint without direction.
     #[error("joint '{0}' has an axis of no length")]
     NoAxis(String),
+    /// A template of a URDF.
+    #[error("it is a xacro template: expand it with `xacro {0} > {1}` (pip install xacro) and give {1}")]
+    Xacro(String, String),
     /// A folder without a twin.
     #[error("the folder holds {0} .urdf files; name one")]
     NotOneUrdf(usize),

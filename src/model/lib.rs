@@ -46,4 +46,4 @@ pub use remark::JointRemark;
 pub use seat::seat_of_joint;
 pub use sweep::{clear_paths, swept_interval};
 pub use tree::{JointType, Mimic, Tree, TreeError, TreeJoint, TreeLink};
-pub use validate::{impossible_inertia, principal_moments, validate};
+pub use validate::{impossible_inertia, inertia_excess, principal_moments, validate};

@@ -10,6 +10,9 @@ use surface::TriangleMesh;
 /// Relative tolerance of the inertia checks: URDF text keeps nine digits.
 /// chosen: a thousand times the rounding of the text
 const INERTIA_SLACK: f64 = 1e-6;
+/// Principal moments of this size are rounding, kg m^2.
+/// chosen: the moment of a microgram at 1 mm; tools that turn tensors leave 1e-20
+const INERTIA_ROUNDING: f64 = 1e-15;
 /// How far an observed position may lie outside a limit, radians or meters.
 /// chosen: above rounding, below any reading
 const LIMIT_SLACK: f64 = 1e-9;
@@ -127,14 +130,29 @@ fn check_inertial(subject: &str, inertial: &Inertial, found: &mut Findings) {
 /// two together; `None` if it is possible. A moment of 0 belongs to a point or a rod.
 #[must_use]
 pub fn impossible_inertia(inertia: &Matrix3<f64>) -> Option<String> {
-    let [a, b, c] = principal_moments(inertia);
-    if a < -INERTIA_SLACK * c.abs() {
-        Some(format!("the principal moment {a:.3e} kg m^2 is not positive"))
-    } else if a + b < c * (1.0 - INERTIA_SLACK) {
-        Some(format!("the principal moments {a:.3e}, {b:.3e}, {c:.3e} kg m^2 break A + B >= C"))
-    } else {
-        None
+    if inertia_excess(inertia) == 0.0 {
+        return None;
     }
+    let [a, b, c] = principal_moments(inertia);
+    Some(if a < -rounding_of_moment(c) {
+        format!("the principal moment {a:.3e} kg m^2 is not positive")
+    } else {
+        format!("the principal moments {a:.3e}, {b:.3e}, {c:.3e} kg m^2 break A + B >= C")
+    })
+}
+
+/// By how much a finite tensor misses that of a body, kg m^2: how far its least principal moment lies below
+/// 0, or its largest above the sum of the others; 0 if a body can have it.
+#[must_use]
+pub fn inertia_excess(inertia: &Matrix3<f64>) -> f64 {
+    let [a, b, c] = principal_moments(inertia);
+    let excess = (-a).max(c - a - b);
+    if excess > rounding_of_moment(c) { excess } else { 0.0 }
+}
+
+/// What is rounding beside the largest principal moment of a tensor, kg m^2.
+fn rounding_of_moment(largest: f64) -> f64 {
+    (INERTIA_SLACK * largest.abs()).max(INERTIA_ROUNDING)
 }
 
 /// Principal moments of a finite tensor in rising order.

@@ -51,7 +51,7 @@ impl Job for Diagnoser {
         let request = self.request_of_goal(goal)?;
         // First, so that an unreadable twin fails the goal at once.
         let (tree, _) = read_twin(&request.twin, request.gravity)?;
-        let joints = tree.joints.iter().filter(|j| j.motion != Motion::Fixed && !j.is_mimic).count();
+        let joints = tree.joints.iter().filter(|j| j.motion != Motion::Fixed && j.mimic.is_none()).count();
         let mut progress = JointProgress::new(joints);
         let this = Arc::clone(self);
         Ok(Work::start_thread(
@@ -90,7 +90,7 @@ impl Diagnoser {
             force: false,
             // Messages have no optional fields: clients without gravity send zeros.
             gravity: if goal.gravity == [0.0; 3] { GRAVITY } else { goal.gravity },
-            hold: if goal.linear_effort { Hold::Linear } else { Hold::Zero },
+            hold: goal.linear_effort.then_some(Hold::Linear),
             seed: goal.seed,
             effects: Vec::new(),
             streams: Streams::default(),

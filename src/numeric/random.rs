@@ -6,10 +6,13 @@ use nalgebra::{Unit, Vector3};
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
+/// A stream of random numbers.
+pub type StageRng = Pcg64Mcg;
+
 /// The random stream of a step of a stage. It is independent of other stages and steps: a resumed run draws
 /// the same as an uninterrupted one, and a new stage does not change the others.
 #[must_use]
-pub fn stage_rng(seed: u64, stage: &str, step: u64) -> Pcg64Mcg {
+pub fn stage_rng(seed: u64, stage: &str, step: u64) -> StageRng {
     let name = hash_of(stage);
     let mut bytes = [0; 16];
     // Both halves are mixed, so neighboring seeds and steps have unrelated streams.

@@ -6,7 +6,11 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use super::{
-    Event, Monitor, RunError, doubts::input_doubts, least_bytes::least_diagnosis, outcome::OUTPUT_STAGE,
+    Monitor, RunError,
+    assessed::{Assessed, EffortHold, assessed},
+    joint_runs::{MOST_DIVIDED, moving_joints},
+    least_bytes::least_diagnosis,
+    outcome::OUTPUT_STAGE,
 };
 use common::files;
 use common::limits::{FileLimit, SDF, USD};
@@ -17,31 +21,24 @@ use export::{
     diagnosis_page,
 };
 use gap::{
-    fit::actuation::actuated_plant,
     judge::{
-        assess::{Examined, Runs, examined_joint, proven_report},
         format_model::FormatModel,
         format_note::format_note,
-        multibody::fit_chains,
-        refused::refused_report,
         report::{self, ExportNote, JointReport, Report},
         verdict::Verdict,
     },
-    model::{effects::catalogue, format::Format, joint_model::Catalogue, plant::Plant},
+    model::{effects::catalogue, format::Format, joint_model::Catalogue},
     record::{
-        chain::{carried_by_stamp, joint_motions},
         command::Told,
         drive::Hold,
         inputs::complete_run,
-        log::JointLog,
         off_axis::OffAxis,
-        recording::{Recording, RecordingError},
+        recording::Recording,
         tracks::{Streams, moved_link},
     },
-    twin_tree::{Motion, TwinTree},
+    twin_tree::TwinTree,
 };
 use io::{Place, ResultKind, RunDir};
-use numeric::random::stage_rng;
 
 /// Request for a diagnosis.
 #[derive(Clone, Debug)]
@@ -60,8 +57,8 @@ pub struct DiagnoseRequest {
     pub force: bool,
     /// Gravity in the root's frame, m/s^2.
     pub gravity: [f64; 3],
-    /// How the effort is interpolated between samples.
-    pub hold: Hold,
+    /// How the effort is interpolated between samples; `None`: as the runs show it.
+    pub hold: Option<Hold>,
     /// Seed of the permutation tests.
     pub seed: u64,
     /// Effects to fit at every joint instead of searching for them, by name.
@@ -97,7 +94,7 @@ impl DiagnoseRequest {
             name: None,
             force: false,
             gravity: [0.0, 0.0, -9.81],
-            hold: Hold::Zero,
+            hold: None,
             seed: 0,
             effects: Vec::new(),
             streams: Streams::default(),
@@ -139,6 +136,7 @@ pub(super) fn put_files(
 struct ReportFile<'a> {
     #[serde(flatten)]
     report: Report,
+    effort_hold: EffortHold,
     warnings: &'a [Note],
 }
 
@@ -153,19 +151,13 @@ pub(super) struct MotionDiagnosis {
     pub warnings: Vec<Note>,
 }
 
-/// Runs of one joint, split.
-struct Split {
-    fitted: Vec<JointLog>,
-    held_out: Vec<JointLog>,
-}
-
 /// All recordings.
-struct Recorded {
+pub(super) struct Recorded {
     /// The runs, each with whether only the proof uses it.
-    recordings: Vec<(Recording, bool)>,
+    pub recordings: Vec<(Recording, bool)>,
     /// Motion other than the joint's, from the poses of each run, by joint.
-    off_axis: Vec<BTreeMap<usize, OffAxis>>,
-    warnings: Vec<Note>,
+    pub off_axis: Vec<BTreeMap<usize, OffAxis>>,
+    pub warnings: Vec<Note>,
 }
 
 /// Reads all runs and holds some of them out.
@@ -174,6 +166,12 @@ fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> R
     // Checked before any bag is read, so an unknown link is reported at once.
     for (topic, link) in request.streams.wrenches.iter().chain(&request.streams.poses) {
         moved_link(tree, topic, link).map_err(|e| failed("twin", &e))?;
+    }
+    for (joint, _) in &request.streams.joints {
+        if !tree.joints.iter().any(|j| j.name == *joint) {
+            let names = tree.joints.iter().map(|j| j.name.as_str()).collect::<Vec<_>>().join(", ");
+            return Err(failed("twin", &format!("--joint: the twin has no joint '{joint}'; it has {names}")));
+        }
     }
     let streams =
         Streams { links: tree.links.iter().map(|l| l.name.clone()).collect(), ..request.streams.clone() };
@@ -188,7 +186,9 @@ fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> R
         let about =
             |e: &dyn std::fmt::Display| failed("recording", &format!("run '{}': {e}", path.display()));
         // Positions from poses and efforts from wrenches are added before the joints are examined.
-        read.off_axis.push(complete_run(&mut recording, tree, request.hold).map_err(|e| about(&e))?);
+        read.off_axis.push(
+            complete_run(&mut recording, tree, request.hold.unwrap_or_default()).map_err(|e| about(&e))?,
+        );
         read.warnings.extend(recording.warnings.iter().cloned());
         read.recordings.push((recording, is_held(path)));
     }
@@ -223,74 +223,6 @@ pub fn diagnose(request: &DiagnoseRequest, monitor: &Monitor) -> Result<Diagnose
     Ok(DiagnoseOutcome { folder, verdict, summary, warnings })
 }
 
-/// Indices of the independently moving joints of a twin.
-fn moving(tree: &TwinTree) -> Vec<usize> {
-    let joints = tree.joints.iter().enumerate();
-    joints.filter(|(_, joint)| joint.motion != Motion::Fixed && !joint.is_mimic).map(|(j, _)| j).collect()
-}
-
-/// The assessment of all joints.
-struct Assessed {
-    joints: Vec<JointReport>,
-    /// Why other joints were not assessed.
-    left_out: Vec<String>,
-    warnings: Vec<Note>,
-}
-
-/// Assesses the joints of a twin from their recordings.
-fn assessed(
-    request: &DiagnoseRequest,
-    tree: &TwinTree,
-    recorded: Recorded,
-    effects: &Catalogue,
-    monitor: &Monitor,
-) -> Result<Assessed, RunError> {
-    let Recorded { mut recordings, off_axis, mut warnings } = recorded;
-    let moving = moving(tree);
-    let names: Vec<String> = moving.iter().map(|&j| tree.joints[j].name.clone()).collect();
-    let wanted = indices(effects, &request.effects).map_err(|e| RunError::stage("diagnose", e))?;
-    let (unsigned, doubts) =
-        input_doubts(&mut recordings, tree, &moving, request.hold, &request.told, &mut warnings);
-    // By joint, in the order of the twin.
-    let mut joints: BTreeMap<usize, JointReport> = BTreeMap::new();
-    let mut examined = Vec::new();
-    let mut left_out = Vec::new();
-    for &j in &moving {
-        monitor.check()?;
-        let name = tree.joints[j].name.clone();
-        let stage = format!("diagnose/{name}");
-        monitor.report(Event::StageStarted { stage: stage.clone(), steps: None });
-        let ready = || ready(request, &recordings, tree, j, &names, &mut warnings);
-        match unsigned.get(&j).map_or_else(ready, |why| Err(why.clone())) {
-            Ok((plant, split)) => {
-                let runs = Runs {
-                    fitted: split.fitted,
-                    held_out: split.held_out,
-                    turns: tree.joints[j].motion == Motion::Turn,
-                    hold: request.hold,
-                    effects: wanted.clone(),
-                };
-                let mut rng = stage_rng(request.seed, &stage, 0);
-                if let Some(doubt) = doubts.get(&j) {
-                    joints.insert(j, refused_report(effects, &plant, doubt, runs));
-                } else {
-                    examined.push((j, examined_joint(effects, &plant, &name, runs, &mut rng), rng));
-                }
-            }
-            Err(why) => left_out.push(why),
-        }
-    }
-    let mut own: Vec<(usize, &mut Examined)> = examined.iter_mut().map(|(j, e, _)| (*j, e)).collect();
-    fit_chains(tree, &mut own);
-    for (j, examined, mut rng) in examined {
-        monitor.check()?;
-        joints.insert(j, proven_report(examined, &mut rng));
-    }
-    let joints: Vec<JointReport> =
-        joints.into_iter().map(|(j, report)| beside_axis(report, &off_axis, j)).collect();
-    Ok(Assessed { joints, left_out, warnings })
-}
-
 /// Diagnoses by motion a twin with URDF `text`; writes nothing.
 pub(super) fn find(
     request: &DiagnoseRequest,
@@ -299,9 +231,11 @@ pub(super) fn find(
     monitor: &Monitor,
 ) -> Result<MotionDiagnosis, RunError> {
     let failed = |what: &str, e: &dyn std::fmt::Display| RunError::stage(what, e.to_string());
-    let effects = catalogue(moving(tree).len().saturating_sub(1));
+    let effects = catalogue(moving_joints(tree).len().saturating_sub(1));
+    let wanted = indices(&effects, &request.effects).map_err(|e| failed("diagnose", &e))?;
     let recorded = read_runs(request, tree, monitor)?;
-    let Assessed { joints, left_out, mut warnings } = assessed(request, tree, recorded, &effects, monitor)?;
+    let Assessed { joints, left_out, effort_hold, mut warnings } =
+        assessed(request, tree, recorded, &effects, wanted, monitor)?;
     monitor.check()?;
     if joints.is_empty() {
         let why =
@@ -325,7 +259,7 @@ pub(super) fn find(
         warnings: &warnings,
     };
     let page = diagnosis_page(&facts);
-    let file = ReportFile { report: report::report(&joints, exports), warnings: &warnings };
+    let file = ReportFile { report: report::report(&joints, exports), effort_hold, warnings: &warnings };
     let json = serde_json::to_string_pretty(&file).map_err(|e| failed("report", &e))? + "\n";
     let windows: Vec<_> = joints.iter().flat_map(|j| &j.replay).collect();
     let replay = serde_json::to_string(&windows).map_err(|e| failed("report", &e))?;
@@ -344,34 +278,6 @@ pub(super) fn find(
         summary: report::summary_of_joints(&joints),
         warnings,
     })
-}
-
-/// A report with the largest motion, over all runs, that poses show beside the joint's.
-fn beside_axis(report: JointReport, off_axis: &[BTreeMap<usize, OffAxis>], joint: usize) -> JointReport {
-    let measured = off_axis.iter().filter_map(|e| e.get(&joint).copied());
-    JointReport {
-        off_axis: measured.max_by(|a, b| a.largest_excess().total_cmp(&b.largest_excess())),
-        ..report
-    }
-}
-
-/// A joint's plant with its actuator, and its runs.
-fn ready(
-    request: &DiagnoseRequest,
-    recordings: &[(Recording, bool)],
-    tree: &TwinTree,
-    joint: usize,
-    names: &[String],
-    warnings: &mut Vec<Note>,
-) -> Result<(Plant, Split), String> {
-    let plant = Plant::of_joint(tree, joint).map_err(|e| e.to_string())?;
-    let split = split(recordings, tree, joint, request.hold, &request.told, names, warnings);
-    let mut split = split.map_err(|e| e.to_string())?;
-    let fitted = &mut split.fitted;
-    let held_out = &mut split.held_out;
-    let plant = actuated_plant(&tree.joints[joint].name, &plant, fitted, held_out, &request.told)
-        .map_err(|e| e.to_string())?;
-    Ok((plant, split))
 }
 
 /// Warnings about files that contain less than the findings.
@@ -446,55 +352,4 @@ fn indices(catalogue: &Catalogue, names: &[String]) -> Result<Vec<usize>, Unknow
         indices.push(index);
     }
     Ok(indices)
-}
-
-/// Why the runs say nothing about a joint.
-#[derive(Debug, thiserror::Error)]
-enum SplitError {
-    #[error(transparent)]
-    Recording(#[from] RecordingError),
-    #[error("joint '{joint}': {source}")]
-    Chain { joint: String, source: RecordingError },
-}
-
-/// Up to this many runs, each gives its last third to the proof: a fit to a single whole run would know only
-/// its conditions.
-const MOST_DIVIDED: usize = 2;
-
-/// Splits the logs of one joint into fit and proof. With up to two runs, each gives its last third to the
-/// proof.
-fn split(
-    recordings: &[(Recording, bool)],
-    tree: &TwinTree,
-    joint: usize,
-    hold: Hold,
-    told: &Told,
-    names: &[String],
-    warnings: &mut Vec<Note>,
-) -> Result<Split, SplitError> {
-    let name = &tree.joints[joint].name;
-    let chain = tree.chain_joints(joint);
-    let moving: Vec<usize> = (0..tree.joints.len()).filter(|j| *j == joint || chain.contains(j)).collect();
-    let mut fitted = Vec::new();
-    let mut held_out = Vec::new();
-    for (recording, held) in recordings {
-        let mut log = recording.joint(name, names, told, warnings)?;
-        // The other joints of a chain load this joint by their recorded motion.
-        if !chain.is_empty() {
-            let mut all = joint_motions(tree, &moving, recording, hold, told)
-                .map_err(|source| SplitError::Chain { joint: name.clone(), source })?;
-            all.retain(|(j, _)| chain.contains(j));
-            log.carried = carried_by_stamp(tree, joint, &all, &log.time_s);
-        }
-        if *held { held_out.push(log) } else { fitted.push(log) }
-    }
-    if held_out.is_empty() && fitted.len() <= MOST_DIVIDED {
-        for log in std::mem::take(&mut fitted) {
-            // By time, not at random: neighboring samples are alike, and the proof would see fitted data.
-            let cut = log.time_s.len() * 2 / 3;
-            fitted.push(log.part_between(0, cut));
-            held_out.push(log.part_between(cut, log.time_s.len()));
-        }
-    }
-    Ok(Split { fitted, held_out })
 }

@@ -20,7 +20,7 @@ pub(super) fn settle_signs(
     recordings: &mut [(Recording, bool)],
     tree: &TwinTree,
     moving: &[usize],
-    hold: Hold,
+    hold: Option<Hold>,
     told: &Told,
     warnings: &mut Vec<Note>,
 ) -> BTreeMap<usize, String> {

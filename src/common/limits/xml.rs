@@ -29,10 +29,12 @@ pub enum XmlError {
     Parse(#[from] roxmltree::Error),
 }
 
-/// The text with a valid XML declaration: `<?xml ...?>` without a version is not XML, but simulators ignore
-/// the declaration and load such files.
+/// The text with a valid XML declaration: `<?xml ...?>` without a version, or behind a byte order mark or
+/// empty lines, is not XML, but simulators ignore the declaration and load such files.
 #[must_use]
 pub fn with_declaration(text: &str) -> Cow<'_, str> {
+    let trimmed = text.trim_start_matches(|c: char| c == '\u{feff}' || c.is_whitespace());
+    let text = if trimmed.starts_with("<?xml") { trimmed } else { text };
     let after = text.strip_prefix("<?xml ").and_then(|rest| rest.split_once("?>"));
     match after.filter(|(declared, _)| !declared.trim_start().starts_with("version")) {
         Some((_, rest)) => Cow::Owned(format!("<?xml version=\"1.0\"?>{rest}")),
@@ -128,6 +130,7 @@ mod tests {
 
     #[test]
     fn a_declaration_without_a_version_is_mended() {
+        assert_eq!(with_declaration("\u{feff}\n<?xml version=\"1.0\"?><a/>"), "<?xml version=\"1.0\"?><a/>");
         let mended = with_declaration("<?xml verison=\"1.0\"?>\n<a/>");
         assert_eq!(mended, "<?xml version=\"1.0\"?>\n<a/>");
         assert!(parse_xml(&mended).is_ok() && parse_xml("<?xml verison=\"1.0\"?>\n<a/>").is_err());

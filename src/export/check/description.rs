@@ -30,7 +30,7 @@ pub enum UnsoundUrdf {
     #[error(transparent)]
     Xml(#[from] XmlError),
     /// It is another kind of document.
-    #[error("the root element is <{0}>, not <robot>")]
+    #[error("the root element is <{0}>, not <robot>: give a URDF")]
     Root(String),
     /// It has more links or joints than the limit.
     #[error("has {0} links or joints; {LINKS} are the limit: split the model")]

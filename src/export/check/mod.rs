@@ -69,6 +69,7 @@ fn check_urdf(folder: &Folder, path: &str) -> Vec<CheckFinding> {
         }
     };
     check_soundness(&description, &mut found);
+    links::check_possible_inertias(&description, &mut found);
     let is_sound = found.all.is_empty();
     let welds = Welds::of_description(&description);
     links::check_links(&description, &welds, &mut found);
@@ -90,7 +91,6 @@ fn check_urdf(folder: &Folder, path: &str) -> Vec<CheckFinding> {
 fn check_soundness(description: &Description, found: &mut Findings) {
     check_numbers(description, found);
     tree::check_tree(description, found);
-    links::check_possible_inertias(description, found);
     joints::check_joint_limits(description, found);
 }
 
@@ -101,8 +101,9 @@ fn check_numbers(description: &Description, found: &mut Findings) {
 }
 
 impl Description {
-    /// Refuses a URDF that does not describe bodies: names used twice, links that form no tree, malformed or
-    /// impossible numbers. What only some importers refuse is left out.
+    /// Refuses a URDF that does not describe bodies: names used twice, links that form no tree, malformed
+    /// numbers. What only some importers refuse is left out, and inertias that no body can have: a robot has
+    /// many links that a recording does not move.
     ///
     /// # Errors
     /// [`UnsoundUrdf::Broken`].

@@ -173,6 +173,7 @@ mod tests {
                 10.0 * (0.64 + 4.0) / 12.0,
                 10.0 * (0.64 + 0.0016) / 12.0,
             )),
+            inertia_excess: 0.0,
         };
         let solid = box_of_inertia(&link).unwrap();
         let mut high = Vector3::repeat(f64::NEG_INFINITY);

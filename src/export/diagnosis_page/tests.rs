@@ -46,6 +46,7 @@ fn tree() -> TwinTree {
         mass_kg,
         center_of_mass: Point3::new(0.4, 0.0, 0.0),
         inertia: Matrix3::identity() * mass_kg,
+        inertia_excess: 0.0,
     };
     let joint = TwinJoint {
         name: JOINT.into(),
@@ -57,7 +58,8 @@ fn tree() -> TwinTree {
         damping: 0.3,
         friction: 0.1,
         limit: Some((-1.0, 2.0)),
-        is_mimic: false,
+        mimic: None,
+        is_free: false,
     };
     let links = vec![link("wall", 0.0), link("door", 2.0)];
     TwinTree { name: "a & b".into(), links, joints: vec![joint], root: 0, gravity: Vector3::z() * -9.81 }

@@ -23,6 +23,9 @@ use crate::{
 /// Unreported offset between the stamps of effort and position, as a share of a sample interval.
 /// tuned: tests/python/gap/generate.py.
 const LAG_SHARE: f64 = 0.06;
+/// The same where efforts are sampled with the positions: a driver reads them at any time of its cycle.
+/// derived: the standard deviation of a uniform distribution over an interval, 1/sqrt(12).
+const SAMPLED_LAG_SHARE: f64 = 0.288_675_134_594_812_9;
 /// Deviation of a servo's delay from the regressed one, seconds.
 /// derived: the spacing of the tried delays.
 const SERVO_LAG_S: f64 = 0.01;
@@ -191,7 +194,11 @@ impl<'c> Problem<'c> {
             coverage,
             noise,
             readings,
-            lag_sigma_s: if plant.actuator.is_late { SERVO_LAG_S } else { LAG_SHARE * interval },
+            lag_sigma_s: match hold {
+                _ if plant.actuator.is_late => SERVO_LAG_S,
+                Hold::Zero => LAG_SHARE * interval,
+                Hold::Linear => SAMPLED_LAG_SHARE * interval,
+            },
             min_sigma_u,
             steps,
             finer: 1,
@@ -203,7 +210,7 @@ impl<'c> Problem<'c> {
     #[must_use]
     pub fn of_logs(&self, logs: Vec<JointLog>) -> Self {
         let same = Self::with_noise(self.catalogue, &self.plant, self.turns, logs, self.hold, self.noise);
-        Self { weighing: self.weighing, ..same }
+        Self { weighing: self.weighing, ..same.with_lag_of(self) }
     }
 
     /// The same logs for predictions of whole windows, resampled no finer than these need.
@@ -236,6 +243,12 @@ impl<'c> Problem<'c> {
         let logs = self.logs.iter().map(|l| l.with_interval(interval_s, self.hold)).collect();
         // The resampled efforts are means, held from sample to sample.
         Self::with_noise(self.catalogue, &self.plant, self.turns, logs, Hold::Zero, self.noise)
+            .with_lag_of(self)
+    }
+
+    /// The same with a lag as uncertain as that of the problem from which its logs were taken.
+    fn with_lag_of(self, recorded: &Self) -> Self {
+        Self { lag_sigma_s: self.lag_sigma_s.max(recorded.lag_sigma_s), ..self }
     }
 
     /// Held-out logs, with the small steps of the proof.

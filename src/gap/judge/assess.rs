@@ -54,6 +54,8 @@ pub struct Examined<'c> {
     pub held_out: Problem<'c>,
     /// The diagnosis.
     pub diagnosis: Diagnosis,
+    /// Score of the effects found by the innovations of single samples ([`Diagnosis::score`]).
+    pub score: f64,
     /// Effects given by the caller.
     given: Vec<usize>,
     tracks: Vec<Track>,
@@ -87,14 +89,15 @@ pub fn examined_joint<'c>(
     let held_out = Problem::held_out(&recorded, runs.held_out);
     let problem = recorded.at_steps();
     let diagnosis = diagnose(&problem, &runs.effects, &[], rng);
+    let score = diagnosis.score;
     let diagnosis = by_prediction(&problem, diagnosis, &runs.effects, rng);
-    Examined { name: name.to_owned(), problem, held_out, diagnosis, given: runs.effects, tracks }
+    Examined { name: name.to_owned(), problem, held_out, diagnosis, score, given: runs.effects, tracks }
 }
 
 /// Proves a joint's findings on the held-out runs.
 #[must_use]
 pub fn proven_report(examined: Examined, rng: &mut impl Rng) -> JointReport {
-    let Examined { name, problem, held_out, mut diagnosis, given, tracks } = examined;
+    let Examined { name, problem, held_out, mut diagnosis, given, tracks, .. } = examined;
     let effects = problem.catalogue;
     let mut report =
         unproven_report(name.clone(), problem.turns, diagnosis.clone(), tracks, problem.coverage.clone());

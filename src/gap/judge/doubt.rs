@@ -13,7 +13,7 @@ use crate::{
         name_weight::NAME_WEIGHT,
     },
     model::effect::LARGEST_RATIO,
-    record::{drive::Hold, tracks::resampled},
+    record::{drive::Hold, log::JointLog, tracks::resampled},
     twin_tree::{Motion, TwinTree},
 };
 
@@ -74,8 +74,8 @@ pub struct Scene<'a> {
     pub runs: &'a [RunMotion],
     /// Indices of the twin's joints to be diagnosed.
     pub joints: &'a [usize],
-    /// How efforts are interpolated between samples.
-    pub hold: Hold,
+    /// How efforts are interpolated between samples; `None`: held, or sampled with the positions.
+    pub hold: Option<Hold>,
 }
 
 /// A joint of a scene.
@@ -168,6 +168,14 @@ impl<'a> JointScene<'a> {
         Self { scene: self.scene, joint: self.joint, stretches: self.stretches.clone(), share }
     }
 
+    /// Tried delays of the efforts, seconds.
+    fn tried_delays_s(&self) -> Vec<f64> {
+        let logs = self.scene.runs.iter().filter_map(|run| run[self.joint].as_ref()?.log.as_ref());
+        // Efforts that are sampled with the positions lead held ones by half an interval.
+        let lead = logs.filter_map(JointLog::interval_s).next().filter(|_| self.scene.hold.is_none());
+        lead.map(|interval_s| -0.5 * interval_s).into_iter().chain(DELAYS_S).collect()
+    }
+
     fn is_turning(&self) -> bool {
         self.scene.tree.joints[self.joint].motion == Motion::Turn
     }
@@ -206,7 +214,7 @@ impl<'a> JointScene<'a> {
     /// Recorded efforts of joint `of` over stretches, late by a delay.
     #[must_use]
     pub fn recorded_efforts(&self, of: usize, stretches: &[&Stretch], delay_s: f64) -> Vec<Option<f64>> {
-        let hold = self.scene.hold;
+        let hold = self.scene.hold.unwrap_or_default();
         let mut found = Vec::with_capacity(stretches.len());
         // Stretches are ordered by run.
         for part in stretches.chunk_by(|a, b| a.key.0 == b.key.0) {
@@ -244,7 +252,7 @@ impl<'a> JointScene<'a> {
         let seen = self.seen_stretches(stretches, &AS_GIVEN);
         let inertias = inertia_factors(LARGEST_INERTIA);
         let mut best = Baseline { motion: f64::NEG_INFINITY, effort: f64::NEG_INFINITY, left: 1.0 };
-        for delay_s in DELAYS_S {
+        for delay_s in self.tried_delays_s() {
             let regression =
                 self.effort_regression_of(&seen, &self.recorded_efforts(self.joint, stretches, delay_s));
             if !regression.is_telling() {
@@ -279,7 +287,7 @@ impl<'a> JointScene<'a> {
         // Other units of the twin and an inertia far off would be two changes.
         let inertias = inertia_factors(LARGEST_RATIO);
         let mut best: Option<Odds> = None;
-        for delay_s in DELAYS_S {
+        for delay_s in self.tried_delays_s() {
             let regression = self.effort_regression_of(seen, &efforts(delay_s));
             if !regression.is_telling() {
                 return None;

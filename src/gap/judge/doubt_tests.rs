@@ -25,6 +25,7 @@ fn pendulums(count: usize) -> TwinTree {
         mass_kg: if i == 0 { 0.0 } else { 0.5 / 9.81 / 0.3 },
         center_of_mass: Point3::new(0.0, 0.0, -0.3),
         inertia: Matrix3::identity() * (0.05 - 0.5 / 9.81 * 0.3),
+        inertia_excess: 0.0,
     };
     let joint = |i: usize| TwinJoint {
         name: format!("joint_{i}"),
@@ -36,7 +37,8 @@ fn pendulums(count: usize) -> TwinTree {
         damping: 0.02,
         friction: 0.0,
         limit: None,
-        is_mimic: false,
+        mimic: None,
+        is_free: false,
     };
     TwinTree {
         name: "pendulums".into(),
@@ -63,7 +65,7 @@ fn logs(truth: &[(&str, &[f64])], runs: std::ops::Range<usize>) -> Vec<JointLog>
 
 fn found(tree: &TwinTree, runs: Vec<RunMotion>) -> Vec<Doubt> {
     let joints: Vec<usize> = (0..tree.joints.len()).collect();
-    let scene = Scene { tree, runs: &runs, joints: &joints, hold: Hold::Zero };
+    let scene = Scene { tree, runs: &runs, joints: &joints, hold: Some(Hold::Zero) };
     doubts_of_scene(&scene).into_values().collect()
 }
 
@@ -167,7 +169,7 @@ fn magnitudes_are_told_from_efforts_of_one_sense() {
     let twin = pendulums(1);
     let odds = |logs: Vec<JointLog>| {
         let runs: Vec<RunMotion> = logs.into_iter().map(|log| vec![moved(log)]).collect();
-        let scene = Scene { tree: &twin, runs: &runs, joints: &[0], hold: Hold::Zero };
+        let scene = Scene { tree: &twin, runs: &runs, joints: &[0], hold: Some(Hold::Zero) };
         magnitude_odds(&JointScene::of_joint(&scene, 0))
     };
     let mut magnitudes = logs(BRAKED, 0..2);

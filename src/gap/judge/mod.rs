@@ -17,6 +17,7 @@ pub mod format_model;
 mod format_model_tests;
 pub mod format_note;
 pub mod given;
+pub mod idle;
 pub mod law;
 #[cfg(test)]
 mod law_tests;
@@ -38,6 +39,7 @@ pub mod regression;
 mod remainder_tests;
 pub mod report;
 pub mod report_json;
+pub mod sampled;
 pub mod screen;
 pub mod search;
 #[cfg(test)]

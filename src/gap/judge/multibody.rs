@@ -35,7 +35,8 @@ pub fn fit_chains(tree: &TwinTree, examined: &mut [Member]) {
         done.extend(&chain);
         let mut members: Vec<&mut Member> =
             examined.iter_mut().filter(|(j, e)| chain.contains(j) && e.diagnosis.is_sufficient()).collect();
-        if members.len() < 2 {
+        // A joint without a diagnosis has no place in the common rollout.
+        if members.len() < 2 || members.len() < chain.len() {
             continue;
         }
         let Some(again) = fitted_together(tree, &members) else { continue };

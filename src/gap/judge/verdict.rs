@@ -28,8 +28,9 @@ use crate::{
     model::{
         effect::{Coverage, Dimension, Place},
         joint_model::{Catalogue, JointModel, Term},
+        plant::LEAST_CHANGE,
     },
-    record::off_axis::MAX_LEFT,
+    record::{off_axis::MAX_LEFT, standing::is_motion},
 };
 use numeric::statistics::HALF_WIDTH_95;
 
@@ -77,6 +78,8 @@ pub struct Diagnosis {
     pub left: f64,
     /// What the recording lacks, as sentences for the user.
     pub lacks: Vec<String>,
+    /// Twice the log likelihood of the model, less the price of its parameters and shapes.
+    pub score: f64,
     /// Unexplained effort.
     pub noise: EffortNoise,
     /// Fitted actuator parameters: gain or stiffness, damping, delay.
@@ -109,6 +112,7 @@ impl Diagnosis {
             model,
             left: 0.0,
             lacks: Vec::new(),
+            score: 0.0,
             noise: EffortNoise::default(),
             actuator: Vec::new(),
             nearest: None,
@@ -206,15 +210,9 @@ impl Diagnosis {
 /// Significance level for a table of the residual.
 /// chosen: the accepted share of false alarms.
 const LEVEL: f64 = 0.01;
-/// Least range of the positions for a diagnosis, in standard deviations of their noise.
-/// chosen: the motion is then resolved by some tens of steps.
-const LEAST_RANGE: f64 = 30.0;
 /// Least credible delay, in sample intervals.
 /// chosen: a smaller one may be a discretization error.
 const LEAST_DELAY: f64 = 0.25;
-/// Least credible relative change of a gain, a scale or an inertia.
-/// chosen: a smaller one may be a discretization error.
-const LEAST_CHANGE: f64 = 0.004;
 
 /// What the motion lacks for any diagnosis, as sentences telling the user what to record.
 #[must_use]
@@ -227,8 +225,7 @@ pub fn missing_motion(coverage: &Coverage, windows: usize) -> Vec<String> {
         ));
     }
     let range = coverage.travel;
-    // Negated: a range of NaN is too small as well.
-    if !(range > LEAST_RANGE * coverage.position_noise) || range < 1e-9 {
+    if !is_motion(range, coverage.position_noise) {
         lacks.push(format!(
             "the position moves {range:.2e}, hardly more than its noise of {:.1e}; move the joint through \
              most of its range",
@@ -270,7 +267,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     };
     let unexplained = unexplained_gain(&after, problem.independent_count());
     let nothing = Diagnosis::without_findings(Verdict::None, twin);
-    let mut diagnosis = Diagnosis { before, lacks, noise: chosen.fit.noise, ..nothing };
+    let mut diagnosis = Diagnosis { before, lacks, score: chosen.score, noise: chosen.fit.noise, ..nothing };
     if chosen.fit.model.terms.is_empty() {
         let Fit { covariance, witnesses, model, .. } = &base.fit;
         let spread = Spread { covariance: covariance.clone(), witnesses: witnesses.clone() };

@@ -55,18 +55,33 @@ impl Load {
     }
 }
 
+/// Least credible relative change of a gain, a scale or an inertia.
+/// chosen: a smaller one may be a discretization error.
+pub const LEAST_CHANGE: f64 = 0.004;
+
 /// Why a joint cannot be modelled this way.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlantError {
     /// No mass moves with the joint.
     #[error("joint '{0}' moves no mass: give the links below it an <inertial> with mass and inertia")]
     NoMass(String),
-    /// Its inertia or load depends on a joint not recorded.
+    /// Its effort also moves a joint that follows it.
     #[error(
-        "joint '{0}' shares a chain with a joint that follows another one (<mimic>); such chains are not \
-         diagnosed: hold the others still and give a twin in which they are fixed"
+        "joint '{0}' moves '{1}' along (<mimic>), which has no place in its equation; such a joint is not \
+         diagnosed"
     )]
-    Coupled(String),
+    Coupled(String, String),
+    /// A link that it moves has an inertia that no body has.
+    #[error(
+        "joint '{joint}' moves link '{link}', whose inertia no body can have: correct the <inertia> of that \
+         link"
+    )]
+    NoBody {
+        /// The joint.
+        joint: String,
+        /// The link.
+        link: String,
+    },
     /// A number of the twin is not usable.
     #[error("joint '{0}': damping and friction must be finite and not negative")]
     BadDynamics(String),
@@ -96,12 +111,13 @@ impl Plant {
     /// The plant of the joint with this index in `tree.joints`; in a chain, with the others at 0.
     ///
     /// # Errors
-    /// [`PlantError`] if the joint moves no mass, shares a chain with a joint following another one, or its
-    /// dynamics are not finite.
+    /// [`PlantError`] if the joint moves no mass or an impossible one, is followed by another joint of its
+    /// chain, or its dynamics are not finite.
     pub fn of_joint(tree: &TwinTree, joint: usize) -> Result<Self, PlantError> {
         let spec = &tree.joints[joint];
-        if tree.chain_joints(joint).iter().any(|&j| tree.joints[j].is_mimic) {
-            return Err(PlantError::Coupled(spec.name.clone()));
+        let chain = tree.chain_joints(joint);
+        if let Some(follower) = chain.iter().find(|&&j| tree.follows(j, joint)) {
+            return Err(PlantError::Coupled(spec.name.clone(), tree.joints[*follower].name.clone()));
         }
         if ![spec.damping, spec.friction].iter().all(|x| x.is_finite() && *x >= 0.0) {
             return Err(PlantError::BadDynamics(spec.name.clone()));
@@ -111,6 +127,13 @@ impl Plant {
         // Negated, so a NaN inertia is refused as well.
         if !(inertia > 1e-12) {
             return Err(PlantError::NoMass(spec.name.clone()));
+        }
+        // A slide does not turn the inertias that it moves.
+        let mut moved = (0..tree.links.len()).filter(|&l| tree.carries(joint, l));
+        let matters = |l: &usize| tree.links[*l].inertia_excess > LEAST_CHANGE * inertia;
+        if let Some(link) = moved.find(matters).filter(|_| spec.motion == Motion::Turn) {
+            let link = tree.links[link].name.clone();
+            return Err(PlantError::NoBody { joint: spec.name.clone(), link });
         }
         let load = gravity_load(tree, joint);
         // Along three axes the squared amplitudes of a revolute joint's load add up to twice that with a

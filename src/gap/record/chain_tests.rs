@@ -15,6 +15,7 @@ fn tree() -> TwinTree {
         mass_kg,
         center_of_mass: Point3::from(com),
         inertia: Matrix3::from_diagonal(&Vector3::from(i)),
+        inertia_excess: 0.0,
     };
     let joint = |name: &str, motion, parent, at: [f64; 3], axis: [f64; 3]| TwinJoint {
         name: name.into(),
@@ -26,7 +27,8 @@ fn tree() -> TwinTree {
         damping: 0.0,
         friction: 0.0,
         limit: None,
-        is_mimic: false,
+        mimic: None,
+        is_free: false,
     };
     TwinTree {
         name: "chain".into(),

@@ -99,6 +99,9 @@ impl JointLog {
     }
 }
 
+/// Least range of the positions of a joint that moves, in standard deviations of their noise.
+/// chosen: the motion is then resolved by some tens of steps.
+pub const LEAST_RANGE: f64 = 30.0;
 /// Fewest samples of a window.
 /// chosen: fewer reveal little beyond their start state.
 const LEAST_SAMPLES: usize = 8;

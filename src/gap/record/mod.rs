@@ -14,4 +14,6 @@ pub mod motion;
 pub mod off_axis;
 pub mod reading_noise;
 pub mod recording;
+pub mod standing;
 pub mod tracks;
+pub mod wrapped;

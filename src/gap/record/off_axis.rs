@@ -428,7 +428,8 @@ mod tests {
             damping: 0.0,
             friction: 0.0,
             limit: None,
-            is_mimic: false,
+            mimic: None,
+            is_free: false,
         }
     }
 

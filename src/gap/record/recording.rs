@@ -51,8 +51,8 @@ pub struct Recording {
 pub enum RecordingError {
     /// The joint is not in the run.
     #[error(
-        "run '{run}' has no joint '{joint}'; it has {has}: rename the joints of the twin or of the \
-         recording so that they agree"
+        "run '{run}' has no joint '{joint}'; it has {has}: say under which name it was recorded with --joint \
+         {joint}={nearest}"
     )]
     NoJoint {
         /// Run.
@@ -61,6 +61,8 @@ pub enum RecordingError {
         joint: String,
         /// Names of the joints in the run.
         has: String,
+        /// The one that is likely meant.
+        nearest: String,
     },
     /// No efforts and no commands of the joint.
     #[error(
@@ -134,9 +136,7 @@ impl Recording {
     pub fn motion(&self, name: &str) -> Result<SmoothMotion, RecordingError> {
         let run = self.name.clone();
         let joint = name.to_owned();
-        let Some(samples) = self.joints.iter().find(|j| j.name == name) else {
-            return Err(RecordingError::NoJoint { run, joint, has: self.names() });
-        };
+        let Some(samples) = self.samples(name) else { return Err(self.no_joint(name)) };
         let mut log = JointLog::default();
         for (t, q) in samples.time_s.iter().zip(&samples.position) {
             if q.is_finite() && log.time_s.last().is_none_or(|last| *t > last + SAME_TIME_S) {
@@ -158,8 +158,27 @@ impl Recording {
         self.joints.iter().find(|j| j.name == joint)
     }
 
-    fn names(&self) -> String {
-        self.joints.iter().map(|j| format!("'{}'", j.name)).collect::<Vec<_>>().join(", ")
+    /// The error for a joint that the run lacks.
+    fn no_joint(&self, joint: &str) -> RecordingError {
+        let run = self.name.clone();
+        // A prefix or a namespace is the usual difference.
+        let is_alike = |name: &&str| name.ends_with(joint) || joint.ends_with(*name);
+        let names: Vec<&str> = self.joints.iter().map(|j| j.name.as_str()).collect();
+        let nearest = names.iter().find(|n| is_alike(n)).or(names.first()).copied().unwrap_or("RECORDED");
+        let has = names.iter().map(|n| format!("'{n}'")).collect::<Vec<_>>().join(", ");
+        RecordingError::NoJoint { run, joint: joint.to_owned(), has, nearest: nearest.to_owned() }
+    }
+
+    /// Gives joints the twin's names; each pair is the twin's name and the recorded one.
+    pub fn rename_joints(&mut self, pairs: &[(String, String)]) {
+        let twins = |recorded: &str| pairs.iter().find(|(_, r)| r == recorded).map(|(twin, _)| twin.clone());
+        // A recorded name that a twin's joint of another name takes over.
+        let is_taken = |name: &str| pairs.iter().any(|(twin, _)| twin == name);
+        self.joints.retain(|s| twins(&s.name).is_some() || !is_taken(&s.name));
+        self.commands.retain(|c| twins(&c.joint).is_some() || !is_taken(&c.joint));
+        self.joints.iter_mut().for_each(|s| s.name = twins(&s.name).unwrap_or_else(|| s.name.clone()));
+        self.commands.iter_mut().for_each(|c| c.joint = twins(&c.joint).unwrap_or_else(|| c.joint.clone()));
+        self.joints.sort_by(|a, b| a.name.cmp(&b.name));
     }
 
     /// The log of one joint; positions of `others` are resampled to its stamps. Repeated and decreasing
@@ -175,11 +194,7 @@ impl Recording {
         warnings: &mut Vec<Note>,
     ) -> Result<JointLog, RecordingError> {
         let (run, joint) = (|| self.name.clone(), || name.to_owned());
-        let samples = self.joints.iter().find(|j| j.name == name).ok_or_else(|| RecordingError::NoJoint {
-            run: run(),
-            joint: joint(),
-            has: self.names(),
-        })?;
+        let samples = self.samples(name).ok_or_else(|| self.no_joint(name))?;
         if !samples.position.iter().any(|q| q.is_finite()) {
             return Err(RecordingError::NoPosition { run: run(), joint: joint() });
         }

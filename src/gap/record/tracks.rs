@@ -54,6 +54,8 @@ pub struct Streams {
     pub commands: Vec<(String, Vec<String>)>,
     /// Links with transforms (child frames) to be read as poses.
     pub links: Vec<String>,
+    /// Joints of the twin that were recorded under another name: the twin's name and the recorded one.
+    pub joints: Vec<(String, String)>,
 }
 
 /// Why a track cannot be used.
@@ -225,6 +227,7 @@ mod tests {
             mass_kg: 0.0,
             center_of_mass: Point3::origin(),
             inertia: Matrix3::zeros(),
+            inertia_excess: 0.0,
         };
         let joint = |name: &str, motion, parent, child, at: f64, axis: Vector3<f64>| TwinJoint {
             name: name.into(),
@@ -236,7 +239,8 @@ mod tests {
             damping: 0.0,
             friction: 0.0,
             limit: None,
-            is_mimic: false,
+            mimic: None,
+            is_free: false,
         };
         let joints = vec![
             joint("hinge", Motion::Turn, 0, 1, 1.0, Vector3::z()),

@@ -31,6 +31,7 @@ fn arms(damping: f64) -> TwinTree {
         mass_kg,
         center_of_mass: Point3::from(com),
         inertia: Matrix3::from_diagonal(&Vector3::new(1e-3, 1e-3, 1e-3)),
+        inertia_excess: 0.0,
     };
     let joint = |name: &str, parent, z: f64| TwinJoint {
         name: name.into(),
@@ -42,7 +43,8 @@ fn arms(damping: f64) -> TwinTree {
         damping,
         friction: 0.0,
         limit: None,
-        is_mimic: false,
+        mimic: None,
+        is_free: false,
     };
     TwinTree {
         name: "arms".into(),

@@ -1,0 +1,41 @@
+//! Whether recorded efforts are held between samples, as a simulator applies them, or sampled with the
+//! positions, as a drive measures them: the reading under which the logs are more likely, each with the
+//! effects that it needs. See docs/method.md 14.15.
+
+use crate::{
+    fit::problem::Problem,
+    judge::{
+        assess::Examined,
+        name_weight::least_gain,
+        search::{fitted_from_seed, fitted_twin},
+    },
+    model::{effect::Place, joint_model::JointModel, plant::Plant},
+    record::{drive::Hold, log::JointLog},
+};
+
+/// Gain of score with sampled efforts, before any search: of the twin, or of the effects found with held
+/// ones, with and without a delay, which may stand for half an interval. `fitted` are the logs of a joint
+/// that was examined with held efforts.
+#[must_use]
+pub fn promised_gain(held: &Examined, plant: &Plant, fitted: Vec<JointLog>) -> f64 {
+    let catalogue = held.problem.catalogue;
+    let sampled = Problem::new(catalogue, plant, held.problem.turns, fitted, Hold::Linear).at_steps();
+    let base = fitted_twin(&sampled);
+    let found = held.diagnosis.effects_or_nearest();
+    let mut prompt = found.clone();
+    prompt.terms.retain(|t| catalogue[t.effect].place() != Place::Delay);
+    let mut best = base.score;
+    for model in [found, &prompt] {
+        if !model.terms.is_empty() {
+            let start = JointModel { lag_s: 0.0, ..model.clone() };
+            best = best.max(fitted_from_seed(&sampled, &base, &start).score);
+        }
+    }
+    best - held.score
+}
+
+/// Whether a gain of score shows that efforts are sampled.
+#[must_use]
+pub fn is_sampled(gain: f64) -> bool {
+    gain > least_gain(1)
+}
