@@ -35,7 +35,6 @@ impl std::fmt::Display for Finding {
 /// indices inside), masses (positive), inertia tensors (symmetric, positive, `A + B >= C`), axes (unit),
 /// limits (finite, lower below upper, around the observed positions), the tree (every link reached from link
 /// 0 by one chain) and the states.
-#[must_use]
 pub fn validate(model: &ArticulatedModel) -> Vec<Finding> {
     let mut found = Findings::default();
     check_names(model, &mut found);
@@ -125,7 +124,6 @@ fn check_inertial(subject: &str, inertial: &Inertial, found: &mut Findings) {
 
 /// Why an inertia is impossible for any finite body: a principal moment is negative, or larger than the other
 /// two together; `None` if it is possible. A moment of 0 belongs to a point or a rod.
-#[must_use]
 pub fn impossible_inertia(inertia: &Matrix3<f64>) -> Option<String> {
     let [a, b, c] = principal_moments(inertia);
     if a < -INERTIA_SLACK * c.abs() {
@@ -138,7 +136,6 @@ pub fn impossible_inertia(inertia: &Matrix3<f64>) -> Option<String> {
 }
 
 /// Principal moments of a finite tensor in rising order.
-#[must_use]
 pub fn principal_moments(inertia: &Matrix3<f64>) -> [f64; 3] {
     // The solver reads one half of the tensor.
     let mut m: [f64; 3] = SymmetricEigen::new(0.5 * (inertia + inertia.transpose())).eigenvalues.into();

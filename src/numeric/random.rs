@@ -8,7 +8,6 @@ use rand_pcg::Pcg64Mcg;
 
 /// The random stream of a step of a stage. It is independent of other stages and steps: a resumed run draws
 /// the same as an uninterrupted one, and a new stage does not change the others.
-#[must_use]
 pub fn stage_rng(seed: u64, stage: &str, step: u64) -> Pcg64Mcg {
     let name = hash_of(stage);
     let mut bytes = [0; 16];

@@ -21,7 +21,6 @@ pub struct PartEvidence<'a> {
 
 impl<'a> PartEvidence<'a> {
     /// Collects the evidence of all pairs; `None` without one.
-    #[must_use]
     pub fn new(pairs: impl IntoIterator<Item = PairEvidence<'a>>) -> Option<Self> {
         let mut pairs = pairs.into_iter();
         Some(Self { first: pairs.next()?, others: pairs.collect() })
@@ -38,13 +37,11 @@ impl<'a> PartEvidence<'a> {
     }
 
     /// Position and size of the part in state 0.
-    #[must_use]
     pub fn place(&self) -> PartPlace {
         self.first.place
     }
 
     /// Estimates the joint between this part and a parent with the given motions to all other states.
-    #[must_use]
     pub fn estimated_joint(
         &self,
         parents: &[ParentMotion],
@@ -55,7 +52,6 @@ impl<'a> PartEvidence<'a> {
     }
 
     /// A turning joint with its axis at the best place for its fixed direction.
-    #[must_use]
     pub fn settled(
         &self,
         joint: JointEstimate,
@@ -66,7 +62,6 @@ impl<'a> PartEvidence<'a> {
     }
 
     /// Whether the part would fit all states as well after a turn about the axis of a joint.
-    #[must_use]
     pub fn looks_alike_round(&self, joint: &JointEstimate, config: &JointConfig) -> bool {
         self.pairs().zip(&joint.motions).all(|(pair, motion)| {
             looks_alike_round(&pair.motion_evidence(), motion, &joint.axis, &config.refine)

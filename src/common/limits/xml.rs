@@ -31,7 +31,6 @@ pub enum XmlError {
 
 /// The text with a valid XML declaration: `<?xml ...?>` without a version is not XML, but simulators ignore
 /// the declaration and load such files.
-#[must_use]
 pub fn with_declaration(text: &str) -> Cow<'_, str> {
     let after = text.strip_prefix("<?xml ").and_then(|rest| rest.split_once("?>"));
     match after.filter(|(declared, _)| !declared.trim_start().starts_with("version")) {

@@ -11,7 +11,6 @@ use model::escape_xml;
 const NOT_WRITTEN: &str = "not written";
 
 /// The table of all formats.
-#[must_use]
 pub(super) fn exports_table(joints: &[JointReport], notes: &[ExportNote]) -> String {
     let head =
         ["Format", "Joint", "Effect", "The file", "In its place", "Held-out residual, twin \u{2192} file"];
