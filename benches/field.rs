@@ -35,11 +35,7 @@ fn batch(rays: usize, samples_per_ray: usize) -> SampleBatch {
 
 fn engine(config: &FieldConfig, isa: InstructionSet) -> CpuEngine {
     let params = FieldParams::random_params(config, &mut stage_rng(1, "bench/field", 0));
-    let n = params.parameter_count();
-    CpuEngine::with_instructions(
-        EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 },
-        isa,
-    )
+    CpuEngine::with_instructions(EngineState::untrained(params), isa)
 }
 
 fn steps(bencher: Bencher<'_, '_>, config: &FieldConfig, isa: InstructionSet) {

@@ -35,8 +35,7 @@ fn main() {
     let weights: usize = layers.map(|l| l.weights.len()).sum();
     // A weight takes a multiplication and an addition forward, for the gradient of its input and for its own.
     let network_flops = 6.0 * (weights * RAYS * SAMPLES_PER_RAY) as f64;
-    let n = params.parameter_count();
-    let state = EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 };
+    let state = EngineState::untrained(params);
     let batch = batch();
 
     let mut cpu: Vec<(InstructionSet, CpuEngine, Vec<Step>)> = InstructionSet::available_sets()

@@ -233,9 +233,7 @@ mod gpu {
             },
             &mut numeric::random::stage_rng(0, "adapter", 0),
         );
-        let n = params.parameter_count();
-        let state = EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 };
-        BurnEngine::wgpu(state).map(drop).map_err(|error| {
+        BurnEngine::wgpu(EngineState::untrained(params)).map(drop).map_err(|error| {
             println!("{error}");
             "a GPU adapter is missing: apt-get install mesa-vulkan-drivers".into()
         })

@@ -8,11 +8,12 @@ mod opened;
 use std::path::PathBuf;
 
 use config::{Config, Layers};
+use geometry::AxisMotion;
 use io::write_synth_bag;
 use model::{Joint, JointKind};
 use opened::open;
 use run::{Monitor, Stages, Twin, reconstruct_twin};
-use synth::{Family, Object, PartJointKind, SynthConfig, film_take, generate};
+use synth::{Family, Object, SynthConfig, film_take, generate};
 
 fn config() -> Config {
     let mut layers = Layers::new(&Config::default()).unwrap();
@@ -95,7 +96,7 @@ fn parts_that_move_in_different_states_are_both_found() {
             joint.kind,
             twin.model.states.iter().map(|s| s[j]).collect::<Vec<_>>()
         );
-        let slides = object.parts[part].joint.unwrap().kind == PartJointKind::Prismatic;
+        let slides = object.parts[part].joint.unwrap().kind == AxisMotion::Prismatic;
         assert_eq!(joint.kind, if slides { JointKind::Prismatic } else { JointKind::Revolute });
         // Measured: 0.05 and 0.17 deg.
         assert!(degrees < 0.32, "{degrees}");

@@ -1,6 +1,6 @@
 //! Synthetic frames of solids with known signed distance functions, for tests and examples.
 
-use geometry::{Intrinsics, Pose};
+use geometry::{Intrinsics, Pose, lattice_directions};
 use nalgebra::{Point3, Vector3};
 
 use crate::RgbdFrame;
@@ -84,16 +84,7 @@ pub fn color_of(p: &Point3<f64>) -> [u8; 3] {
 /// Views at the given distance from evenly spread directions (a Fibonacci lattice).
 pub fn orbit(distance: &dyn Fn(&Point3<f64>) -> f64, views: usize, range_m: f64) -> Vec<RgbdFrame> {
     let k = Intrinsics { width: 200, height: 160, fx: 210.0, fy: 208.0, cx: 101.3, cy: 78.6 };
-    (0..views)
-        .map(|i| {
-            let z = 1.0 - (2.0 * i as f64 + 1.0) / views as f64;
-            let azimuth = i as f64 * std::f64::consts::PI * (3.0 - 5.0f64.sqrt());
-            let r = (1.0 - z * z).sqrt();
-            view_of(
-                distance,
-                k,
-                looking_at_origin(Point3::new(r * azimuth.cos(), r * azimuth.sin(), z) * range_m),
-            )
-        })
+    lattice_directions(views)
+        .map(|d| view_of(distance, k, looking_at_origin(Point3::from(d * range_m))))
         .collect()
 }

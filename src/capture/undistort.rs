@@ -12,7 +12,9 @@
 //!
 //! z-depth is the same in both cameras, since they share their frame.
 
-use geometry::Intrinsics;
+use nalgebra::Vector3;
+
+use geometry::{Intrinsics, bilinear};
 
 /// Lens model; all zero is a pinhole.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -148,18 +150,10 @@ impl UndistortMap {
         if !(u >= 0.0 && v >= 0.0 && u <= (self.width - 1) as f32 && v <= (self.height - 1) as f32) {
             return [0; 3];
         }
-        let x = u as usize;
-        let y = v as usize;
-        let x1 = (x + 1).min(self.width - 1);
-        let y1 = (y + 1).min(self.height - 1);
-        let fx = u - x as f32;
-        let fy = v - y as f32;
-        let at = |x: usize, y: usize, c: usize| f32::from(pixels[y * self.width + x][c]);
-        std::array::from_fn(|c| {
-            let top = at(x, y, c) * (1.0 - fx) + at(x1, y, c) * fx;
-            let bottom = at(x, y1, c) * (1.0 - fx) + at(x1, y1, c) * fx;
-            (top * (1.0 - fy) + bottom * fy).round() as u8
-        })
+        let at = |i: usize| Vector3::from(pixels[i].map(f64::from));
+        bilinear(at, self.width, self.height, f64::from(u), f64::from(v))
+            .map(|level| level.round() as u8)
+            .into()
     }
 
     /// Values that must not be interpolated (depth, masks), from the nearest pixel; `outside` where there is

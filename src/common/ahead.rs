@@ -22,7 +22,6 @@ pub struct Ahead {
 
 impl Ahead {
     /// An empty store that keeps results.
-    #[must_use]
     pub fn new() -> Self {
         Self { keeps: true, kept: Mutex::default() }
     }
@@ -71,13 +70,11 @@ impl Ahead {
     }
 
     /// Whether the result under a key is known.
-    #[must_use]
     pub fn knows(&self, key: &Key) -> bool {
         self.kept().iter().any(|(k, _)| k == key)
     }
 
     /// Number of results.
-    #[must_use]
     pub fn count(&self) -> usize {
         self.kept().len()
     }

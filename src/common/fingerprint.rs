@@ -22,7 +22,6 @@ pub struct Key {
 
 impl Key {
     /// The key of a result that depends on these byte strings.
-    #[must_use]
     pub fn of<'a>(stage: &str, pieces: impl IntoIterator<Item = &'a [u8]>) -> Self {
         Self { stage: stage.to_owned(), digest: digest(pieces) }
     }
@@ -61,7 +60,6 @@ pub struct Fingerprint(BTreeMap<String, String>);
 
 impl Fingerprint {
     /// Adds a fact.
-    #[must_use]
     pub fn with(mut self, name: impl Into<String>, value: impl ToString) -> Self {
         self.0.insert(name.into(), value.to_string());
         self
@@ -100,7 +98,6 @@ impl Fingerprint {
     }
 
     /// Sentences about what differs from `other`, in terms of this one's facts.
-    #[must_use]
     pub fn differences(&self, other: &Self) -> Vec<String> {
         let names: BTreeSet<&String> = self.0.keys().chain(other.0.keys()).collect();
         let show = |value: Option<&String>| value.map_or("absent", String::as_str).to_owned();
@@ -123,13 +120,11 @@ impl Fingerprint {
     }
 
     /// The key of a result that depends on all facts.
-    #[must_use]
     pub fn key(&self, stage: &str) -> Key {
         Key::of(stage, self.pieces())
     }
 
     /// A digest of all facts.
-    #[must_use]
     pub fn text(&self) -> String {
         format!("{:016x}", digest(self.pieces()))
     }

@@ -84,19 +84,16 @@ macro_rules! codes {
             pub const ALL: &[(Self, &str, &str)] = &[$((Self::$name, $word, $meaning),)*];
 
             /// Whether it puts a twin's parts, joints or shape in doubt.
-            #[must_use]
             pub fn doubts_twin(self) -> bool {
                 DOUBTS.contains(&self)
             }
 
             /// Whether it is about the user's files or the course of the run, not about choices made in it.
-            #[must_use]
             pub fn is_of_run(self) -> bool {
                 OF_RUN.contains(&self)
             }
 
             /// Its word in files and events.
-            #[must_use]
             pub fn word(self) -> &'static str {
                 match self {
                     $(Self::$name => $word,)*

@@ -17,13 +17,11 @@ pub struct Stopped;
 
 impl Stop {
     /// Stops once `flag` is set.
-    #[must_use]
     pub fn by(flag: Arc<AtomicBool>) -> Self {
         Self(flag)
     }
 
     /// Never stops.
-    #[must_use]
     pub fn never() -> Self {
         Self::default()
     }

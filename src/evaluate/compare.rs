@@ -10,7 +10,7 @@ use super::{
     joint_metrics::{JointRow, displacement_m},
     matching::{MAX_PARTS, cheapest_pairs},
     run_files::RunFiles,
-    surface_metrics::{chamfer_distance, mean_distance_mm, sample_surface},
+    surface_metrics::{chamfer_distance, mean_distance_mm, points_on_surface},
     truth::{TrueJoint, TruePart, Truth},
 };
 use numeric::random::stage_rng;
@@ -166,8 +166,8 @@ fn mesh_row(
     // A random stream for each drawing: samples of one surface do not depend on those of another.
     let stream = |k: u64| stage_rng(options.seed, &stage, k);
     let count = options.samples;
-    let samples = sample_surface(found, count, &mut stream(0));
-    let [first, second, third] = [1, 2, 3].map(|k| sample_surface(true_mesh, count, &mut stream(k)));
+    let samples = points_on_surface(found, count, &mut stream(0));
+    let [first, second, third] = [1, 2, 3].map(|k| points_on_surface(true_mesh, count, &mut stream(k)));
     // As in the reference tool: first every fourth point, then those of the part.
     let seen = truth.seen[state].iter().step_by(SEEN_STRIDE);
     let seen = seen.filter(|p| part.is_none_or(|part| p.part == part.index));

@@ -5,7 +5,6 @@ use surface::{TriangleMesh, connected_components, drop_unused_vertices, welded_m
 /// The mesh without components smaller than `share` times the area of the largest one. The released
 /// evaluation counts triangles instead, which are of similar size in marching cubes but not in a simplified
 /// mesh. Triangles are connected by common vertices; vertices at the same position are one.
-#[must_use]
 pub(crate) fn large_components(mesh: &TriangleMesh, share: f64) -> TriangleMesh {
     // Textures split vertices at their seams; welding joins those at the same position.
     let welded = welded_mesh(mesh, 0.0);

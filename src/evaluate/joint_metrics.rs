@@ -50,13 +50,11 @@ pub struct JointRow {
 
 impl JointRow {
     /// The row of a part without a match.
-    #[must_use]
     pub fn missing(part: &str, truth: &TrueJoint) -> Self {
         Self { part: part.to_owned(), type_true: truth.kind.clone(), missing: true, ..Self::default() }
     }
 
     /// The row of a matched part; `error_m` is its mean displacement.
-    #[must_use]
     pub fn matched(part: &str, truth: &TrueJoint, run: &RunFiles, found: usize, error_m: f64) -> Self {
         let kind = run.kind(found);
         let axis = run.axis(found);
@@ -93,7 +91,6 @@ impl JointRow {
 }
 
 /// Mean displacement of points between two motions, meters; `None` without points.
-#[must_use]
 pub(crate) fn displacement_m(points: &[Point3<f32>], a: &Pose, b: &Pose) -> Option<f64> {
     let distances: Vec<f64> =
         points.iter().map(|p| p.cast::<f64>()).map(|p| (a * p - b * p).norm()).collect();

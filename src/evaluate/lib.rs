@@ -14,7 +14,6 @@
 
 mod compare;
 mod components;
-mod distance;
 mod error;
 mod joint_metrics;
 mod matching;
@@ -107,7 +106,6 @@ pub fn evaluate_runs(
 }
 
 /// Measures trials of one object; an unreadable run counts as a failed trial.
-#[must_use]
 pub fn evaluate_trials(runs: &[PathBuf], truth: &Truth, options: &EvaluateOptions) -> Vec<Evaluation> {
     runs.iter().map(|folder| or_failed(evaluate_run(folder, truth, options), folder, truth)).collect()
 }

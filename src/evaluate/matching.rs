@@ -6,7 +6,6 @@ pub(crate) const MAX_PARTS: usize = 20;
 /// One-to-one pairs (row, column) of a cost table with the smallest sum, as many as the smaller side allows.
 /// Exact, by dynamic programming over subsets of the larger side. Returned with increasing rows; `None`
 /// beyond [`MAX_PARTS`].
-#[must_use]
 pub(crate) fn cheapest_pairs(cost: &[Vec<f64>], columns: usize) -> Option<Vec<(usize, usize)>> {
     let rows = cost.len();
     if rows.max(columns) > MAX_PARTS {

@@ -47,7 +47,6 @@ pub struct Published {
 
 impl Published {
     /// The published metrics of some trials of the same object; `None` without trials.
-    #[must_use]
     pub fn of_trials(trials: &[Evaluation]) -> Option<Self> {
         // All trials have the same rows, determined by the truth.
         let names: Vec<(String, &'static str)> =

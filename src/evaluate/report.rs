@@ -29,14 +29,12 @@ pub struct EvaluationReport {
 
 impl EvaluationReport {
     /// The report as indented JSON. An entry of a run has the keys of the reference tool, and more.
-    #[must_use]
     pub fn to_json(&self) -> String {
         // Maps with text keys and finite or missing numbers can always be serialized.
         serde_json::to_string_pretty(self).unwrap_or_default()
     }
 
     /// The report as text tables.
-    #[must_use]
     pub fn to_text(&self) -> String {
         let mut out = format!("truth {}\n", self.truth);
         for trial in &self.trials {

@@ -55,7 +55,6 @@ impl RunFiles {
     }
 
     /// Surface of some links in one state, world frame.
-    #[must_use]
     pub fn surface(&self, links: &[usize], state: usize) -> TriangleMesh {
         let world_from = |link: usize| self.tree.world_from_link(link, &self.states[state]);
         let placed: Vec<TriangleMesh> =
@@ -64,7 +63,6 @@ impl RunFiles {
     }
 
     /// Motion of a part from state 0 to another state, world frame.
-    #[must_use]
     pub fn motion(&self, part: usize, state: usize) -> Pose {
         let head = self.parts[part][0];
         self.tree.world_from_link(head, &self.states[state])
@@ -73,7 +71,6 @@ impl RunFiles {
     }
 
     /// Axis of a part's joint in state 0, world frame: direction and a point; `None` for the root's part.
-    #[must_use]
     pub fn axis(&self, part: usize) -> Option<(Unit<Vector3<f64>>, Point3<f64>)> {
         let joint = self.tree.joint_of(self.parts[part][0])?;
         let world_from_joint = self.tree.world_from_joint(joint, &self.states[0]);
@@ -83,7 +80,6 @@ impl RunFiles {
 
     /// `revolute`, `prismatic` or `screw` (a revolute and a prismatic joint with a link without a mesh
     /// between them, in either order); `fixed` for the root's part.
-    #[must_use]
     pub fn kind(&self, part: usize) -> &'static str {
         let Some(joint) = self.tree.joint_of(self.parts[part][0]) else { return "fixed" };
         let kind = kind_name(joint.kind);

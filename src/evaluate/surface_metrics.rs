@@ -4,43 +4,16 @@ use nalgebra::Point3;
 use rand_core::Rng;
 use rayon::prelude::*;
 
-use super::distance::MeshDistance;
 use geometry::NearestPoints;
-use numeric::random::unit_uniform;
-use surface::TriangleMesh;
+use surface::{MeshDistance, TriangleMesh, sample_surface};
 
 /// `count` points drawn uniformly by area from a mesh; empty if the mesh has no area.
-#[must_use]
-pub(crate) fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> Vec<Point3<f64>> {
-    let mut sum = 0.0;
-    let cumulative: Vec<f64> = (0..mesh.triangles.len())
-        .map(|t| {
-            sum += f64::from(mesh.area_normal(t).norm());
-            sum
-        })
-        .collect();
-    if sum <= 0.0 {
-        return Vec::new();
-    }
-    let mut points = Vec::with_capacity(count);
-    for _ in 0..count {
-        let at = unit_uniform(rng) * sum;
-        let triangle = cumulative.partition_point(|&c| c <= at).min(cumulative.len() - 1);
-        let [a, b, c] = mesh.corners(triangle).map(|p| p.cast::<f64>());
-        let mut u = unit_uniform(rng);
-        let mut v = unit_uniform(rng);
-        // The other half of the parallelogram is folded back, so the density is uniform.
-        if u + v > 1.0 {
-            (u, v) = (1.0 - u, 1.0 - v);
-        }
-        points.push(a + (b - a) * u + (c - a) * v);
-    }
-    points
+pub(crate) fn points_on_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> Vec<Point3<f64>> {
+    sample_surface(mesh, count, rng).points.iter().map(|p| p.cast()).collect()
 }
 
 /// Chamfer distance as published, 1e-3 m^2: mean squared distance from `a` to the nearest point of `b`, plus
 /// the same from `b` to `a`, times 1000: docs/method.md (13.2). `None` if a set is empty.
-#[must_use]
 pub(crate) fn chamfer_distance(a: &[Point3<f64>], b: &[Point3<f64>]) -> Option<f64> {
     Some(1000.0 * (mean_squared_m2(a, b)? + mean_squared_m2(b, a)?))
 }
@@ -54,13 +27,10 @@ fn mean_squared_m2(from: &[Point3<f64>], to: &[Point3<f64>]) -> Option<f64> {
 }
 
 /// Mean distance from points to a mesh, millimeters; `None` without points or triangles.
-#[must_use]
 pub(crate) fn mean_distance_mm(points: &[Point3<f64>], mesh: &TriangleMesh) -> Option<f64> {
-    if mesh.is_empty() {
-        return None;
-    }
-    let distance = MeshDistance::new(mesh);
-    let distances: Vec<f64> = points.par_iter().map(|p| distance.distance_m(p)).collect();
+    let points: Vec<Point3<f32>> = points.iter().map(|p| p.cast()).collect();
+    let distances: Vec<f64> =
+        MeshDistance::new(mesh)?.distances_m(&points).into_iter().map(f64::from).collect();
     Some(1000.0 * mean_of(&distances)?)
 }
 
@@ -76,16 +46,12 @@ mod tests {
     use numeric::random::stage_rng;
 
     #[test]
-    fn samples_lie_on_the_surface_by_area() {
-        // Area by face pair: 2 * (1*2 + 1*3 + 2*3) = 22; the two x faces have 12.
+    fn a_surface_is_at_no_distance_from_its_samples() {
         let mesh = box_mesh([0.0; 3], [1.0, 2.0, 3.0], [0; 3]);
-        let points = sample_surface(&mesh, 20_000, &mut stage_rng(1, "test", 0));
-        let on_x = points.iter().filter(|p| p.x.abs() < 1e-9 || (p.x - 1.0).abs() < 1e-9).count() as f64;
-        assert!((on_x / 20_000.0 - 12.0 / 22.0).abs() < 0.015, "{on_x}");
-        let middle = points.iter().fold(nalgebra::Vector3::zeros(), |s, p| s + p.coords) / 20_000.0;
-        assert!((middle - nalgebra::Vector3::new(0.5, 1.0, 1.5)).norm() < 0.02);
-        assert!(mean_distance_mm(&points, &mesh).unwrap() < 1e-4);
-        assert!(sample_surface(&TriangleMesh::default(), 10, &mut stage_rng(1, "test", 0)).is_empty());
+        let points = points_on_surface(&mesh, 2000, &mut stage_rng(1, "test", 0));
+        assert!(mean_distance_mm(&points, &mesh).unwrap() < 1e-3);
+        assert_eq!(mean_distance_mm(&points, &TriangleMesh::default()), None);
+        assert_eq!(mean_distance_mm(&[], &mesh), None);
     }
 
     #[test]
@@ -93,7 +59,7 @@ mod tests {
         // docs/method.md (13.3): two samplings of the same surface of A square meters are 0.0637 A apart.
         let mut square = box_mesh([0.0; 3], [1.0; 3], [0; 3]);
         square.triangles.truncate(2);
-        let draw = |k| sample_surface(&square, 10_000, &mut stage_rng(3, "test", k));
+        let draw = |k| points_on_surface(&square, 10_000, &mut stage_rng(3, "test", k));
         let floor = chamfer_distance(&draw(0), &draw(1)).unwrap();
         assert!((floor - 0.0637).abs() < 0.003, "{floor}");
     }

@@ -47,7 +47,6 @@ pub struct TrialTable {
 
 impl TrialTable {
     /// An empty table for `seeds` trials each.
-    #[must_use]
     pub fn new(seeds: u64) -> Self {
         Self { seeds, trials: Vec::new() }
     }
@@ -75,14 +74,12 @@ impl TrialTable {
     }
 
     /// The table as indented JSON.
-    #[must_use]
     pub fn to_json(&self) -> String {
         // Text and finite or missing numbers can always be serialized.
         serde_json::to_string_pretty(self).unwrap_or_default()
     }
 
     /// One Markdown table per object, with a row for each metric and a column for each method.
-    #[must_use]
     pub fn to_markdown(&self) -> String {
         let mut out = format!(
             "Mean ± deviation over the trials ({} seeds) in which the metric exists, and (best trial: the \

@@ -17,7 +17,6 @@ const LEFT_M: f64 = 0.023;
 
 /// The page as PDF bytes. Each tag is one path, black with its white cells cut out: no hairlines show between
 /// cells.
-#[must_use]
 pub fn board_page(layout: &BoardLayout) -> Vec<u8> {
     let content = drawing(layout);
     let [width, height] = layout.sheet_m.map(|m| m * POINTS);

@@ -26,7 +26,6 @@ pub struct CameraPosesReport {
 
 impl CameraPosesReport {
     /// Reports of the states with a correction.
-    #[must_use]
     pub fn of_corrections(states: &[Option<PoseCorrection>]) -> Vec<Self> {
         let mut reports = Vec::new();
         for (state, found) in states.iter().enumerate() {
@@ -67,7 +66,6 @@ pub struct CameraTrackingReport {
 
 impl CameraTrackingReport {
     /// Reports of all states; empty for recorded poses.
-    #[must_use]
     pub fn of_findings(states: &[TrackingFindings]) -> Vec<Self> {
         states.iter().enumerate().map(|(state, found)| Self::of_state(state, found)).collect()
     }
@@ -98,7 +96,6 @@ pub struct WorldFrameReport {
 
 impl WorldFrameReport {
     /// The report of a displacement, meters, and a rotation, radians.
-    #[must_use]
     pub fn of_uncertainty([moved_m, turned_rad]: [f64; 2]) -> Self {
         Self {
             std_mm: round_significant(1e3 * moved_m, DIGITS),
@@ -139,7 +136,6 @@ pub struct DepthSensorReport {
 
 impl DepthSensorReport {
     /// The report of a calibration.
-    #[must_use]
     pub fn of_calibration(found: &SensorCalibration) -> Self {
         let percent = |share: f64| round_significant(100.0 * share, DIGITS);
         Self {

@@ -65,7 +65,6 @@ impl ExportConfig {
     }
 
     /// Name and address of the maintainer.
-    #[must_use]
     pub fn maintainer(&self) -> Option<(&str, &str)> {
         let (name, rest) = self.maintainer.split_once('<')?;
         let address = rest.trim_end().strip_suffix('>')?;

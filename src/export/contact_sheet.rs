@@ -21,7 +21,6 @@ const EYE: [u8; 3] = [20, 60, 160];
 /// A PNG with a row for each state: some of its views, with the object bright, and a disc of the directions
 /// of all views. The disc is seen from above with the front at the bottom; its rim is the horizon and its
 /// center the zenith; directions without a view are red.
-#[must_use]
 pub fn contact_sheet(capture: &Capture, coverage: &[Option<Coverage>]) -> Vec<u8> {
     let width = VIEWS * (VIEW[0] + GAP) + VIEW[1] + 2 * GAP;
     let height = capture.states.len() * (VIEW[1] + GAP) + GAP;

@@ -44,7 +44,6 @@ impl Tally {
     }
 
     /// Share of the readings that the twin does not explain, from 0 to 1.
-    #[must_use]
     pub fn unexplained_share(&self) -> f64 {
         self.share_of(self.lacks + self.surplus)
     }
@@ -86,7 +85,6 @@ pub struct NamedShare {
 
 impl StateDifference {
     /// A warning if the twin differs by more than errors explain.
-    #[must_use]
     pub fn difference_warning(&self) -> Option<Note> {
         let least_readings = LEAST * self.readings as f64;
         let differing =
@@ -107,7 +105,6 @@ impl StateDifference {
     }
 
     /// The differences in a state, from the tallies of its views and of all links.
-    #[must_use]
     pub fn new(state: usize, views: &[(String, Tally)], links: &[(String, Tally)]) -> Self {
         let mut all = Tally::default();
         views.iter().for_each(|(_, tally)| all.add_tally(tally));

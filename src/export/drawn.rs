@@ -69,7 +69,6 @@ pub struct Drawn<'a> {
 }
 
 /// All meshes of a model, link by link; `looks` are those of the seen surfaces, in the order of the links.
-#[must_use]
 pub(crate) fn drawn_meshes<'a>(model: &'a ArticulatedModel, looks: &'a [Look]) -> Vec<Drawn<'a>> {
     let mut all = Vec::new();
     for (number, (link, seen)) in model.links.iter().zip(looks).enumerate() {
@@ -86,7 +85,6 @@ fn drawn_visual<'a>(link: usize, visual: Visual<'a>, seen: &'a Look) -> Drawn<'a
 }
 
 /// Looks of links without photos: the textures show the meshes' own colors.
-#[must_use]
 pub(crate) fn plain_looks(model: &ArticulatedModel) -> Vec<Look> {
     model.links.iter().map(|link| plain_look(&link.visual)).collect()
 }

@@ -37,7 +37,6 @@ pub struct GalleryCard {
 }
 
 /// The page; `unread` has a sentence for each result that could not be read.
-#[must_use]
 pub fn gallery_page(cards: &[GalleryCard], unread: &[String]) -> String {
     let mut out = page::page_head("artitwin: gallery", STYLE);
     // Writing to a string cannot fail.

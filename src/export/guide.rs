@@ -17,7 +17,6 @@ const GRASPS: &str = "\nSites (MJCF), frames (SDF, xacro) and Xforms (USD) named
     direction, z the approach. Widths are in report.json.\n";
 
 /// The text of `README.md`.
-#[must_use]
 pub(crate) fn guide(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let name = identifier(&model.name);
     let macros = macro_file(model);
@@ -61,7 +60,6 @@ pub(crate) fn guide(model: &ArticulatedModel, config: &ExportConfig) -> String {
 }
 
 /// How the files represent each screw.
-#[must_use]
 pub fn screw_notes(model: &ArticulatedModel, config: &ExportConfig) -> Vec<Note> {
     let name = identifier(&model.name);
     let screws = model.joints.iter().filter(|joint| joint.kind.thread_m_per_rad().is_some());

@@ -46,7 +46,6 @@ pub struct SeatReport {
 
 impl LimitReport {
     /// The limits of a joint of a model.
-    #[must_use]
     pub fn of_joint(model: &ArticulatedModel, joint: usize) -> Self {
         let l = &model.joints[joint].limit;
         Self {

@@ -93,7 +93,6 @@ pub struct GraspReport {
 
 impl LinkReport {
     /// The report of a link; `files` contains its meshes.
-    #[must_use]
     pub fn of_link(l: &Link, files: &[ExportFile]) -> Self {
         Self {
             name: l.name.clone(),

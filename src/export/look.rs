@@ -76,7 +76,6 @@ pub struct Look {
 impl Look {
     /// The mesh with one vertex per corner, as renderers need it, and the texture coordinates of these
     /// vertices.
-    #[must_use]
     pub fn unwelded_mesh(&self) -> (TriangleMesh, Vec<[f64; 2]>) {
         let vertices = self.corners.iter().map(|c| self.mesh.vertices[c.vertex as usize]).collect();
         let mesh = TriangleMesh { vertices, triangles: self.triangles.clone(), ..TriangleMesh::default() };
@@ -84,13 +83,11 @@ impl Look {
     }
 
     /// Its texture, for vertices with these coordinates.
-    #[must_use]
     pub fn texture_at<'a>(&'a self, uv: &'a [[f64; 2]]) -> Texture<'a> {
         Texture { uv, size_px: self.size_px, pixels: &self.texture }
     }
 
     /// The texture as a PNG; empty for a texture without pixels.
-    #[must_use]
     pub fn png_of_texture(&self) -> Vec<u8> {
         let mut bytes = Vec::new();
         let side = self.size_px as u32;
@@ -104,7 +101,6 @@ impl Look {
 }
 
 /// Looks of all links, from the photos of all states, in the order of the links.
-#[must_use]
 pub fn link_looks(model: &ArticulatedModel, capture: &Capture, config: &LookConfig) -> Vec<Look> {
     let meshes: Vec<TriangleMesh> = model.links.par_iter().map(|l| reduced_mesh(&l.visual, config)).collect();
     let mut depths: Vec<Vec<Vec<f32>>> = Vec::new();
@@ -160,7 +156,6 @@ fn views_of_link<'a>(
 }
 
 /// The look of one mesh from some views; without views, the texture shows the mesh's own colors.
-#[must_use]
 pub fn look(mesh: &TriangleMesh, views: &[BakeView], config: &LookConfig) -> Look {
     painted_look(reduced_mesh(mesh, config), views, &Light::default(), config)
 }

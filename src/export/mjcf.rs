@@ -3,7 +3,7 @@
 
 use std::fmt::Write as _;
 
-use nalgebra::{Quaternion, UnitQuaternion};
+use nalgebra::{Matrix3, Point3, Quaternion, UnitQuaternion, Vector3};
 
 use super::{
     config::{Base, ExportConfig},
@@ -40,7 +40,6 @@ const HARD_THREAD: &str = "solref=\"0.004 1\" solimp=\"0.99 0.999 0.001 0.5 2\""
 
 /// MJCF text of a model. Paths are relative to the file's folder; link 0 is fixed in the world or free to
 /// move.
-#[must_use]
 pub(crate) fn mjcf(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let head = HEAD.replace("PREFIX", &config.prefix);
     let mut text = format!("<mujoco model=\"{}\">\n{head}  <asset>\n", escape(&model.name));
@@ -146,18 +145,9 @@ fn push_body(
     let name = escape(&link.name);
     let pad = "  ".repeat(depth + 2);
     let pose = joint.map_or_else(Pose::identity, |j| j.parent_from_joint);
-    writeln!(text, "{pad}<body name=\"{name}\" {}>", place(&pose)).ok();
+    writeln!(text, "{pad}{}", body_tag(&link.name, &pose)).ok();
     let mass = &link.inertial;
-    let i = &link.inertial.inertia;
-    // In MuJoCo's order: the diagonal first, then xy, xz, yz.
-    let full = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].map(|k| short(i[k])).join(" ");
-    let com = triple(mass.center_of_mass.coords.as_ref());
-    writeln!(
-        text,
-        "{pad}  <inertial pos=\"{com}\" mass=\"{}\" fullinertia=\"{full}\"/>",
-        short(mass.mass_kg)
-    )
-    .ok();
+    writeln!(text, "{pad}  {}", inertial(mass.mass_kg, &mass.center_of_mass, &mass.inertia)).ok();
     match joint {
         Some(joint) => push_joint(text, joint, &pad),
         None if config.base == Base::Floating => {
@@ -194,23 +184,19 @@ fn push_joint(text: &mut String, joint: &Joint, pad: &str) {
     // The slide precedes the hinge, as in the keyframes, and the thread ties both. The hinge has the friction
     // and damping; its range is for readers that ignore equalities, such as Drake.
     if let Some(pitch) = joint.kind.thread_m_per_rad() {
-        let name = escape(&joint.advance_name());
-        let axis = triple(joint.axis.as_ref().as_ref());
+        let start = joint_start(&joint.advance_name(), false, &joint.axis);
         let Limit { lower, upper, .. } = advance_limit(joint, pitch);
         let range = format!("{} {}", short(lower), short(upper));
-        writeln!(text, "{pad}  <joint name=\"{name}\" type=\"slide\" axis=\"{axis}\" range=\"{range}\"/>")
-            .ok();
+        writeln!(text, "{pad}  {start} range=\"{range}\"/>").ok();
     }
-    let kind = if joint.kind.turns() { "hinge" } else { "slide" };
     let l = &joint.limit;
     let d = &joint.dynamics;
     writeln!(
         text,
-        "{pad}  <joint name=\"{}\" type=\"{kind}\" axis=\"{}\" range=\"{} {}\" damping=\"{}\" \
+        "{pad}  {} range=\"{} {}\" damping=\"{}\" \
          frictionloss=\"{}\" armature=\"{}\" \
          stiffness=\"{}\" springref=\"{}\" {HARD_FRICTION}/>",
-        escape(&joint.name),
-        triple(joint.axis.as_ref().as_ref()),
+        joint_start(&joint.name, joint.kind.turns(), &joint.axis),
         short(l.lower),
         short(l.upper),
         short(d.damping),
@@ -220,6 +206,25 @@ fn push_joint(text: &mut String, joint: &Joint, pad: &str) {
         short(d.spring_reference),
     )
     .ok();
+}
+
+/// Start tag of a body, also for the twin of a diagnosis, as are the two below.
+pub(super) fn body_tag(name: &str, parent_from_body: &Pose) -> String {
+    format!("<body name=\"{}\" {}>", escape(name), place(parent_from_body))
+}
+
+/// Element of a body's mass, kg, its center, meters, and the inertia about it, kg m^2.
+pub(super) fn inertial(mass_kg: f64, center: &Point3<f64>, inertia: &Matrix3<f64>) -> String {
+    // In MuJoCo's order: the diagonal first, then xy, xz, yz.
+    let full = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].map(|k| short(inertia[k])).join(" ");
+    let center = triple(center.coords.as_ref());
+    format!("<inertial pos=\"{center}\" mass=\"{}\" fullinertia=\"{full}\"/>", short(mass_kg))
+}
+
+/// Start of a joint's element, to be continued with attributes.
+pub(super) fn joint_start(name: &str, turns: bool, axis: &Vector3<f64>) -> String {
+    let kind = if turns { "hinge" } else { "slide" };
+    format!("<joint name=\"{}\" type=\"{kind}\" axis=\"{}\"", escape(name), triple(axis.as_ref()))
 }
 
 /// `pos` and `quat` (w first) of a pose.

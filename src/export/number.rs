@@ -3,7 +3,6 @@
 /// `value` with at most `places` decimals, without trailing zeros; never `-0`, never an exponent.
 ///
 /// For lengths and angles, where noise below the last decimal has no meaning.
-#[must_use]
 pub fn decimal(value: f64, places: usize) -> String {
     let text = format!("{value:.places$}");
     // Zeros are trimmed only after a point, not those of 100.
@@ -15,7 +14,6 @@ pub fn decimal(value: f64, places: usize) -> String {
 /// `value` with at most `digits` significant digits, with an exponent if this is shorter; never `-0`.
 ///
 /// For masses and inertias, whose magnitude varies widely.
-#[must_use]
 pub fn significant(value: f64, digits: usize) -> String {
     let rounded = round_significant(value, digits);
     if rounded == 0.0 {
@@ -27,7 +25,6 @@ pub fn significant(value: f64, digits: usize) -> String {
 }
 
 /// `value` rounded to `digits` significant digits; minus zero becomes zero. Infinities and NaN stay.
-#[must_use]
 pub fn round_significant(value: f64, digits: usize) -> f64 {
     if !value.is_finite() {
         return value;

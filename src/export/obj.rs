@@ -15,7 +15,6 @@ const UV_PLACES: usize = 6;
 
 /// OBJ text of a textured mesh: positions (meters), texture coordinates in `[0, 1]`, unit normals, triangles.
 /// It uses one material, `name` of `name.mtl`.
-#[must_use]
 pub fn textured_obj(look: &Look, name: &str) -> String {
     let name = identifier(name);
     let mut text = format!("mtllib {name}.mtl\no {name}\n");
@@ -41,7 +40,6 @@ pub fn textured_obj(look: &Look, name: &str) -> String {
 }
 
 /// The material of a textured mesh: its texture without a tint.
-#[must_use]
 pub(crate) fn mtl_text(name: &str) -> String {
     // Importers multiply the texture by Kd: 1 leaves its colors as they are.
     let name = identifier(name);
@@ -49,7 +47,6 @@ pub(crate) fn mtl_text(name: &str) -> String {
 }
 
 /// OBJ text of a convex solid: positions and triangles with the normals of their faces.
-#[must_use]
 pub(crate) fn solid_obj(solid: &ConvexSolid, name: &str) -> String {
     let mesh = solid.to_mesh();
     let mut text = format!("o {}\n", identifier(name));

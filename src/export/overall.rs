@@ -30,7 +30,6 @@ pub struct Overall {
 
 impl Overall {
     /// The verdict on a twin with this number of joints, from the warnings and differences of its run.
-    #[must_use]
     pub fn of_run(joints: usize, warnings: &[Note], differences: &[StateDifference]) -> Self {
         let doubts: Vec<&Note> = warnings.iter().filter(|w| w.code.doubts_twin()).collect();
         let (word, mut sentences) = if let Some((first, others)) = doubts.split_first() {
@@ -55,7 +54,6 @@ impl Overall {
     }
 
     /// The verdict in words, for a result with this number of warnings.
-    #[must_use]
     pub fn title_text(&self, warnings: usize) -> String {
         match self.word {
             OverallWord::Usable => "Usable".to_owned(),

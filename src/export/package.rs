@@ -37,7 +37,6 @@ pub struct ExportFile {
 /// All files of a model except its report: URDF (for simulators and for ROS), MJCF, SDF, USD, ROS package,
 /// meshes, textures, previews, viewer. `looks` are in the order of the links. The model must have no findings
 /// ([`model::validate`]).
-#[must_use]
 pub fn package(model: &ArticulatedModel, looks: &[Look], config: &ExportConfig) -> Vec<ExportFile> {
     let drawn = drawn_meshes(model, looks);
     let name = identifier(&model.name);
@@ -113,7 +112,6 @@ fn description_files(model: &ArticulatedModel, config: &ExportConfig) -> Vec<(St
 }
 
 /// [`package`] for a model without photos: the textures show the meshes' own colors.
-#[must_use]
 pub fn urdf_package(model: &ArticulatedModel, config: &ExportConfig) -> Vec<ExportFile> {
     package(model, &plain_looks(model), config)
 }

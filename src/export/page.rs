@@ -11,7 +11,6 @@ pub(crate) const TAIL: &str = "</main>\n</body>\n</html>\n";
 
 /// The beginning of a page, up to its first section; `title` is escaped, `style` extends the style of all
 /// pages.
-#[must_use]
 pub(crate) fn page_head(title: &str, style: &str) -> String {
     // The policy allows only pictures inside the page and its own style: no name from a recording can make
     // the page load or run anything.
@@ -37,7 +36,6 @@ pub(crate) fn push_list(out: &mut String, class: &str, title: &str, sentences: &
 
 /// A row of a table with column heads `head`. On a narrow screen every cell is on a line of its own, and all
 /// but the first show the head of their column.
-#[must_use]
 pub(crate) fn table_row(head: &[&str], cells: &[String]) -> String {
     let mut out = "<tr>".to_owned();
     for (k, (cell, head)) in cells.iter().zip(head).enumerate() {
@@ -63,20 +61,17 @@ pub(crate) fn push_table(out: &mut String, title: &str, head: &[&str], rows: &st
 }
 
 /// Text with true minus signs.
-#[must_use]
 pub(crate) fn with_true_minus(text: &str) -> String {
     text.replace('-', "\u{2212}")
 }
 
 /// A number, escaped, with its unit.
-#[must_use]
 pub(crate) fn number_with_unit(number: &str, unit: &str) -> String {
     let space = if unit == "\u{b0}" { "" } else { "\u{a0}" };
     format!("{}{space}<span class=\"unit\">{unit}</span>", escape(number))
 }
 
 /// A number with its noun, which is plural unless the number is 1.
-#[must_use]
 pub fn counted_noun(n: usize, what: &str) -> String {
     if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
 }

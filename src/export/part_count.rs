@@ -52,7 +52,6 @@ impl EvidencePointReport {
 impl PartCountReport {
     /// The report of a registration: the requested and the found number of parts, and the evidence by number
     /// of parts, most parts first.
-    #[must_use]
     pub fn new(given: Option<usize>, found: usize, curve: &[EvidencePoint], least_evidence: f64) -> Self {
         // The search removes motions one by one; a table reads from few to many.
         let curve = curve.iter().rev().map(EvidencePointReport::new).collect();

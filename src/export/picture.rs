@@ -27,7 +27,6 @@ const PART_COLORS: [[u8; 3]; 7] = [
 ];
 
 /// Color of a part in drawings, sRGB; part 0 is static. Colors repeat beyond the seventh part.
-#[must_use]
 pub fn part_color(part: usize) -> [u8; 3] {
     if part == 0 { PART_COLORS[0] } else { PART_COLORS[1 + (part - 1) % (PART_COLORS.len() - 1)] }
 }
@@ -88,7 +87,6 @@ pub struct Window {
 impl Window {
     /// The window around the pixels marked in some masks (`width * height`, row-major), with a margin of an
     /// eighth of its size and the aspect ratio of the picture; the whole picture if nothing is marked.
-    #[must_use]
     pub fn around_marks(masks: &[&[bool]], width: usize, height: usize) -> Self {
         let marked = masks
             .iter()
@@ -218,7 +216,6 @@ impl Picture {
 
 /// A PNG of the pixels for whose index `shown` is true, with the others transparent; empty if size and pixels
 /// disagree.
-#[must_use]
 pub fn cutout_png(rgb: &[[u8; 3]], width: usize, height: usize, shown: impl Fn(usize) -> bool) -> Vec<u8> {
     let mut rgba = Vec::with_capacity(4 * rgb.len());
     for (i, [r, g, b]) in rgb.iter().enumerate() {
@@ -288,7 +285,6 @@ fn arrows_svg(arrows: &[Arrow], width: usize, height: usize) -> String {
 
 /// Arrows along the joint axes of a model in a state (`axis_line`), as a camera sees them. An axis with an
 /// end behind the camera is left out; axes are drawn even if something hides them.
-#[must_use]
 pub fn axis_arrows(
     model: &ArticulatedModel,
     state: usize,
@@ -312,7 +308,6 @@ pub fn axis_arrows(
 
 /// The ends of the drawn axis of a joint, in the frame of its child: centered on the part or, for a slide,
 /// from the center towards rising positions; `None` for a part without surface.
-#[must_use]
 pub(crate) fn axis_line(model: &ArticulatedModel, joint: &Joint) -> Option<[Point3<f64>; 2]> {
     let (lower, upper) = model.links[joint.child].visual.bounds()?;
     let middle = nalgebra::center(&lower.cast::<f64>(), &upper.cast::<f64>());

@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
 use super::drawn::{Drawn, link_visuals};
-use geometry::Intrinsics;
+use geometry::{Intrinsics, bounding_box, box_corners};
 use model::ArticulatedModel;
 use surface::TriangleMesh;
 use surface::{Paint, RenderItem, render, simplify};
@@ -33,7 +33,6 @@ const AZIMUTH_RAD: f64 = -0.9;
 const TURNTABLE_FACES: usize = 8000;
 
 /// A PNG of the model in its last observed state; world z is up.
-#[must_use]
 pub(crate) fn thumbnail_png(model: &ArticulatedModel) -> Vec<u8> {
     let meshes: Vec<(usize, &TriangleMesh)> = model_meshes(model).collect();
     let none = Vec::new();
@@ -47,7 +46,6 @@ pub(crate) fn thumbnail_png(model: &ArticulatedModel) -> Vec<u8> {
 
 /// An animated GIF: one turn around the object while the joints go from the first observed state to the last
 /// and back.
-#[must_use]
 pub(crate) fn turntable_gif(model: &ArticulatedModel, drawn: &[Drawn]) -> Vec<u8> {
     // From the exported meshes, which have few triangles already.
     let small: Vec<(usize, TriangleMesh)> =
@@ -108,13 +106,10 @@ fn view_pixels(
         let Some((lo, hi)) = mesh.bounds() else { continue };
         for state in &model.states {
             let pose = model.world_from_link(*link, state);
-            corners.extend((0..8).map(|k| {
-                pose * Point3::from([0, 1, 2].map(|c| f64::from(if k >> c & 1 == 0 { lo[c] } else { hi[c] })))
-            }));
+            corners.extend(box_corners(&lo.cast(), &hi.cast()).map(|p| pose * p));
         }
     }
-    let Some(first) = corners.first().copied() else { return vec![[255; 3]; width * height] };
-    let (lo, hi) = corners.iter().fold((first, first), |(lo, hi), p| (lo.inf(p), hi.sup(p)));
+    let Some((lo, hi)) = bounding_box(corners.iter().copied()) else { return vec![[255; 3]; width * height] };
     let middle = nalgebra::center(&lo, &hi);
     let radius = 0.5 * (hi - lo).norm();
     let (s, c) = azimuth_rad.sin_cos();

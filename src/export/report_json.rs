@@ -246,7 +246,6 @@ pub struct RecordedCamera {
 
 impl RecordedCamera {
     /// A camera at a pose.
-    #[must_use]
     pub fn new(intrinsics: Intrinsics, world_from_camera: &Pose) -> Self {
         let matrix = world_from_camera.to_homogeneous();
         Self {
@@ -276,7 +275,6 @@ pub struct StageTime {
 
 impl Report {
     /// The report of a model, its `files` and its run. The model must have no findings ([`model::validate`]).
-    #[must_use]
     pub fn new(model: &ArticulatedModel, files: &[ExportFile], run: RunFacts) -> Self {
         Self {
             format: REPORT_FORMAT.to_owned(),
@@ -290,14 +288,12 @@ impl Report {
     }
 
     /// The report as indented JSON with a line break at the end. NaN and infinities become `null`.
-    #[must_use]
     pub fn to_json(&self) -> String {
         // Maps with text keys always serialize.
         serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
     }
 
     /// Seconds of all stages together.
-    #[must_use]
     pub fn total_seconds(&self) -> f64 {
         self.run.stages.iter().map(|s| s.seconds).sum()
     }

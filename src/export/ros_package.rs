@@ -14,7 +14,6 @@ pub(crate) const PACKAGE_XML: &str = "package.xml";
 pub(crate) const CMAKE_LISTS: &str = "CMakeLists.txt";
 
 /// Text of `package.xml`.
-#[must_use]
 pub(crate) fn package_xml(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let name = escape(&model.name);
     // `check` refuses any other form.
@@ -38,7 +37,6 @@ pub(crate) fn package_xml(model: &ArticulatedModel, config: &ExportConfig) -> St
 
 /// Text of `CMakeLists.txt`, which installs all files at these paths; files in folders are installed by
 /// folder.
-#[must_use]
 pub(crate) fn cmake_lists<'a>(model: &ArticulatedModel, paths: impl Iterator<Item = &'a str>) -> String {
     let name = identifier(&model.name);
     let mut folders = BTreeSet::new();
@@ -60,7 +58,6 @@ pub(crate) fn cmake_lists<'a>(model: &ArticulatedModel, paths: impl Iterator<Ite
 }
 
 /// Text of `launch/display.launch.py`: the twin in RViz, with a slider for every joint.
-#[must_use]
 pub(crate) fn display_launch(model: &ArticulatedModel) -> String {
     format!(
         r#""""Shows the twin in RViz, with a slider for every joint."""
@@ -88,7 +85,6 @@ def generate_launch_description():
 }
 
 /// Text of `rviz/display.rviz`: the twin in the frame of its root.
-#[must_use]
 pub(crate) fn display_rviz(model: &ArticulatedModel) -> String {
     let root = model.links.first().map_or("world", |l| l.name.as_str());
     format!(
@@ -122,7 +118,6 @@ pub(crate) fn display_rviz(model: &ArticulatedModel) -> String {
 }
 
 /// Text of `config/controllers.yaml`: controllers for the `ros2_control` block, for an empty xacro prefix.
-#[must_use]
 pub(crate) fn controllers(model: &ArticulatedModel, screws: UrdfScrew) -> String {
     let name = identifier(&model.name);
     let mut text = format!(

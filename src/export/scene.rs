@@ -10,6 +10,7 @@ use super::{
     mjcf::positions,
     urdf::{short, triple},
 };
+use geometry::bounding_box;
 use model::{ArticulatedModel, Joint, JointLoad, escape_xml as escape, joint_load};
 
 /// Direction to the camera from the object's center: in front, to the side and above; along no axis.
@@ -27,7 +28,6 @@ const SERVO_ERROR: f64 = 0.02;
 const FASTEST_RAD_S: f64 = 200.0;
 
 /// Text of `scene.xml`: the twin on a floor, with a light and a camera.
-#[must_use]
 pub(crate) fn scene_text(model: &ArticulatedModel, twin_file: &str) -> String {
     let (lower, upper) = model_bounds(model);
     let center = nalgebra::center(&lower, &upper);
@@ -71,7 +71,6 @@ pub(crate) fn scene_text(model: &ArticulatedModel, twin_file: &str) -> String {
 
 /// Text of `scene_actuated.xml`: the scene with a position actuator per joint, and a keyframe `hold0`, ...
 /// for each state held by them.
-#[must_use]
 pub(crate) fn actuated_scene(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let mut text = format!(
         "<mujoco model=\"{}_actuated\">\n  <include file=\"scene.xml\"/>\n  <actuator>\n",
@@ -127,8 +126,7 @@ fn model_bounds(model: &ArticulatedModel) -> (Point3<f64>, Point3<f64>) {
             surface.chain(solids).map(move |p| pose * p)
         })
     });
-    let around = places.map(|p| (p, p)).reduce(|(a, b), (c, d)| (a.inf(&c), b.sup(&d)));
-    around.unwrap_or((Point3::origin(), Point3::origin()))
+    bounding_box(places).unwrap_or_default()
 }
 
 #[cfg(test)]

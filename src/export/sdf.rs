@@ -33,13 +33,11 @@ enum Screws {
 /// SDF text of a model; mesh paths are relative to its folder. Link 0 is fixed to the world, or floats.
 ///
 /// A screw is written as a slide and a turn that Drake ties to it: Drake's screw joint has no limits.
-#[must_use]
 pub(crate) fn sdf(model: &ArticulatedModel, config: &ExportConfig) -> String {
     text_of(model, config, Screws::Pair)
 }
 
 /// The same with SDF's own screw joints, for Gazebo; `None` if no joint is a screw.
-#[must_use]
 pub(crate) fn screw_sdf(model: &ArticulatedModel, config: &ExportConfig) -> Option<String> {
     let is_screw = |j: &Joint| j.kind.thread_m_per_rad().is_some();
     model.joints.iter().any(is_screw).then(|| text_of(model, config, Screws::Own))
@@ -89,7 +87,6 @@ fn screw_joints(model: &ArticulatedModel) -> usize {
 }
 
 /// Text of `model.config`, by which Gazebo finds the model.
-#[must_use]
 pub(crate) fn model_config(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let file = if screw_joints(model) > 0 { SCREW_SDF } else { "model.sdf" };
     let (name, address) = config.maintainer().unwrap_or_default();

@@ -10,6 +10,7 @@ use super::{
     urdf::short,
     xacro::commanded_joint,
 };
+use geometry::{bounding_box, box_corners};
 use model::{ArticulatedModel, Joint, escape_xml as escape};
 
 /// Number of positions examined of each joint, in a chain of one, two or three joints; longer chains are not
@@ -18,7 +19,6 @@ const STEPS: [usize; 3] = [25, 12, 6];
 
 /// SRDF text of a model. A pair is exempt if a joint connects its links, or if the boxes of their reach
 /// within the limits are apart.
-#[must_use]
 pub(crate) fn srdf_text(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let root = model.links.first().map_or(String::new(), |l| escape(&l.name));
     let name = escape(&model.name);
@@ -86,13 +86,11 @@ fn reach_box(model: &ArticulatedModel, link: usize) -> Option<(Point3<f64>, Poin
         0 => 1,
         n => *STEPS.get(n - 1)?,
     };
-    let boxes = model.links[link].collision.iter().map(|s| s.bounds());
-    let (lower, upper) = boxes.reduce(|(a, b), (c, d)| (a.inf(&c), b.sup(&d)))?;
-    let corners: Vec<Point3<f64>> = (0..8usize)
-        .map(|i| Point3::from([0, 1, 2].map(|k| if i >> k & 1 == 0 { lower[k] } else { upper[k] })))
-        .collect();
+    let (lower, upper) =
+        bounding_box(model.links[link].collision.iter().flat_map(|s| s.vertices.iter().copied()))?;
+    let corners = box_corners(&lower, &upper);
     let mut positions = vec![0.0; model.joints.len()];
-    let mut all: Option<(Point3<f64>, Point3<f64>)> = None;
+    let mut reached = Vec::new();
     for n in 0..steps.pow(chain.len() as u32) {
         let mut rest = n;
         for &j in &chain {
@@ -101,11 +99,9 @@ fn reach_box(model: &ArticulatedModel, link: usize) -> Option<(Point3<f64>, Poin
             rest /= steps;
         }
         let pose = model.world_from_link(link, &positions);
-        for p in corners.iter().map(|c| pose * c) {
-            all = Some(all.map_or((p, p), |(lo, hi)| (lo.inf(&p), hi.sup(&p))));
-        }
+        reached.extend(corners.iter().map(|c| pose * c));
     }
-    let (lower, upper) = all?;
+    let (lower, upper) = bounding_box(reached)?;
     // Between two positions, a point is never farther from both than half its path from one to the other.
     let lever_m = (upper - lower).norm();
     let margin = Vector3::repeat(chain.iter().map(|&j| half_step_m(&model.joints[j], steps, lever_m)).sum());

@@ -26,7 +26,6 @@ pub struct InitialMotion {
 }
 
 /// Compares motions (`state1_from_state0` in the world, in the order of the joints) with those of the model.
-#[must_use]
 pub fn compare_starts(
     model: &ArticulatedModel,
     source: &str,
@@ -52,7 +51,6 @@ pub fn compare_starts(
 
 /// Motions assigned to the joints, in their order: the closest pair of joint and motion first, each used
 /// once. For motions in the order of another search for parts.
-#[must_use]
 pub fn nearest_starts(model: &ArticulatedModel, motions: &[Pose]) -> Vec<Pose> {
     let parts: Vec<MovingPart> = (0..model.joints.len()).map(|j| MovingPart::of_joint(model, j)).collect();
     let mut pairs: Vec<(f64, usize, usize)> = Vec::new();

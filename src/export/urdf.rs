@@ -55,19 +55,16 @@ pub(super) struct Form<'a> {
 
 /// URDF text of a model. Mesh paths are relative to the URDF's folder. The model must have no findings
 /// ([`model::validate`]).
-#[must_use]
 pub(crate) fn urdf(model: &ArticulatedModel, screws: UrdfScrew) -> String {
     robot(model, Form { screws, ..Form::default() })
 }
 
 /// URDF text in which every joint is a single joint, for the folder [`SINGLE_JOINT`].
-#[must_use]
 pub(crate) fn single_joint_urdf(model: &ArticulatedModel) -> String {
     robot(model, Form { paths: "../", screws: UrdfScrew::Nearest, ..Form::default() })
 }
 
 /// URDF text for ROS tools, which need `package://<name>/...` instead of relative paths.
-#[must_use]
 pub(crate) fn ros_urdf(model: &ArticulatedModel, screws: UrdfScrew) -> String {
     let paths = format!("package://{}/", identifier(&model.name));
     robot(model, Form { paths: &paths, names: "", screws, gazebo: true })
@@ -115,19 +112,16 @@ pub(super) fn push_elements(text: &mut String, model: &ArticulatedModel, form: F
 }
 
 /// Name of a link's collision solid in all formats, and of its file.
-#[must_use]
 pub(crate) fn solid_name(link: &Link, solid: usize) -> String {
     format!("{}_solid_{solid}", link.name)
 }
 
 /// Name of a grasp of a link in all formats, counted from 1.
-#[must_use]
 pub(crate) fn grasp_name(link: &Link, grasp: usize) -> String {
     format!("{}_grasp_{}", link.name, grasp + 1)
 }
 
 /// Path of a link's collision solid, relative to the URDF's folder.
-#[must_use]
 pub(crate) fn solid_path(link: &Link, solid: usize) -> String {
     format!("meshes/collision/{}.obj", identifier(&solid_name(link, solid)))
 }
@@ -137,7 +131,6 @@ pub(crate) fn solid_path(link: &Link, solid: usize) -> String {
 /// The pitch is computed from a tangent and the roll from what yaw leaves over, so the angles reproduce
 /// the rotation to rounding even near a pitch of a right angle. There only a sum of roll and yaw is defined,
 /// and yaw is 0.
-#[must_use]
 pub fn roll_pitch_yaw(rotation: &UnitQuaternion<f64>) -> [f64; 3] {
     let r = rotation.to_rotation_matrix();
     // docs/method.md (11.1).

@@ -19,7 +19,6 @@ use model::{ArticulatedModel, Inertial, Joint, identifier};
 use surface::TriangleMesh;
 
 /// USD text of a model; `drawn` are its meshes. The root is fixed to the world, or floats.
-#[must_use]
 pub fn usda(model: &ArticulatedModel, drawn: &[Drawn], base: Base) -> String {
     let name = &*identifier(&model.name);
     // Units and up axis are stated, as USD's defaults are centimeters and y.

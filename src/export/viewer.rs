@@ -9,6 +9,7 @@ use super::{
     look::Look,
     picture::{axis_line, part_color},
 };
+use geometry::bounding_box;
 use model::{ArticulatedModel, Link, escape_xml, script_json};
 use surface::TriangleMesh;
 
@@ -60,7 +61,6 @@ struct JointData {
 }
 
 /// The page with the meshes of a model. It loads nothing.
-#[must_use]
 pub(crate) fn viewer_html(model: &ArticulatedModel, drawn: &[Drawn]) -> String {
     let (center, radius) = bounding_sphere(model);
     let data = Data {
@@ -144,9 +144,8 @@ fn bounding_sphere(model: &ArticulatedModel) -> (Point3<f64>, f64) {
         let pose = model.world_from_link(i, positions);
         l.visual.vertices.iter().map(move |p| pose * p.cast::<f64>())
     });
-    let start = (Point3::from([f64::INFINITY; 3]), Point3::from([f64::NEG_INFINITY; 3]));
-    let (lo, hi) = points.fold(start, |(lo, hi), p| (lo.inf(&p), hi.sup(&p)));
-    if lo.x <= hi.x { (nalgebra::center(&lo, &hi), 0.5 * (hi - lo).norm()) } else { (Point3::origin(), 1.0) }
+    let around = |(lo, hi): (Point3<f64>, Point3<f64>)| (nalgebra::center(&lo, &hi), 0.5 * (hi - lo).norm());
+    bounding_box(points).map_or((Point3::origin(), 1.0), around)
 }
 
 #[cfg(test)]

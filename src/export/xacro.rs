@@ -15,14 +15,12 @@ const SPACE: &str = "xmlns:xacro=\"http://www.ros.org/wiki/xacro\"";
 const MOCK: &str = "mock_components/GenericSystem";
 
 /// Name of the file of [`macros`].
-#[must_use]
 pub(crate) fn macro_file(model: &ArticulatedModel) -> String {
     format!("{}_macro.xacro", identifier(&model.name))
 }
 
 /// Text of two macros: the twin, with a prefix for all names and optionally attached to a link; and its
 /// joints for `ros2_control`.
-#[must_use]
 pub(crate) fn macros_text(model: &ArticulatedModel, screws: UrdfScrew) -> String {
     let name = identifier(&model.name);
     let paths = format!("package://{name}/");
@@ -65,7 +63,6 @@ fn push_grasps(text: &mut String, link: &Link) {
 }
 
 /// Text of the twin by itself, made by the macros.
-#[must_use]
 pub(crate) fn twin_text(model: &ArticulatedModel) -> String {
     let name = identifier(&model.name);
     let file = macro_file(model);

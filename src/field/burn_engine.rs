@@ -40,8 +40,7 @@ impl BurnEngine {
     /// [`EngineError::Shape`] if the parameters are inconsistent, [`EngineError::Failed`] if the device
     /// fails.
     pub fn new(params: FieldParams, device: Device) -> Result<Self, EngineError> {
-        let n = params.parameter_count();
-        Self::resume(EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 }, device)
+        Self::resume(EngineState::untrained(params), device)
     }
 
     /// Continues from a checkpoint, of this engine or another, on a device.

@@ -2,10 +2,10 @@
 
 use burn::tensor::Device;
 
-use super::reference::{Reference, batch, field, losses};
+use super::reference::{batch, check_gradients, field, loss_cases, with_losses};
 use super::{
     ADAM_BETAS, ADAM_EPSILON, BurnEngine, CpuEngine, EngineError, EngineState, FieldConfig, FieldEngine,
-    FieldParams, SampleBatch, SdfTarget,
+    FieldParams, SampleBatch,
 };
 
 /// One dense level and two hashed ones, 16 hidden units.
@@ -17,101 +17,17 @@ fn small_field(seed: u64) -> FieldParams {
 }
 
 fn fresh(params: &FieldParams) -> EngineState {
-    let n = params.flatten().len();
-    EngineState { params: params.clone(), first: vec![0.0; n], second: vec![0.0; n], steps: 0 }
+    EngineState::untrained(params.clone())
 }
 
 fn flex(state: EngineState) -> BurnEngine {
     BurnEngine::flex(state).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// The batch with one kind of loss only.
-fn only(mut batch: SampleBatch, keep: fn(&SdfTarget) -> bool, color: bool) -> SampleBatch {
-    for (target, weight) in batch.targets.iter_mut().zip(&mut batch.color_weights) {
-        if !keep(target) {
-            *target = SdfTarget::Ignore;
-        }
-        if !color {
-            *weight = 0.0;
-        }
-    }
-    batch
-}
-
-/// The loss terms one by one and together; the number says how many of the 13 tensors (3 levels, 5 layers of
-/// weights and biases) have a gradient.
-fn cases() -> Vec<(&'static str, SampleBatch, usize)> {
-    let all = || batch(24, 10, 2);
-    vec![
-        ("empty", only(all(), |t| matches!(t, SdfTarget::Empty { .. }), false), 7),
-        ("surface", only(all(), |t| matches!(t, SdfTarget::Surface { .. }), false), 7),
-        ("background", only(all(), |t| matches!(t, SdfTarget::Background { .. }), false), 7),
-        ("color", only(all(), |_| false, true), 13),
-        ("all", all(), 13),
-    ]
-}
-
-/// Central difference of the total loss; `None` at a kink, where the one-sided differences disagree.
-fn numeric(reference: &mut Reference<'_>, batch: &SampleBatch, index: usize) -> Option<f64> {
-    let value = reference.flat[index];
-    let mut total = |delta: f64| {
-        reference.flat[index] = value + delta;
-        let (sdf, color) = losses(reference, batch);
-        sdf + color
-    };
-    let h = 1e-6;
-    let up = total(h);
-    let down = total(-h);
-    let zero = total(0.0);
-    let right = (up - zero) / h;
-    let left = (zero - down) / h;
-    ((right - left).abs() <= 1e-4 * (1e-3 + right.abs().max(left.abs()))).then_some((up - down) / (2.0 * h))
-}
-
-/// Compares losses and gradients of all cases with the reference.
-fn check_gradients(make: impl Fn(EngineState) -> BurnEngine) {
+/// Compares losses and gradients of all loss terms with the reference.
+fn check_engine(make: impl Fn(EngineState) -> BurnEngine) {
     let params = small_field(1);
-    let mut engine = make(fresh(&params));
-    let mut sizes: Vec<usize> = params.levels.iter().map(|l| l.entries * 2).collect();
-    for l in params.geometry.iter().chain(&params.color) {
-        sizes.extend([l.weights.len(), l.biases.len()]);
-    }
-    for (name, batch, expected_tensors) in cases() {
-        let (loss, gradient) = engine.loss_gradient(&batch);
-        let mut reference = Reference::new(&params);
-        let (sdf, color) = losses(&reference, &batch);
-        assert!(
-            (loss.sdf - sdf).abs() < 1e-5 * (1.0 + sdf) && (loss.color - color).abs() < 1e-5 * (1.0 + color),
-            "{name}: {loss:?} {sdf} {color}"
-        );
-        assert_eq!(gradient.len(), reference.flat.len());
-        let mut offset = 0;
-        let mut moved = 0;
-        for (tensor, &size) in sizes.iter().enumerate() {
-            let largest = gradient[offset..offset + size].iter().fold(0.0f32, |a, g| a.max(g.abs()));
-            let mut compared = 0;
-            for k in 0..size.min(24) {
-                let index = offset + (k * 7919 + 13) % size;
-                let Some(expected) = numeric(&mut reference, &batch, index) else { continue };
-                let error = (f64::from(gradient[index]) - expected).abs();
-                let tolerance = 1e-4 * expected.abs() + 2e-5 * f64::from(largest) + 1e-9;
-                assert!(
-                    error < tolerance,
-                    "{name}: tensor {tensor} entry {}: {} but {expected}",
-                    index - offset,
-                    gradient[index]
-                );
-                compared += usize::from(expected != 0.0);
-            }
-            assert!(
-                (largest > 0.0) == (compared > 0),
-                "{name}: tensor {tensor}: {compared} compared, largest {largest}"
-            );
-            moved += usize::from(largest > 0.0);
-            offset += size;
-        }
-        assert_eq!(moved, expected_tensors, "{name}");
-    }
+    check_gradients(&mut make(fresh(&params)), &params, &loss_cases(&batch(24, 10, 2)), 2e-5);
 }
 
 /// Adam as published, in double precision (Kingma and Ba 2015, algorithm 1).
@@ -172,7 +88,7 @@ fn check_adam(make: impl Fn(EngineState) -> BurnEngine) {
 
 #[test]
 fn gradients_agree_with_differences() {
-    check_gradients(flex);
+    check_engine(flex);
 }
 
 #[test]
@@ -236,7 +152,7 @@ fn gradients_of_the_pieces_of_a_batch_add_up() {
 fn a_batch_without_losses_moves_nothing() {
     let params = small_field(6);
     let mut engine = flex(fresh(&params));
-    let idle = only(batch(4, 4, 7), |_| false, false);
+    let idle = with_losses(&batch(4, 4, 7), |_| false, false);
     for b in [idle, SampleBatch::default()] {
         let losses = engine.train_step(&b, 0.01);
         assert_eq!((losses.sdf, losses.color), (0.0, 0.0));
@@ -330,7 +246,7 @@ fn a_build_without_gpu_says_so() {
 #[ignore = "needs an adapter of a GPU: apt-get install mesa-vulkan-drivers"]
 fn the_gpu_agrees_with_the_equations() {
     let wgpu = |s| BurnEngine::wgpu(s).unwrap_or_else(|e| panic!("{e}"));
-    check_gradients(wgpu);
+    check_engine(wgpu);
     check_adam(wgpu);
 }
 

@@ -96,7 +96,6 @@ impl Default for TrainConfig {
 impl TrainConfig {
     /// The truncation, meters: as configured, or the larger of 2 % of the object's longest side and four
     /// times the median expected noise. (The published 3 cm suit objects of 1 to 2 m.)
-    #[must_use]
     pub fn derived_truncation_m(&self, scene: &SceneBox, median_sigma_m: f64) -> f64 {
         self.truncation_m.unwrap_or_else(|| (0.02 * scene.extent_m()).max(4.0 * median_sigma_m))
     }

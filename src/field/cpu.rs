@@ -40,17 +40,14 @@ pub struct CpuEngine {
 
 impl CpuEngine {
     /// Starts with zero moments on the fastest instruction set.
-    #[must_use]
     pub fn new(params: FieldParams) -> Self {
-        let n = params.parameter_count();
-        Self::resume(EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 })
+        Self::resume(EngineState::untrained(params))
     }
 
     /// Continues from a checkpoint.
     ///
     /// # Panics
     /// If moments and parameters differ in number.
-    #[must_use]
     pub fn resume(state: EngineState) -> Self {
         Self::with_instructions(state, InstructionSet::detect())
     }
@@ -59,15 +56,8 @@ impl CpuEngine {
     ///
     /// # Panics
     /// If moments and parameters differ in number.
-    #[must_use]
     pub fn with_instructions(state: EngineState, isa: InstructionSet) -> Self {
         Self { learner: Learner::resume(state, isa), features: Vec::new(), d_features: Vec::new() }
-    }
-
-    /// The current parameters.
-    #[must_use]
-    pub fn current_params(&self) -> &FieldParams {
-        &self.learner.params
     }
 
     /// As [`FieldEngine::train_step`]; calls `after` at the end of every phase.

@@ -1,132 +1,34 @@
 //! The CPU engine against the equations, against itself on other instruction sets and thread numbers.
 
-use super::reference::{Reference, batch, field, losses, small_config};
-use super::{
-    CpuEngine, EngineState, FieldConfig, FieldEngine, FieldParams, InstructionSet, SampleBatch, SdfTarget,
-};
+use super::reference::{Reference, batch, check_gradients, field, loss_cases, small_config};
+use super::{CpuEngine, EngineState, FieldConfig, FieldEngine, FieldParams, InstructionSet, SdfTarget};
 
 fn engine(params: &FieldParams, isa: InstructionSet) -> CpuEngine {
-    let n = params.parameter_count();
-    CpuEngine::with_instructions(
-        EngineState { params: params.clone(), first: vec![0.0; n], second: vec![0.0; n], steps: 0 },
-        isa,
-    )
-}
-
-/// Central difference of the loss by one parameter; `None` at a kink, where the two one-sided differences
-/// disagree.
-fn numeric(params: &FieldParams, batch: &SampleBatch, index: usize) -> Option<f64> {
-    let mut field = Reference::new(params);
-    let value = field.flat[index];
-    let mut total = |delta: f64| {
-        field.flat[index] = value + delta;
-        let (sdf, color) = losses(&field, batch);
-        sdf + color
-    };
-    let h = 1e-6;
-    let up = total(h);
-    let down = total(-h);
-    let zero = total(0.0);
-    let right = (up - zero) / h;
-    let left = (zero - down) / h;
-    ((right - left).abs() <= 1e-4 * (1e-3 + right.abs().max(left.abs()))).then_some((up - down) / (2.0 * h))
-}
-
-/// Compares gradients at indices of every tensor; returns how many were compared.
-fn check_gradient(params: &FieldParams, batch: &SampleBatch, isa: InstructionSet) -> usize {
-    let (loss, gradient) = engine(params, isa).loss_gradient(batch);
-    let (sdf, color) = losses(&Reference::new(params), batch);
-    assert!(
-        (loss.sdf - sdf).abs() < 1e-5 * (1.0 + sdf) && (loss.color - color).abs() < 1e-5 * (1.0 + color),
-        "{loss:?} {sdf} {color}"
-    );
-    let mut sizes: Vec<usize> = params.levels.iter().map(|l| l.entries * 2).collect();
-    for l in params.geometry.iter().chain(&params.color) {
-        sizes.extend([l.weights.len(), l.biases.len()]);
-    }
-    let mut offset = 0;
-    let mut compared = 0;
-    for (tensor, size) in sizes.into_iter().enumerate() {
-        let norm = gradient[offset..offset + size].iter().fold(0.0f32, |a, g| a.max(g.abs()));
-        assert!(norm > 0.0, "tensor {tensor} has no gradient");
-        let mut here = 0;
-        for k in 0..size.min(12) {
-            let index = offset + (k * 7919 + 13) % size;
-            let Some(expected) = numeric(params, batch, index) else { continue };
-            let error = (f64::from(gradient[index]) - expected).abs();
-            let tolerance = 1e-4 * expected.abs() + 1e-5 * f64::from(norm);
-            assert!(
-                error < tolerance,
-                "tensor {tensor} entry {}: {} but {expected}",
-                index - offset,
-                gradient[index]
-            );
-            here += usize::from(expected != 0.0);
-        }
-        assert!(here > 0, "tensor {tensor}: nothing compared");
-        compared += here;
-        offset += size;
-    }
-    assert_eq!(offset, gradient.len());
-    compared
+    CpuEngine::with_instructions(EngineState::untrained(params.clone()), isa)
 }
 
 #[test]
 fn gradients_of_all_losses_agree_with_differences() {
     let params = field(&small_config(), 1);
     for isa in InstructionSet::available_sets() {
-        assert!(check_gradient(&params, &batch(24, 10, 2), isa) > 80);
+        check_gradients(&mut engine(&params, isa), &params, &[("all", batch(24, 10, 2), true)], 1e-5);
     }
 }
 
 #[test]
 fn gradients_of_each_loss_alone_agree_with_differences() {
     let params = field(&small_config(), 3);
-    let isa = InstructionSet::detect();
-    let only = |keep: fn(&SdfTarget) -> bool, color: bool| {
-        let mut b = batch(20, 10, 4);
-        for (target, weight) in b.targets.iter_mut().zip(&mut b.color_weights) {
-            if !keep(target) {
-                *target = SdfTarget::Ignore;
-            }
-            *weight = if color { *weight } else { 0.0 };
-        }
-        b
-    };
-    let cases: [(fn(&SdfTarget) -> bool, bool); 4] = [
-        (|t| matches!(t, SdfTarget::Empty { .. }), false),
-        (|t| matches!(t, SdfTarget::Surface { .. }), false),
-        (|t| matches!(t, SdfTarget::Background { .. }), false),
-        (|_| false, true),
-    ];
-    for (keep, color) in cases {
-        let b = only(keep, color);
-        let (loss, gradient) = engine(&params, isa).loss_gradient(&b);
-        let (sdf, rgb) = losses(&Reference::new(&params), &b);
-        assert!((loss.sdf - sdf).abs() < 1e-5 * (1.0 + sdf) && (loss.color - rgb).abs() < 1e-5 * (1.0 + rgb));
-        let table = params.table.len();
-        let geometry: usize = params.geometry.iter().map(|l| l.weights.len() + l.biases.len()).sum();
-        let probes = (0..geometry).step_by(53).map(|i| table + i).chain((0..table).step_by(97));
-        let probes = probes.chain((table + geometry..gradient.len()).step_by(331));
-        let mut compared = 0;
-        for index in probes {
-            let Some(expected) = numeric(&params, &b, index) else { continue };
-            let norm = gradient.iter().fold(0.0f32, |a, g| a.max(g.abs()));
-            assert!(
-                (f64::from(gradient[index]) - expected).abs()
-                    < 1e-4 * expected.abs() + 1e-5 * f64::from(norm)
-            );
-            compared += usize::from(expected != 0.0);
-        }
-        assert!(compared > 20);
-    }
+    let mut engine = engine(&params, InstructionSet::detect());
+    check_gradients(&mut engine, &params, &loss_cases(&batch(20, 10, 4)), 1e-5);
 }
 
 #[test]
 fn odd_shapes_have_right_gradients() {
     let config =
         FieldConfig { levels: 3, base_resolution: 5, finest_resolution: 11, log2_table_size: 9, hidden: 13 };
-    check_gradient(&field(&config, 5), &batch(7, 33, 6), InstructionSet::detect());
+    let params = field(&config, 5);
+    let mut engine = engine(&params, InstructionSet::detect());
+    check_gradients(&mut engine, &params, &[("all", batch(7, 33, 6), true)], 1e-5);
 }
 
 #[test]
@@ -223,7 +125,7 @@ fn a_batch_without_losses_changes_nothing_at_first() {
     let mut e = engine(&params, InstructionSet::detect());
     let losses = e.train_step(&b, 0.01);
     assert_eq!((losses.sdf, losses.color), (0.0, 0.0));
-    assert!(e.current_params() == &params);
+    assert!(e.training_state().params == params);
 }
 
 #[test]

@@ -89,6 +89,14 @@ pub struct EngineState {
     pub steps: u64,
 }
 
+impl EngineState {
+    /// Before the first step: all moments are zero.
+    pub fn untrained(params: FieldParams) -> Self {
+        let n = params.parameter_count();
+        Self { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 }
+    }
+}
+
 /// Adam: beta 0.9 and 0.999, epsilon 1e-15, no weight decay (docs/method.md 12.6).
 /// derived: the published ones
 pub const ADAM_BETAS: (f32, f32) = (0.9, 0.999);
@@ -114,7 +122,6 @@ pub trait FieldEngine: Send {
 
 impl FieldParams {
     /// All parameters in one vector: the table, then weights and biases of each layer, geometry before color.
-    #[must_use]
     pub fn flatten(&self) -> Vec<f32> {
         let mut all = self.table.clone();
         for layer in self.geometry.iter().chain(&self.color) {

@@ -13,7 +13,6 @@ const CUT: f32 = 0.999;
 /// fused distances (docs/method.md 3.4); true if no surface is near. Behind a wall thinner than the
 /// truncation, its readings would push the other side outwards. `distance_m` is NaN where nothing was
 /// observed.
-#[must_use]
 pub(super) fn sees_side(
     distance_m: &Grid3<f32>,
     truncation_m: f64,
@@ -29,7 +28,6 @@ pub(super) fn sees_side(
 
 /// The distances in truncations; unobserved nodes take the value of a nearby observed one, by propagation
 /// between neighbors. All -1 without observed nodes.
-#[must_use]
 pub(super) fn extended_distances(distance_m: &Grid3<f32>, truncation_m: f64) -> Grid3<f32> {
     let values = distance_m.values.iter().map(|d| d / truncation_m as f32).collect();
     let mut grid =

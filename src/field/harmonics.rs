@@ -6,7 +6,6 @@ use super::VIEW_COEFFICIENTS;
 
 /// The 16 orthonormal real spherical harmonics of bands 0 to 3 at a unit direction, band by band from order
 /// `-l` to `l`, with the Condon-Shortley sign (odd orders negative).
-#[must_use]
 pub fn view_coefficients<T: RealField + Copy>([x, y, z]: [T; 3]) -> [T; VIEW_COEFFICIENTS] {
     let c = |value: f64| nalgebra::convert::<f64, T>(value);
     let xx = x * x;
@@ -39,7 +38,6 @@ pub fn view_coefficients<T: RealField + Copy>([x, y, z]: [T; 3]) -> [T; VIEW_COE
 /// Gradient by the direction, given the gradient `by_coefficients` of a value by [`view_coefficients`]. The
 /// polynomials are differentiated in three free coordinates, so only the part perpendicular to the direction
 /// is meaningful.
-#[must_use]
 pub(super) fn view_gradient([x, y, z]: [f64; 3], by_coefficients: &[f64; VIEW_COEFFICIENTS]) -> [f64; 3] {
     let xx = x * x;
     let yy = y * y;

@@ -12,7 +12,7 @@ use super::simd::{
 };
 use super::{FEATURES, FieldParams, GEOMETRY_OUTPUTS, VIEW_COEFFICIENTS};
 use geometry::{Grid3, SceneBox};
-use surface::{ColorField, ColorSample, TriangleMesh};
+use surface::{ColorField, ColorSample, TriangleMesh, vertex_normals};
 
 /// Points per task.
 const CHUNK: usize = 512;
@@ -35,7 +35,6 @@ pub struct ObjectField {
 impl ObjectField {
     /// Projective signed distance at world points, meters, negative inside. Beyond the truncation only the
     /// sign is meaningful; the value is not clamped.
-    #[must_use]
     pub fn signed_distances_m(&self, points: &[Point3<f64>]) -> Vec<f32> {
         let query = Query::new(self);
         points.par_chunks(CHUNK).map(|points| query.chunk_distances_m(points)).collect::<Vec<_>>().concat()
@@ -45,7 +44,6 @@ impl ObjectField {
     ///
     /// # Panics
     /// If points and directions differ in number.
-    #[must_use]
     pub fn view_colors(&self, points: &[Point3<f64>], directions: &[Vector3<f64>]) -> Vec<[f32; 3]> {
         assert_eq!(points.len(), directions.len(), "one direction a point");
         let query = Query::new(self);
@@ -55,47 +53,15 @@ impl ObjectField {
 
     /// Colors a world mesh as seen along its inward normals.
     pub fn paint_mesh(&self, mesh: &mut TriangleMesh) {
-        let mut normals = vec![Vector3::<f64>::zeros(); mesh.vertices.len()];
-        for t in 0..mesh.triangles.len() {
-            let n = mesh.area_normal(t).cast();
-            mesh.triangles[t].iter().for_each(|&v| normals[v as usize] += n);
-        }
-        let directions: Vec<_> =
-            normals.iter().map(|n| -n.try_normalize(1e-15).unwrap_or_else(Vector3::z)).collect();
+        let normals = vertex_normals(mesh);
+        let directions: Vec<Vector3<f64>> =
+            normals.iter().map(|n| -n.cast::<f64>().try_normalize(0.0).unwrap_or_else(Vector3::z)).collect();
         let points: Vec<_> = mesh.vertices.iter().map(|p| p.cast::<f64>()).collect();
         mesh.colors = self
             .view_colors(&points, &directions)
             .iter()
             .map(|c| c.map(|x| (255.0 * x).round().clamp(0.0, 255.0) as u8))
             .collect();
-    }
-
-    /// Signed distances, meters, clamped to `+-truncation_m`, at the nodes of a grid like `template` whose
-    /// world position passes `inside`; `+truncation_m` at the other nodes.
-    #[must_use]
-    pub fn tsdf_grid<T>(
-        &self,
-        template: &Grid3<T>,
-        inside: &(dyn Fn(&Point3<f64>) -> bool + Sync),
-    ) -> Grid3<f32>
-    where
-        T: Sync,
-    {
-        let limit = self.truncation_m as f32;
-        let [nx, ny, nz] = template.dims;
-        let mut values = vec![limit; nx * ny * nz];
-        // Slab by slab, to bound the memory for positions.
-        for (z, out) in values.chunks_mut(nx * ny).enumerate() {
-            let (nodes, points): (Vec<usize>, Vec<Point3<f64>>) = (0..nx * ny)
-                .into_par_iter()
-                .map(|i| (i, template.node_position(i % nx, i / nx, z)))
-                .filter(|(_, p)| inside(p))
-                .unzip();
-            for (node, d) in nodes.into_iter().zip(self.signed_distances_m(&points)) {
-                out[node] = d.clamp(-limit, limit);
-            }
-        }
-        Grid3 { origin: template.origin, spacing_m: template.spacing_m, dims: template.dims, values }
     }
 }
 
@@ -450,19 +416,5 @@ mod tests {
             }
         }
         assert!(compared > 1500, "{compared} of 1800 away from kinks");
-    }
-
-    #[test]
-    fn a_grid_holds_the_distances_where_asked() {
-        let object = object();
-        let template = Grid3::over_scene(&object.scene, 21, false);
-        let inside = |p: &Point3<f64>| p.z > 0.4;
-        let grid = object.tsdf_grid(&template, &inside);
-        for i in (0..grid.values.len()).step_by(37) {
-            let p = grid.position_of_index(i);
-            let expected =
-                if inside(&p) { object.signed_distances_m(&[p])[0].clamp(-0.025, 0.025) } else { 0.025 };
-            assert!((grid.values[i] - expected).abs() < 1e-7);
-        }
     }
 }

@@ -85,7 +85,6 @@ pub struct FieldParams {
 
 impl FieldParams {
     /// Random initial parameters: table uniform in `+-1e-4`, layers uniform in `+-1/sqrt(inputs)`.
-    #[must_use]
     pub fn random_params(config: &FieldConfig, rng: &mut impl Rng) -> Self {
         let levels = level_layouts(config);
         let floats = levels.last().map_or(0, |l| l.offset + l.entries * FEATURES);
@@ -104,7 +103,6 @@ impl FieldParams {
 
 impl FieldParams {
     /// Number of parameters: the length of [`Self::flatten`].
-    #[must_use]
     pub fn parameter_count(&self) -> usize {
         self.table.len()
             + self.geometry.iter().chain(&self.color).map(|l| l.weights.len() + l.biases.len()).sum::<usize>()

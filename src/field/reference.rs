@@ -2,7 +2,8 @@
 
 use super::block::sdf_loss;
 use super::{
-    FieldConfig, FieldParams, GEOMETRY_OUTPUTS, Layer, LevelLayout, SampleBatch, SdfTarget, view_coefficients,
+    FieldConfig, FieldEngine, FieldParams, GEOMETRY_OUTPUTS, Layer, LevelLayout, SampleBatch, SdfTarget,
+    view_coefficients,
 };
 use numeric::random::stage_rng;
 use rand_core::Rng;
@@ -157,6 +158,101 @@ pub(super) fn losses(field: &Reference<'_>, batch: &SampleBatch) -> (f64, f64) {
         }
     }
     (sdf / (batch.rays * batch.samples_per_ray) as f64, color_sum / (3 * batch.rays) as f64)
+}
+
+/// The batch with the kept targets only, and without color unless `color`.
+pub(super) fn with_losses(batch: &SampleBatch, keep: fn(&SdfTarget) -> bool, color: bool) -> SampleBatch {
+    let mut batch = batch.clone();
+    for (target, weight) in batch.targets.iter_mut().zip(&mut batch.color_weights) {
+        if !keep(target) {
+            *target = SdfTarget::Ignore;
+        }
+        if !color {
+            *weight = 0.0;
+        }
+    }
+    batch
+}
+
+/// Name of a loss, a batch with it alone, and whether it has color.
+pub(super) type LossCase = (&'static str, SampleBatch, bool);
+
+/// The loss terms of a batch one by one, and together.
+pub(super) fn loss_cases(all: &SampleBatch) -> [LossCase; 5] {
+    [
+        ("empty", with_losses(all, |t| matches!(t, SdfTarget::Empty { .. }), false), false),
+        ("surface", with_losses(all, |t| matches!(t, SdfTarget::Surface { .. }), false), false),
+        ("background", with_losses(all, |t| matches!(t, SdfTarget::Background { .. }), false), false),
+        ("color", with_losses(all, |_| false, true), true),
+        ("all", all.clone(), true),
+    ]
+}
+
+/// Central difference of the total loss; `None` at a kink, where the one-sided differences disagree.
+fn numeric(reference: &mut Reference<'_>, batch: &SampleBatch, index: usize) -> Option<f64> {
+    let value = reference.flat[index];
+    let [up, down, zero] = [H, -H, 0.0].map(|delta| {
+        reference.flat[index] = value + delta;
+        let (sdf, color) = losses(reference, batch);
+        sdf + color
+    });
+    let right = (up - zero) / H;
+    let left = (zero - down) / H;
+    ((right - left).abs() <= 1e-4 * (1e-3 + right.abs().max(left.abs()))).then_some((up - down) / (2.0 * H))
+}
+
+/// Step of central differences. chosen: balances rounding and curvature
+const H: f64 = 1e-6;
+
+/// Compares an engine's losses and gradients with the reference; gradients may be off by a share of the
+/// largest of their tensor.
+pub(super) fn check_gradients(
+    engine: &mut dyn FieldEngine,
+    params: &FieldParams,
+    cases: &[LossCase],
+    share: f64,
+) {
+    let mut sizes: Vec<usize> = params.levels.iter().map(|l| l.entries * 2).collect();
+    for l in params.geometry.iter().chain(&params.color) {
+        sizes.extend([l.weights.len(), l.biases.len()]);
+    }
+    for (name, batch, has_color) in cases {
+        let (loss, gradient) = engine.loss_gradient(batch);
+        let mut reference = Reference::new(params);
+        let (sdf, color) = losses(&reference, batch);
+        assert!(
+            (loss.sdf - sdf).abs() < 1e-5 * (1.0 + sdf) && (loss.color - color).abs() < 1e-5 * (1.0 + color),
+            "{name}: {loss:?} {sdf} {color}"
+        );
+        assert_eq!(gradient.len(), reference.flat.len());
+        let mut offset = 0;
+        let mut moved = 0;
+        for (tensor, &size) in sizes.iter().enumerate() {
+            let largest = gradient[offset..offset + size].iter().fold(0.0f32, |a, g| a.max(g.abs()));
+            let mut compared = 0;
+            let mut kinks = 0;
+            for k in 0..size.min(24) {
+                let index = offset + (k * 7919 + 13) % size;
+                let Some(expected) = numeric(&mut reference, batch, index) else {
+                    kinks += 1;
+                    continue;
+                };
+                let error = (f64::from(gradient[index]) - expected).abs();
+                let tolerance = 1e-4 * expected.abs() + share * f64::from(largest) + 1e-9;
+                let found = gradient[index];
+                assert!(error < tolerance, "{name}: tensor {tensor} at {index}: {found} but {expected}");
+                compared += usize::from(expected != 0.0);
+            }
+            // The only entry with a gradient may be at a kink.
+            let is_compared = (largest > 0.0) == (compared > 0);
+            assert!(is_compared || kinks > 0, "{name}: tensor {tensor}: {compared} compared");
+            moved += usize::from(largest > 0.0);
+            offset += size;
+        }
+        // Levels and the layers of the geometry; color reaches all.
+        let expected = params.levels.len() + if *has_color { 10 } else { 4 };
+        assert_eq!(moved, expected, "{name}");
+    }
 }
 
 #[test]

@@ -118,8 +118,7 @@ impl FieldTrainer {
         } else {
             last.biases[0] = INITIAL_TSDF;
         }
-        let n = params.parameter_count();
-        let engine = factory(EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 });
+        let engine = factory(EngineState::untrained(params));
         Ok(Self {
             truncation_m,
             sides: input.fused.filter(|_| config.side_test).cloned(),
@@ -220,31 +219,26 @@ impl FieldTrainer {
     }
 
     /// Number of steps done.
-    #[must_use]
     pub fn steps_done(&self) -> usize {
         self.done
     }
 
     /// Total number of steps.
-    #[must_use]
     pub fn total_steps(&self) -> usize {
         self.config.steps
     }
 
     /// Why the engine failed, if it did. Training can continue from an earlier checkpoint on another engine.
-    #[must_use]
     pub fn failure(&self) -> Option<&EngineError> {
         self.engine.failure()
     }
 
     /// The truncation, meters.
-    #[must_use]
     pub fn truncation_m(&self) -> f64 {
         self.truncation_m
     }
 
     /// The field as trained so far.
-    #[must_use]
     pub fn trained_field(&self) -> ObjectField {
         ObjectField {
             params: self.engine.training_state().params,
@@ -255,7 +249,6 @@ impl FieldTrainer {
     }
 
     /// The state, as taken by [`Self::restore`].
-    #[must_use]
     pub fn checkpoint(&self) -> TrainerCheckpoint {
         TrainerCheckpoint { engine: self.engine.training_state(), done: self.done, trust: self.trust.clone() }
     }

@@ -1,6 +1,6 @@
 //! Boxes around points, and the cube of a reconstruction.
 
-use nalgebra::{Point3, RealField, Vector3};
+use nalgebra::{Point, Point3, RealField, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::Pose;
@@ -21,7 +21,6 @@ pub struct SceneBox {
 
 impl SceneBox {
     /// The cube with the box `[lower, upper]` (meters, world) at `[-0.9, 0.9]` along its longest side.
-    #[must_use]
     pub fn around_box(lower: &Point3<f64>, upper: &Point3<f64>) -> Self {
         // Even a single point gets a scale.
         let extent = (upper - lower).max().max(1e-6);
@@ -29,26 +28,22 @@ impl SceneBox {
     }
 
     /// World meters to `[-1, 1]^3`.
-    #[must_use]
     pub fn normalise(&self, world: &Point3<f64>) -> Point3<f64> {
         Point3::from((world - self.center) * self.scale)
     }
 
     /// `[-1, 1]^3` to world meters.
-    #[must_use]
     pub fn to_world(&self, normalised: &Point3<f64>) -> Point3<f64> {
         self.center + normalised.coords / self.scale
     }
 
     /// Converts a motion in the world, meters, to one of normalised points.
-    #[must_use]
     pub fn normalised_motion(&self, world: &Pose) -> Pose {
         // x_n = s (x - c), y = R x + t  =>  y_n = R x_n + s (R c + t - c).
         Pose::from_parts(((world * self.center - self.center) * self.scale).into(), world.rotation)
     }
 
     /// Converts a motion of normalised points to one in the world, meters.
-    #[must_use]
     pub fn world_motion(&self, normalised: &Pose) -> Pose {
         let c = self.center.coords;
         let t = c - normalised.rotation * c + normalised.translation.vector / self.scale;
@@ -56,23 +51,38 @@ impl SceneBox {
     }
 
     /// Longest side of the object in meters.
-    #[must_use]
     pub fn extent_m(&self) -> f64 {
         2.0 * FILL / self.scale
     }
 
     /// Side of the cube in meters.
-    #[must_use]
     pub fn side_m(&self) -> f64 {
         2.0 / self.scale
     }
 }
 
+/// Evenly spread unit vectors (a Fibonacci lattice).
+pub fn lattice_directions(count: usize) -> impl Iterator<Item = Vector3<f64>> {
+    let turn_rad = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+    (0..count).map(move |i| {
+        let z = 1.0 - (2.0 * i as f64 + 1.0) / count as f64;
+        let (sin, cos) = (turn_rad * i as f64).sin_cos();
+        let r = (1.0 - z * z).sqrt();
+        Vector3::new(r * cos, r * sin, z)
+    })
+}
+
+/// Corners of an axis-aligned box: bit k of an index gives the side along axis k.
+pub fn box_corners<T: RealField + Copy>(lower: &Point3<T>, upper: &Point3<T>) -> [Point3<T>; 8] {
+    std::array::from_fn(|i| {
+        Point3::from([0, 1, 2].map(|k| if i >> k & 1 == 0 { lower[k] } else { upper[k] }))
+    })
+}
+
 /// Lower and upper corner of the axis-aligned box around points; `None` without any.
-#[must_use]
-pub fn bounding_box<T: RealField + Copy>(
-    points: impl IntoIterator<Item = Point3<T>>,
-) -> Option<(Point3<T>, Point3<T>)> {
+pub fn bounding_box<T: RealField + Copy, const D: usize>(
+    points: impl IntoIterator<Item = Point<T, D>>,
+) -> Option<(Point<T, D>, Point<T, D>)> {
     let mut points = points.into_iter();
     let first = points.next()?;
     Some(points.fold((first, first), |(lower, upper), p| (lower.inf(&p), upper.sup(&p))))

@@ -22,7 +22,6 @@ pub struct Intrinsics {
 
 impl Intrinsics {
     /// Pixel coordinates of a point in the camera's optical frame; `None` at or behind the camera.
-    #[must_use]
     pub fn project(&self, point_in_camera: &Point3<f64>) -> Option<(f64, f64)> {
         let z = point_in_camera.z;
         // docs/method.md (1.1).
@@ -31,14 +30,12 @@ impl Intrinsics {
     }
 
     /// Index of the pixel at the projection of a point, row-major; `None` outside the image.
-    #[must_use]
     pub fn pixel_of(&self, point_in_camera: &Point3<f64>) -> Option<usize> {
         let (u, v) = self.project(point_in_camera)?;
         self.pixel_at(u, v)
     }
 
     /// Index of the pixel at a place in the image, row-major; `None` outside the image.
-    #[must_use]
     pub fn pixel_at(&self, u: f64, v: f64) -> Option<usize> {
         // With the half added, the cast rounds; `round` is a library call on processors without SSE 4.1.
         let x = u + 0.5;
@@ -48,13 +45,11 @@ impl Intrinsics {
     }
 
     /// Direction of a pixel's ray in the optical frame with z = 1, so the ray parameter is the z-depth.
-    #[must_use]
     pub fn ray_at(&self, u: f64, v: f64) -> Vector3<f64> {
         Vector3::new((u - self.cx) / self.fx, (v - self.cy) / self.fy, 1.0)
     }
 
     /// The point seen at a pixel at the given z-depth in meters, in the optical frame.
-    #[must_use]
     pub fn unproject(&self, u: f64, v: f64, depth_m: f64) -> Point3<f64> {
         Point3::from(self.ray_at(u, v) * depth_m)
     }

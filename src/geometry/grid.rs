@@ -22,7 +22,6 @@ pub struct Grid3<T> {
 
 impl<T: Clone> Grid3<T> {
     /// A grid over the whole scene cube, `nodes` along each axis, filled with `value`.
-    #[must_use]
     pub fn over_scene(scene: &SceneBox, nodes: usize, value: T) -> Self {
         let origin = scene.to_world(&Point3::new(-1.0, -1.0, -1.0));
         Self {
@@ -36,33 +35,28 @@ impl<T: Clone> Grid3<T> {
 
 impl<T> Grid3<T> {
     /// World position of a node, meters.
-    #[must_use]
     pub fn node_position(&self, x: usize, y: usize, z: usize) -> Point3<f64> {
         self.origin + Vector3::new(x as f64, y as f64, z as f64) * self.spacing_m
     }
 
     /// Index of a node in `values`.
-    #[must_use]
     pub fn index(&self, x: usize, y: usize, z: usize) -> usize {
         x + self.dims[0] * (y + self.dims[1] * z)
     }
 
     /// Coordinates of the node with the given index.
-    #[must_use]
     pub fn coordinates(&self, index: usize) -> [usize; 3] {
         let [nx, ny, _] = self.dims;
         [index % nx, index / nx % ny, index / (nx * ny)]
     }
 
     /// World position of the node with the given index, meters.
-    #[must_use]
     pub fn position_of_index(&self, index: usize) -> Point3<f64> {
         let [x, y, z] = self.coordinates(index);
         self.node_position(x, y, z)
     }
 
     /// The node nearest to a point; `None` outside the grid by more than half a spacing.
-    #[must_use]
     pub fn nearest_node(&self, point: &Point3<f64>) -> Option<usize> {
         let g = (point - self.origin) / self.spacing_m;
         let mut c = [0; 3];
@@ -107,7 +101,6 @@ fn cell_of<T>(grid: &Grid3<T>, point: &Point3<f64>) -> GridCell {
 
 impl<T> Grid3<T> {
     /// Whether `does` holds at all eight nodes of the cell around a point; false outside the grid.
-    #[must_use]
     pub fn all_around(&self, point: &Point3<f64>, does: impl Fn(&T) -> bool) -> bool {
         let GridCell { base: [x, y, z], inside, .. } = cell_of(self, point);
         let inside = inside == [true; 3] && self.dims.iter().all(|&n| n > 1);
@@ -118,7 +111,6 @@ impl<T> Grid3<T> {
 
 impl Grid3<bool> {
     /// Whether all eight nodes of the cell around a point are true; false outside the grid.
-    #[must_use]
     pub fn holds_around(&self, point: &Point3<f64>) -> bool {
         self.all_around(point, |holds| *holds)
     }
@@ -130,7 +122,6 @@ fn lerp(p: f32, q: f32, t: f32) -> f32 {
 
 impl Grid3<f32> {
     /// Trilinear value; a point outside takes the value at the nearest border.
-    #[must_use]
     pub fn value_at(&self, point: &Point3<f64>) -> f32 {
         let GridCell { base: [x, y, z], fractions: [a, b, c], .. } = cell_of(self, point);
         let i = self.index(x, y, z);
@@ -143,7 +134,6 @@ impl Grid3<f32> {
 
     /// Trilinear value and its gradient per meter: the exact derivative of the interpolant, zero along an
     /// axis on which the point is outside and the value clamped.
-    #[must_use]
     pub fn sample_with_gradient(&self, point: &Point3<f64>) -> (f32, Vector3<f32>) {
         let GridCell { base: [x, y, z], fractions: [a, b, c], inside } = cell_of(self, point);
         let i = self.index(x, y, z);

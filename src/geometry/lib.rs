@@ -13,6 +13,7 @@
 //! # Ok::<(), &str>(())
 //! ```
 
+mod bilinear;
 mod bounds;
 pub mod bytes;
 mod camera;
@@ -21,12 +22,13 @@ mod nearest;
 mod rigid_fit;
 mod screw;
 
-pub use bounds::{SceneBox, all_about, bounding_box};
+pub use bilinear::bilinear;
+pub use bounds::{SceneBox, all_about, bounding_box, box_corners, lattice_directions};
 pub use camera::Intrinsics;
 pub use grid::Grid3;
 pub use nearest::NearestPoints;
 pub use rigid_fit::rigid_fit;
-pub use screw::{Screw, exp_so3, line_distance_m, log_so3, rotation_angle_rad, shift_and_turn, skew_matrix};
+pub use screw::{AxisMotion, Screw, exp_so3, line_distance_m, log_so3, rotation_angle_rad, shift_and_turn};
 
 /// A rigid motion or a frame transform; name it `target_from_source`.
 pub type Pose = nalgebra::Isometry3<f64>;

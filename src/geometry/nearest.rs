@@ -12,7 +12,6 @@ pub struct NearestPoints {
 
 impl NearestPoints {
     /// Builds the search tree; non-finite points are never found.
-    #[must_use]
     pub fn new(points: &[Point3<f64>]) -> Self {
         /// chosen: beyond any point, and its square is finite
         const NOWHERE: f64 = 1e12;
@@ -25,7 +24,6 @@ impl NearestPoints {
     }
 
     /// Index of the nearest point and its distance in meters; `None` without points.
-    #[must_use]
     pub fn nearest_one(&self, point: &Point3<f64>) -> Option<(usize, f64)> {
         let found = self
             .tree
@@ -37,7 +35,6 @@ impl NearestPoints {
     }
 
     /// Indices of the `count` nearest points, or of all if there are fewer, nearest first.
-    #[must_use]
     pub fn nearest_of(&self, point: &Point3<f64>, count: usize) -> Vec<usize> {
         let (Some(tree), Some(count)) = (self.tree.as_ref(), NonZero::new(count)) else { return Vec::new() };
         let found =

@@ -3,7 +3,7 @@
 //! Turning by `angle_rad` about a directed line also advances `pitch_m_per_rad * angle_rad` along it. A pure
 //! rotation has pitch zero; a pure translation has a direction and no location.
 
-use nalgebra::{Matrix3, Point3, Translation3, Unit, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Point3, Translation3, Unit, UnitQuaternion, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 
 use super::Pose;
@@ -30,7 +30,6 @@ pub struct Screw {
 impl Screw {
     /// Screw of a rigid motion by docs/method.md (1.3): closed-form pivot `p = (t + cot(angle/2) u x t) / 2`
     /// with the component of `t` perpendicular to `u`. `None` for the identity.
-    #[must_use]
     pub fn of_motion(motion: &Pose) -> Option<Self> {
         let w = log_so3(&motion.rotation);
         let angle_rad = w.norm();
@@ -50,13 +49,11 @@ impl Screw {
     }
 
     /// The rigid motion of this screw.
-    #[must_use]
     pub fn to_motion(&self) -> Pose {
         self.motion_by(self.angle_rad, self.advance_m)
     }
 
     /// The motion about the same line by other amounts.
-    #[must_use]
     pub fn motion_by(&self, angle_rad: f64, advance_m: f64) -> Pose {
         let r = UnitQuaternion::from_axis_angle(&self.direction, angle_rad);
         // docs/method.md (1.4).
@@ -65,8 +62,47 @@ impl Screw {
     }
 }
 
+/// How a joint moves its child along its axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AxisMotion {
+    /// Rotation; positions in radians.
+    Revolute,
+    /// Translation; positions in meters.
+    Prismatic,
+    /// Rotation with proportional advance; positions in radians.
+    Screw {
+        /// Advance, meters per radian.
+        pitch_m_per_rad: f64,
+    },
+}
+
+impl AxisMotion {
+    /// Name in files and reports.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Revolute => "revolute",
+            Self::Prismatic => "prismatic",
+            Self::Screw { .. } => "screw",
+        }
+    }
+
+    /// Whether its position is an angle.
+    pub fn is_turning(&self) -> bool {
+        !matches!(self, Self::Prismatic)
+    }
+
+    /// Motion to a position about an axis through a point; the identity at 0.
+    pub fn motion_to(&self, axis: Unit<Vector3<f64>>, point: Point3<f64>, position: f64) -> Pose {
+        let line = Screw { direction: axis, point, angle_rad: 0.0, advance_m: 0.0 };
+        match self {
+            Self::Revolute => line.motion_by(position, 0.0),
+            Self::Prismatic => line.motion_by(0.0, position),
+            Self::Screw { pitch_m_per_rad } => line.motion_by(position, position * pitch_m_per_rad),
+        }
+    }
+}
+
 /// Rotation vector of a rotation: axis times angle in `[0, pi]`.
-#[must_use]
 pub fn log_so3(rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
     // Of the two quaternions of a rotation, takes the one with the smaller angle.
     let q = if rotation.w < 0.0 { -rotation.into_inner() } else { rotation.into_inner() };
@@ -77,7 +113,6 @@ pub fn log_so3(rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
 }
 
 /// Translation, meters, and rotation vector, radians, of a motion.
-#[must_use]
 pub fn shift_and_turn(motion: &Pose) -> Vector6<f64> {
     let shift = motion.translation.vector;
     let turn = log_so3(&motion.rotation);
@@ -85,26 +120,17 @@ pub fn shift_and_turn(motion: &Pose) -> Vector6<f64> {
 }
 
 /// Rotation with a given rotation vector.
-#[must_use]
 pub fn exp_so3(rotation_vector: &Vector3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::from_scaled_axis(*rotation_vector)
 }
 
 /// Angle of a rotation in `[0, pi]`, radians.
-#[must_use]
 pub fn rotation_angle_rad(rotation: &UnitQuaternion<f64>) -> f64 {
     log_so3(rotation).norm()
 }
 
-/// The matrix of `v x .`.
-#[must_use]
-pub fn skew_matrix(v: &Vector3<f64>) -> Matrix3<f64> {
-    v.cross_matrix()
-}
-
 /// Shortest distance in meters between two lines, each a point and a unit direction. Parallel lines keep
 /// their gap.
-#[must_use]
 pub fn line_distance_m(
     point_a: &Point3<f64>,
     direction_a: &Vector3<f64>,

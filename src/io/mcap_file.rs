@@ -10,13 +10,11 @@ use std::{
     io::{ErrorKind, Read, Seek, SeekFrom},
 };
 
-use mcap::records::op;
+use mcap::records::{self, ChunkHeader, MessageHeader, op};
 
 use super::{
     expansion::{Expansion, ExpansionError},
-    mcap_record::{
-        ChannelRecord, ChunkRecord, MessageRecord, RecordError, SchemaRecord, TAIL, summary_start,
-    },
+    mcap_record::{RecordError, SchemaRecord, TAIL, front_fields, limited_name, summary_start},
     ros1msg::{ROS1, ROS1_BROKEN, Ros1Layout},
 };
 
@@ -128,11 +126,10 @@ impl Channels {
             let schema = SchemaRecord::read(body)?;
             self.schemas.insert(schema.id, Schema::of(schema));
         } else {
-            let c = ChannelRecord::read(body)?;
-            self.channels.insert(
-                c.id,
-                Channel { topic: c.topic, message_encoding: c.message_encoding, schema_id: c.schema_id },
-            );
+            let c = front_fields::<records::Channel>(body)?.0;
+            let topic = limited_name(c.topic)?;
+            let message_encoding = limited_name(c.message_encoding)?;
+            self.channels.insert(c.id, Channel { topic, message_encoding, schema_id: c.schema_id });
         }
         Ok(())
     }
@@ -343,7 +340,7 @@ fn read_flat<E>(
     match opcode {
         op::SCHEMA | op::CHANNEL => Ok(channels.learn(opcode, body)),
         op::MESSAGE => {
-            let message = match MessageRecord::read(body) {
+            let (message, data) = match front_fields::<MessageHeader>(body) {
                 Ok(message) => message,
                 Err(why) => return Ok(Err(why)),
             };
@@ -360,12 +357,12 @@ fn read_flat<E>(
                 log_time_nanos: message.log_time,
                 publish_time_nanos: message.publish_time,
                 sequence: message.sequence,
-                data: message.data,
+                data,
             };
             let cdr;
             if raw.message_encoding == ROS1 {
                 raw.message_encoding = ROS1_BROKEN;
-                cdr = channels.cdr(channel, message.data);
+                cdr = channels.cdr(channel, data);
                 if let Some(cdr) = &cdr {
                     raw.message_encoding = "cdr";
                     raw.data = cdr;
@@ -419,21 +416,22 @@ fn read_chunk<E>(
 /// The records of a chunk, decompressed and with their checksum verified; of a chunk that was cut, what there
 /// is.
 fn chunk_content(record: &RawRecord, expansion: &mut Expansion) -> Result<Vec<u8>, McapDamage> {
-    let header = ChunkRecord::read(&record.body).map_err(McapDamage::ChunkHeader)?;
+    let (header, data) = front_fields::<ChunkHeader>(&record.body).map_err(McapDamage::ChunkHeader)?;
+    let compression = limited_name(header.compression).map_err(McapDamage::ChunkHeader)?;
     let data = match usize::try_from(header.compressed_size) {
-        Ok(n) if n <= header.data.len() => &header.data[..n],
-        _ if record.cut => header.data,
+        Ok(n) if n <= data.len() => &data[..n],
+        _ if record.cut => data,
         _ => return Err(McapDamage::LongChunk),
     };
     if header.uncompressed_size > RECORD_LIMIT {
         return Err(McapDamage::LargeChunk(header.uncompressed_size));
     }
     // Uncompressed data cannot be larger than the file.
-    if !header.compression.is_empty() {
+    if !compression.is_empty() {
         expansion.take(data.len() as u64, header.uncompressed_size)?;
     }
     let mut content = Vec::new();
-    let unpacked = match header.compression.as_str() {
+    let unpacked = match compression.as_str() {
         "" => {
             content.extend_from_slice(data);
             Ok(())
@@ -583,7 +581,7 @@ mod tests {
         assert!(read(&bomb).1.bad_chunks[0].1.contains("limit"));
         let schema = [&7u16.to_le_bytes()[..], &u32::MAX.to_le_bytes(), b"short"].concat();
         let schema = [mcap::MAGIC, &[op::SCHEMA], &(schema.len() as u64).to_le_bytes()[..], &schema].concat();
-        assert!(read(&schema).1.stopped.unwrap().contains("a field of 4294967295 bytes"));
+        assert!(read(&schema).1.stopped.unwrap().contains("a record of 11 bytes names a longer field"));
     }
 
     #[test]

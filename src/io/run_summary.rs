@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use nalgebra::{Unit, UnitQuaternion, Vector3};
+use nalgebra::{Unit, Vector3};
 
 use common::files;
 use common::limits::{FileLimit, REPORT, URDF};
@@ -72,17 +72,7 @@ impl SummaryJoint {
     /// The child link's frame in its parent's at a position.
     #[must_use]
     pub fn parent_from_child(&self, position: f64) -> Pose {
-        let step = match self.kind {
-            JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => {
-                let advance_m = self.kind.pitch_m_per_rad().unwrap_or(0.0) * position;
-                let axis = self.axis.into_inner();
-                Pose::from_parts((axis * advance_m).into(), UnitQuaternion::from_scaled_axis(axis * position))
-            }
-            JointKind::Prismatic => {
-                Pose::from_parts((self.axis.into_inner() * position).into(), UnitQuaternion::identity())
-            }
-        };
-        self.parent_from_joint * step
+        self.parent_from_joint * self.kind.motion_to(&self.axis, position)
     }
 }
 

@@ -15,9 +15,9 @@ use super::{
     synth_folder::{least_bytes, ply},
     synth_matrix::rows,
 };
-use geometry::{Intrinsics, Pose};
+use geometry::{AxisMotion, Intrinsics, Pose};
 use surface::merged_mesh;
-use synth::{Object, PartJointKind, SynthConfig, SynthFrame, SynthState, generate, record};
+use synth::{Object, SynthConfig, SynthFrame, SynthState, generate, record};
 
 /// A published layout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,11 +94,11 @@ fn transform(object: &Object, part: usize) -> Result<JointTransform, SynthError>
     let (axis, origin) = object.axis_in_world(part).ok_or_else(|| held("has no joint"))?;
     let [q0, q1] = joint.positions;
     let (kind, rotate, translate) = match joint.kind {
-        PartJointKind::Revolute => {
+        AxisMotion::Revolute => {
             ("rotate", Some(Ends::Named { l: q0.to_degrees(), r: q1.to_degrees() }), None)
         }
-        PartJointKind::Prismatic => ("translate", None, Some(Ends::Named { l: q0, r: q1 })),
-        PartJointKind::Screw { .. } => return Err(held("moves along a screw")),
+        AxisMotion::Prismatic => ("translate", None, Some(Ends::Named { l: q0, r: q1 })),
+        AxisMotion::Screw { .. } => return Err(held("moves along a screw")),
     };
     let axis = TransformAxis { o: origin.coords.into(), d: axis.into_inner().into() };
     Ok(JointTransform { axis, kind: kind.into(), rotate, translate })

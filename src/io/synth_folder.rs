@@ -9,11 +9,11 @@ use super::{
     Committed, Place, ResultKind, RunDir, RunDirError, synth_bag::synth_bag, synth_error::SynthError,
     synth_matrix::rows, synth_sensor::SensorEntry, synth_twin::put_twin,
 };
-use geometry::Pose;
+use geometry::{AxisMotion, Pose};
 use surface::{TriangleMesh, merged_mesh};
 use synth::{
-    Board, HandleKind, Object, PartJointKind, SeenSample, SynthConfig, SynthState, film_take, further_states,
-    generate, imu_bias, record, workspace,
+    Board, HandleKind, Object, SeenSample, SynthConfig, SynthState, film_take, further_states, generate,
+    imu_bias, record, workspace,
 };
 
 /// Least number of recording bytes per pixel of every view. Measured: 1.4 to 1.6 without noise and texture at
@@ -219,7 +219,7 @@ fn entry<'a>(object: &'a Object, further: &[Object], k: usize, seen_points: [usi
             q1,
             motion: q1 - q0,
             limits: joint.limits,
-            pitch_m_per_rad: if let PartJointKind::Screw { pitch_m_per_rad } = joint.kind {
+            pitch_m_per_rad: if let AxisMotion::Screw { pitch_m_per_rad } = joint.kind {
                 pitch_m_per_rad
             } else {
                 0.0

@@ -3,9 +3,9 @@
 use std::fmt::Write as _;
 
 use super::{RunDir, RunDirError};
-use geometry::Pose;
+use geometry::{AxisMotion, Pose};
 use model::escape_xml;
-use synth::{Object, PartJointKind};
+use synth::Object;
 
 /// Writes `truth/twin.urdf` and `truth/meshes/part_K.obj`. Joints are at 0 in the object's rest frame. As
 /// URDF has no screw joint, a screw is a revolute joint with its pitch in an element `artitwin:thread`.
@@ -52,9 +52,9 @@ pub(super) fn put_twin(folder: &RunDir, object: &Object) -> Result<(), RunDirErr
         let t = origin.translation.vector;
         let [r, p, y] = export::roll_pitch_yaw(&origin.rotation);
         let (kind, thread) = match joint.kind {
-            PartJointKind::Revolute => ("revolute", String::new()),
-            PartJointKind::Prismatic => ("prismatic", String::new()),
-            PartJointKind::Screw { pitch_m_per_rad } => (
+            AxisMotion::Revolute => ("revolute", String::new()),
+            AxisMotion::Prismatic => ("prismatic", String::new()),
+            AxisMotion::Screw { pitch_m_per_rad } => (
                 "revolute",
                 format!("<artitwin:thread type=\"screw\" pitch_m_per_rad=\"{pitch_m_per_rad}\"/>"),
             ),

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Matrix3, Point3, SMatrix, Unit, Vector3};
+use nalgebra::{Matrix3, Point3, SMatrix, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::{JointFamily, JointRemark, TypeScores};
@@ -33,14 +33,24 @@ pub enum JointKind {
 const LEAST_THREAD_M_PER_RAD: f64 = 1e-5;
 
 impl JointKind {
+    /// Motion to a position along an axis through the origin of the frame; the identity at 0.
+    pub fn motion_to(self, axis: &Unit<Vector3<f64>>, position: f64) -> Pose {
+        let (angle_rad, advance_m) = match self.pitch_m_per_rad() {
+            Some(pitch) => (position, pitch * position),
+            None if self.turns() => (position, 0.0),
+            None => (0.0, position),
+        };
+        // docs/method.md (1.4), with the axis through the origin of the frame.
+        let turn = UnitQuaternion::from_scaled_axis(axis.into_inner() * angle_rad);
+        Pose::from_parts((axis.into_inner() * advance_m).into(), turn)
+    }
+
     /// Whether positions are radians.
-    #[must_use]
     pub fn turns(self) -> bool {
         self != Self::Prismatic
     }
 
     /// Advance per radian, meters, of a joint that turns and advances; `None` for others.
-    #[must_use]
     pub fn pitch_m_per_rad(self) -> Option<f64> {
         match self {
             Self::Revolute | Self::Prismatic => None,
@@ -50,13 +60,11 @@ impl JointKind {
 
     /// Advance per radian, meters, of a joint that files describe as a turn with a slide tied to it; `None`
     /// for others. Below a hundredth of a millimeter per radian the joint is written as a hinge.
-    #[must_use]
     pub fn thread_m_per_rad(self) -> Option<f64> {
         self.pitch_m_per_rad().filter(|pitch| pitch.abs() > LEAST_THREAD_M_PER_RAD)
     }
 
     /// One word: `revolute`, `prismatic`, `screw`, `free`.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Revolute => "revolute",
@@ -67,7 +75,6 @@ impl JointKind {
     }
 
     /// The fitted family of motions: a free motion moves along its screw.
-    #[must_use]
     pub fn family(self) -> JointFamily {
         match self {
             Self::Prismatic => JointFamily::Prismatic,
@@ -286,33 +293,19 @@ pub struct ArticulatedModel {
 
 impl Joint {
     /// Name of the slide tied to the turn of a thread, in files that split it into both.
-    #[must_use]
     pub fn advance_name(&self) -> String {
         format!("{}_advance", self.name)
     }
 
     /// Pose of the child's frame in the parent's frame at a joint position.
-    #[must_use]
     pub fn parent_from_child(&self, position: f64) -> Pose {
-        let axis = self.axis.into_inner();
-        let (angle_rad, advance_m) = match self.kind.pitch_m_per_rad() {
-            Some(pitch) => (position, pitch * position),
-            None if self.kind.turns() => (position, 0.0),
-            None => (0.0, position),
-        };
-        // docs/method.md (1.4), with the axis through the origin of the frame.
-        let step = Pose::from_parts(
-            (axis * advance_m).into(),
-            nalgebra::UnitQuaternion::from_scaled_axis(axis * angle_rad),
-        );
-        self.parent_from_joint * step
+        self.parent_from_joint * self.kind.motion_to(&self.axis, position)
     }
 }
 
 impl ArticulatedModel {
     /// Largest deviation of a joint's position from that in state 0, signed, radians or meters; 0 without
     /// states.
-    #[must_use]
     pub fn motion_of_joint(&self, joint: usize) -> f64 {
         let Some((first, others)) = self.states.split_first() else { return 0.0 };
         let motions = others.iter().map(|s| s[joint] - first[joint]);
@@ -322,7 +315,6 @@ impl ArticulatedModel {
 
     /// Positions with every joint closed whose closed end is known, within its limits, and the others as in
     /// state 0; `None` if no closed end is known.
-    #[must_use]
     pub fn closed_state(&self) -> Option<Vec<f64>> {
         let first = self.states.first()?;
         if self.joints.iter().all(|j| j.limit.closed.is_none()) {
@@ -335,7 +327,6 @@ impl ArticulatedModel {
     }
 
     /// Pose of a link in the world at the given joint positions (order of `joints`).
-    #[must_use]
     pub fn world_from_link(&self, link: usize, positions: &[f64]) -> Pose {
         match self.joints.iter().position(|j| j.child == link) {
             // The root's frame is the world's.

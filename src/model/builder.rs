@@ -87,7 +87,6 @@ impl ModelConfig {
 }
 
 /// Name of the link of a part; 0 is the static one.
-#[must_use]
 pub fn link_name(part: usize) -> String {
     if part == 0 { "base".to_owned() } else { format!("part_{part}") }
 }
@@ -117,7 +116,6 @@ pub struct MovingPart {
 /// Builds the model: the moving parts in a tree from the static one. Position 0 is state 0. Collision solids
 /// follow the surfaces and leave the paths within the limits free; masses come from the surfaces; the limits
 /// follow the policy. Grasps are found last, from solids and limits.
-#[must_use]
 pub fn build_model(
     name: &str,
     base: TriangleMesh,

@@ -35,7 +35,6 @@ impl Deviations {
     /// From the covariance of (direction 3, point 3, motion 1) of a joint about or along `axis`, for an
     /// object with longest side `extent_m`. Of direction and point only the components perpendicular to the
     /// axis count: a direction cannot change along itself, and a line has no place along itself.
-    #[must_use]
     pub fn of_covariance(
         covariance: &SMatrix<f64, 7, 7>,
         axis: &Unit<Vector3<f64>>,
@@ -59,7 +58,6 @@ impl Deviations {
 
 impl AxisAlone {
     /// Standard deviation of the direction, radians; `None` where it is not determined.
-    #[must_use]
     pub fn deviation_rad(&self) -> Option<f64> {
         determined_deviation(self.std_rad.powi(2), GUESSED_DIRECTION_RAD)
     }
@@ -73,7 +71,6 @@ fn determined_deviation(variance: f64, guessed: f64) -> Option<f64> {
 
 impl ArticulatedModel {
     /// Longest side of the box around all links in state 0, meters; 0 without a surface.
-    #[must_use]
     pub fn extent_m(&self) -> f64 {
         let rest = vec![0.0; self.joints.len()];
         let state0 = self.states.first().unwrap_or(&rest);

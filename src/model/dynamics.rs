@@ -34,7 +34,6 @@ pub struct JointLoad {
 /// a stop) held the child's weight there; the world's z axis is taken as up. Friction is at least 2 % of the
 /// weight. Damping stops the moving mass within half a second. Armature and spring are zero until measured.
 /// See docs/method.md (10.4).
-#[must_use]
 pub fn assumed_dynamics(model: &ArticulatedModel, j: usize) -> JointDynamics {
     let JointLoad { effort: load, inertia, weight } = joint_load(model, j);
     // docs/method.md (10.4), by the worst of the observed states.
@@ -52,7 +51,6 @@ pub fn assumed_dynamics(model: &ArticulatedModel, j: usize) -> JointDynamics {
 }
 
 /// Load of a joint in the observed states.
-#[must_use]
 pub fn joint_load(model: &ArticulatedModel, j: usize) -> JointLoad {
     let joint = &model.joints[j];
     let mut most = JointLoad::default();

@@ -12,21 +12,12 @@ use geometry::Pose;
 use surface::{ConvexSolid, TriangleMesh};
 
 /// Axis-aligned box with outward triangles, meters.
-#[must_use]
 pub fn box_mesh(lower: [f32; 3], upper: [f32; 3], color: [u8; 3]) -> TriangleMesh {
-    let corners =
-        (0..8).map(|i| Point3::from([0, 1, 2].map(|k| if i >> k & 1 == 0 { lower[k] } else { upper[k] })));
-    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    TriangleMesh {
-        vertices: corners.collect(),
-        triangles: quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect(),
-        colors: vec![color; 8],
-    }
+    TriangleMesh { colors: vec![color; 8], ..TriangleMesh::cuboid(&lower.into(), &upper.into()) }
 }
 
 /// A cabinet: a body at the world's origin, a door on a tilted hinge and a drawer behind a turned joint
 /// frame.
-#[must_use]
 pub fn cabinet() -> ArticulatedModel {
     let hinge = Pose::from_parts(
         Vector3::new(0.2, -0.25, 0.3).into(),

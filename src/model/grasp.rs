@@ -79,7 +79,6 @@ struct Weights {
 /// Poses at which a gripper can hold a joint's child, best first; empty if no hand fits. The hand is free of
 /// all solids with the twin closed (in state 0 if no closed end is known), on its approach, and with the
 /// joint anywhere between its limits; and it stays above the lowest solid, where the object stands.
-#[must_use]
 pub fn grasps_of_joint(model: &ArticulatedModel, j: usize) -> Vec<Grasp> {
     let Some(scene) = Scene::of_joint(model, j) else { return Vec::new() };
     let mut found: Vec<(f64, Grasp)> = model.links[model.joints[j].child]

@@ -22,7 +22,6 @@ impl JointFamily {
     pub const ALL: [Self; 5] = [Self::Fixed, Self::Free, Self::Prismatic, Self::Revolute, Self::Screw];
 
     /// One word: `fixed`, `free`, `prismatic`, `revolute`, `screw`.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Fixed => "fixed",
@@ -40,7 +39,6 @@ pub struct TypeScores([Option<f64>; JointFamily::ALL.len()]);
 
 impl TypeScores {
     /// Score of a family; infinite where it was not fitted.
-    #[must_use]
     pub fn score_of(&self, joint: JointFamily) -> f64 {
         self.0[joint as usize].unwrap_or(f64::INFINITY)
     }

@@ -22,7 +22,6 @@ pub enum Material {
 impl Material {
     /// Density in kg/m^3: usual, lowest and highest (handbook values: pine to oak, PP to POM, soda-lime glass
     /// to ceramics, alloys).
-    #[must_use]
     pub fn density_kg_m3(self) -> [f64; 3] {
         match self {
             Self::Wood => [600.0, 400.0, 800.0],
@@ -34,7 +33,6 @@ impl Material {
     }
 
     /// Its name in settings and reports.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Wood => "wood",

@@ -4,7 +4,6 @@ use std::borrow::Cow;
 
 /// Whether a name is safe in every format, as a file name and as a ROS name: `[A-Za-z][A-Za-z0-9_]*`, at most
 /// 64 characters.
-#[must_use]
 pub fn is_plain_name(name: &str) -> bool {
     name.len() <= 64 && name.starts_with(|c: char| c.is_ascii_alphabetic()) && name.chars().all(is_word)
 }
@@ -18,7 +17,6 @@ pub(super) fn is_word(c: char) -> bool {
 ///
 /// Characters that XML cannot hold (most control characters) become U+FFFD: the file stays readable, and
 /// readers of names refuse them.
-#[must_use]
 pub fn escape_xml(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for c in text.chars() {
@@ -40,13 +38,11 @@ pub fn escape_xml(text: &str) -> String {
 }
 
 /// [`escape_xml`] of every line of a text; line breaks stay, as in a `<pre>`.
-#[must_use]
 pub fn escape_lines(text: &str) -> String {
     text.split('\n').map(escape_xml).collect::<Vec<_>>().join("\n")
 }
 
 /// Whether XML can hold a text: it cannot hold most control characters.
-#[must_use]
 pub fn is_xml_text(text: &str) -> bool {
     text.chars().all(is_xml_char)
 }
@@ -56,7 +52,6 @@ fn is_xml_char(c: char) -> bool {
 }
 
 /// JSON for a `<script>` of a page: nothing in it can end the script, and its meaning stays.
-#[must_use]
 pub fn script_json(json: &str) -> String {
     // In JSON a `<` occurs only within strings, where the escape means the same.
     json.replace('<', "\\u003c")
@@ -64,7 +59,6 @@ pub fn script_json(json: &str) -> String {
 
 /// A name for formats that take only identifiers and cannot write others (USD, OBJ, CMake, file names). A
 /// plain name stays; in others every character but a letter, digit or `_` becomes its number between two `_`.
-#[must_use]
 pub fn identifier(name: &str) -> Cow<'_, str> {
     if !name.is_empty() && name.chars().all(is_word) && !name.starts_with(|c: char| c.is_ascii_digit()) {
         return Cow::Borrowed(name);

@@ -36,7 +36,6 @@ pub enum PartNames {
 }
 
 /// The model with its links and joints renamed; `prefix` precedes all names.
-#[must_use]
 pub fn renamed_model(mut model: ArticulatedModel, names: PartNames, prefix: &str) -> ArticulatedModel {
     let (links, joints) = match names {
         PartNames::Numbered => (

@@ -44,7 +44,6 @@ const FARTHEST: f64 = 2.0;
 /// The closed end of a joint: a broad face of its child meets an opposite surface of its parent, at or beyond
 /// the observed positions. Faces nearer than `tolerance_m` meet. `None` for screws, without contact, and with
 /// such a seat at both ends.
-#[must_use]
 pub fn seat_of_joint(model: &ArticulatedModel, j: usize, tolerance_m: f64) -> Option<Seat> {
     let joint = &model.joints[j];
     if joint.kind.family() == super::JointFamily::Screw {

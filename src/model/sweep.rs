@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{ArticulatedModel, Joint, JointKind};
-use geometry::Pose;
+use geometry::{Pose, bounding_box};
 use surface::{ConvexConfig, ConvexSolid, MIN_THICKNESS_M, Plane, TriangleMesh};
 
 /// Longest way between two examined positions of a sweep, meters.
@@ -83,16 +83,13 @@ pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
 
 /// Length of the diagonal of the bounding box of some solids, meters.
 fn extent_m(solids: &[ConvexSolid]) -> f64 {
-    let mut bounds = solids.iter().map(ConvexSolid::bounds);
-    let Some(first) = bounds.next() else { return 0.0 };
-    let (lo, hi) = bounds.fold(first, |(lo, hi), (l, h)| (lo.inf(&l), hi.sup(&h)));
-    (hi - lo).norm()
+    let corners = solids.iter().flat_map(|s| s.vertices.iter().copied());
+    bounding_box(corners).map_or(0.0, |(lo, hi)| (hi - lo).norm())
 }
 
 /// The interval around the observed one in which no solid of a joint's child touches one of another link
 /// (with the other joints as in any observed state). It ends at most half a turn, or the child's own length,
 /// beyond the observed positions.
-#[must_use]
 pub fn swept_interval(model: &ArticulatedModel, j: usize) -> [f64; 2] {
     let joint = &model.joints[j];
     let [lower, upper] = model.observed_interval(j);
@@ -123,14 +120,12 @@ fn is_free(model: &ArticulatedModel, j: usize, position: f64) -> bool {
 
 impl ArticulatedModel {
     /// Lowest and highest position of a joint in the observed states, radians or meters.
-    #[must_use]
     pub fn observed_interval(&self, joint: usize) -> [f64; 2] {
         let all = self.states.iter().filter_map(|s| s.get(joint));
         all.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], &q| [lo.min(q), hi.max(q)])
     }
 
     /// Whether a link is a descendant of another one.
-    #[must_use]
     pub fn is_below(&self, link: usize, above: usize) -> bool {
         let parent = |l: usize| self.joints.iter().find(|j| j.child == l).map(|j| j.parent);
         std::iter::successors(parent(link), |&l| parent(l)).take(self.links.len()).any(|l| l == above)

@@ -129,13 +129,11 @@ impl Tree {
     }
 
     /// The joint with a link as its child; `None` for the root.
-    #[must_use]
     pub fn joint_of(&self, link: usize) -> Option<&TreeJoint> {
         self.joint_of[link].map(|j| &self.joints[j])
     }
 
     /// Pose of a link in the root's frame; a joint missing in `positions` (radians, meters, by name) is at 0.
-    #[must_use]
     pub fn world_from_link(&self, link: usize, positions: &BTreeMap<String, f64>) -> Pose {
         let Some(joint) = self.joint_of(link) else { return Pose::identity() };
         let of = |name: &str| positions.get(name).copied().unwrap_or(0.0);
@@ -152,14 +150,12 @@ impl Tree {
     }
 
     /// Pose of a joint's frame in the root's frame, before its own motion.
-    #[must_use]
     pub fn world_from_joint(&self, joint: &TreeJoint, positions: &BTreeMap<String, f64>) -> Pose {
         self.world_from_link(joint.parent, positions) * joint.parent_from_joint
     }
 
     /// Groups of links tied by fixed joints, each a rigid part with the link nearest the root first. The
     /// group of the root comes first; other groups without any mesh are left out.
-    #[must_use]
     pub fn rigid_parts(&self) -> Vec<Vec<usize>> {
         let mut order: Vec<usize> = (0..self.links.len()).collect();
         // Parents before children; the order of the file among equals.

@@ -38,7 +38,6 @@ impl std::fmt::Display for Finding {
 /// indices inside), masses (positive), inertia tensors (symmetric, positive, `A + B >= C`), axes (unit),
 /// limits (finite, lower below upper, around the observed positions), the tree (every link reached from link
 /// 0 by one chain) and the states.
-#[must_use]
 pub fn validate(model: &ArticulatedModel) -> Vec<Finding> {
     let mut found = Findings::default();
     check_names(model, &mut found);
@@ -128,7 +127,6 @@ fn check_inertial(subject: &str, inertial: &Inertial, found: &mut Findings) {
 
 /// Why an inertia is impossible for any finite body: a principal moment is negative, or larger than the other
 /// two together; `None` if it is possible. A moment of 0 belongs to a point or a rod.
-#[must_use]
 pub fn impossible_inertia(inertia: &Matrix3<f64>) -> Option<String> {
     if inertia_excess(inertia) == 0.0 {
         return None;
@@ -156,7 +154,6 @@ fn rounding_of_moment(largest: f64) -> f64 {
 }
 
 /// Principal moments of a finite tensor in rising order.
-#[must_use]
 pub fn principal_moments(inertia: &Matrix3<f64>) -> [f64; 3] {
     // The solver reads one half of the tensor.
     let mut m: [f64; 3] = SymmetricEigen::new(0.5 * (inertia + inertia.transpose())).eigenvalues.into();

@@ -11,7 +11,6 @@ pub type StageRng = Pcg64Mcg;
 
 /// The random stream of a step of a stage. It is independent of other stages and steps: a resumed run draws
 /// the same as an uninterrupted one, and a new stage does not change the others.
-#[must_use]
 pub fn stage_rng(seed: u64, stage: &str, step: u64) -> StageRng {
     let name = hash_of(stage);
     let mut bytes = [0; 16];

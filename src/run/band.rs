@@ -19,7 +19,6 @@ pub(crate) struct Band {
 
 impl Band {
     /// From the median depth of the object's pixels over all states.
-    #[must_use]
     pub(crate) fn of(
         states: &[&[RgbdFrame]],
         scene: &SceneBox,

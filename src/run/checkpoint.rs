@@ -71,7 +71,6 @@ pub struct Checkpoint {
 
 impl Checkpoint {
     /// Name of the checkpoint folder of a run called `name` in `out`.
-    #[must_use]
     pub fn folder(out: &Path, name: &str) -> PathBuf {
         out.join(format!(".artitwin-{name}.checkpoint"))
     }
@@ -112,7 +111,6 @@ impl Checkpoint {
     }
 
     /// Whether an earlier run is continued.
-    #[must_use]
     pub fn is_continued(&self) -> bool {
         self.continued
     }

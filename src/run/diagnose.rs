@@ -13,11 +13,11 @@ use super::{
     outcome::OUTPUT_STAGE,
 };
 use common::files;
-use common::limits::{FileLimit, SDF, USD};
+use common::limits::{SDF, USD};
 use common::note::{Note, NoteCode};
 use export::{
     DiagnosisFacts,
-    diagnosed::{mjcf, numbers::missing, sdf, urdf, usd},
+    diagnosed::{mjcf, numbers::missing, tilt::placed_text, urdf},
     diagnosis_page,
 };
 use gap::{
@@ -307,28 +307,26 @@ fn beside(
     joints: &[JointReport],
     effects: &Catalogue,
 ) -> (Vec<(&'static str, String)>, Vec<ExportNote>) {
-    let read = |path: PathBuf, limit: FileLimit| files::read_text(&path, limit).ok();
     let mut files = Vec::new();
     let mut remarks = Vec::new();
-    let absent =
-        |format, why: &str| joints.iter().flat_map(|j| missing(format, j, effects, why)).collect::<Vec<_>>();
-    match read(twin.with_file_name("model.sdf"), SDF)
-        .map(|text| sdf::sdf(&text, tree, joints, effects, "model.sdf"))
-    {
-        Some(Ok((text, notes))) => {
-            files.push(("model.sdf", text));
-            remarks.extend(notes);
-        }
-        Some(Err(why)) => remarks.extend(absent(Format::Sdf, &format!("model.sdf beside the twin: {why}"))),
-        None => remarks.extend(absent(Format::Sdf, "no model.sdf stands beside the twin")),
-    }
-    match read(twin.with_extension("usda"), USD) {
-        Some(text) => {
-            let (text, notes) = usd::usd(&text, tree, joints, effects, "twin.usda");
-            files.push(("twin.usda", text));
-            remarks.extend(notes);
-        }
-        None => remarks.extend(absent(Format::Usd, "no .usda of its name stands beside the twin")),
+    for (format, file, path, limit) in [
+        (Format::Sdf, "model.sdf", twin.with_file_name("model.sdf"), SDF),
+        (Format::Usd, "twin.usda", twin.with_extension("usda"), USD),
+    ] {
+        let changed = files::read_text(&path, limit)
+            .ok()
+            .map(|text| placed_text(format, &text, tree, joints, effects, file));
+        let why = match changed {
+            Some(Ok((text, notes))) => {
+                files.push((file, text));
+                remarks.extend(notes);
+                continue;
+            }
+            Some(Err(error)) => format!("{file} beside the twin: {error}"),
+            None if format == Format::Usd => "no .usda of its name stands beside the twin".to_owned(),
+            None => format!("no {file} stands beside the twin"),
+        };
+        remarks.extend(joints.iter().flat_map(|j| missing(format, j, effects, &why)));
     }
     (files, remarks)
 }

@@ -8,7 +8,6 @@ use model::ArticulatedModel;
 use surface::{Difference, Paint, RenderItem, Rendered, TriangleMesh, differences, render};
 
 /// Differences between the twin and the views, of every state with known object pixels.
-#[must_use]
 pub fn compare(capture: &Capture, model: &ArticulatedModel, looks: &[Look]) -> Vec<StateDifference> {
     let shapes: Vec<(&TriangleMesh, Paint)> = looks.iter().map(|l| (&l.mesh, Paint::Vertices)).collect();
     let states = 0..capture.states.len();

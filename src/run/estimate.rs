@@ -24,7 +24,6 @@ pub struct Estimate {
 
 impl Estimate {
     /// For a reconstruction; only summaries and a few messages of its recordings are read.
-    #[must_use]
     pub fn of_reconstruction(sources: &[PathBuf], config: &Config) -> Self {
         // The command itself refuses unreadable recordings.
         let bags = glimpse_views(sources, &config.capture).unwrap_or_default();
@@ -32,7 +31,6 @@ impl Estimate {
     }
 
     /// For a diagnosis; `frames` are RGB-D recordings.
-    #[must_use]
     pub fn of_diagnosis(request: &DiagnoseRequest, frames: &[PathBuf]) -> Self {
         let recordings = request.runs.iter().chain(&request.held_out).chain(frames);
         let samples: f64 = recordings

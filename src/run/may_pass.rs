@@ -8,7 +8,6 @@ use ::io::RunDirError;
 impl RunError {
     /// Whether the same command may succeed later: the machine refused, or another process was in the way.
     /// Any other failure would recur.
-    #[must_use]
     pub fn may_pass(&self) -> bool {
         match self {
             Self::Checkpoint(CheckpointError::InUse { .. } | CheckpointError::Disk { .. }) => true,

@@ -124,13 +124,11 @@ pub struct Monitor {
 
 impl Monitor {
     /// A monitor that reports to `events` and stops once `cancel` is set.
-    #[must_use]
     pub fn new(events: Sender<Event>, cancel: Arc<AtomicBool>) -> Self {
         Self { events, cancel, object: None }
     }
 
     /// A monitor without a listener.
-    #[must_use]
     pub fn silent() -> Self {
         Self::new(std::sync::mpsc::channel().0, Arc::default())
     }
@@ -180,7 +178,6 @@ impl Monitor {
     }
 
     /// The handle through which long work is asked to stop.
-    #[must_use]
     pub fn stop(&self) -> Stop {
         Stop::by(Arc::clone(&self.cancel))
     }

@@ -162,7 +162,6 @@ impl RunError {
 
     /// Whether the run could continue from its checkpoint: it was stopped, or only its files could not be
     /// written. After any other failure it would fail again.
-    #[must_use]
     pub fn can_continue(&self) -> bool {
         match self {
             Self::Cancelled(_) | Self::Checkpoint(_) => true,
@@ -180,7 +179,6 @@ impl From<Stopped> for RunError {
 }
 
 /// An error and its causes on one line. A cause at the end of a message is not repeated.
-#[must_use]
 pub fn chain(error: &dyn std::error::Error) -> String {
     let mut text = error.to_string();
     let mut cause = error.source();
@@ -197,7 +195,6 @@ pub fn chain(error: &dyn std::error::Error) -> String {
 
 impl JointSummary {
     /// Summaries of all joints of a model; none of a model of fewer than two states.
-    #[must_use]
     pub fn of(model: &ArticulatedModel) -> Vec<Self> {
         // One state shows no motion.
         let [state0, _, ..] = model.states.as_slice() else { return Vec::new() };

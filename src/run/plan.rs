@@ -27,7 +27,6 @@ const CONSISTENCY_STEP: f64 = 0.12;
 const RADIANCE_STEP: f64 = 0.25;
 
 /// The stages of a run with `states` states, in order.
-#[must_use]
 pub(super) fn plan(config: &Config, states: usize) -> Vec<Planned> {
     let mut stages = Vec::new();
     let mut add = |stage: &str, weight| stages.push(Planned { stage: stage.to_owned(), weight });
@@ -81,13 +80,11 @@ fn states(request: &ReconstructRequest) -> usize {
 }
 
 /// The event that a run reports before it begins.
-#[must_use]
 pub(super) fn foreseen(request: &ReconstructRequest) -> Event {
     Event::Planned { stages: plan(&request.config, states(request)) }
 }
 
 /// The event that a finished run reports: no more stages are to come.
-#[must_use]
 pub(super) fn settled(request: &ReconstructRequest) -> Event {
     let planned = plan(&request.config, states(request)).into_iter();
     Event::Planned { stages: planned.map(|p| Planned { weight: 0.0, ..p }).collect() }

@@ -85,20 +85,17 @@ impl RunProgress {
     }
 
     /// The running stage that began last, and the number of other running ones.
-    #[must_use]
     pub fn stage(&self) -> Option<(&str, usize)> {
         self.running.last().map(|r| (r.name.as_str(), self.running.len() - 1))
     }
 
     /// The loss of the running stage, if it has one.
-    #[must_use]
     pub fn loss(&self) -> Option<f64> {
         self.loss
     }
 
     /// Share of the work done, 0 to 1, and the time for the rest at the pace so far; `None` if no stages were
     /// announced.
-    #[must_use]
     pub fn at(&self, now: Duration) -> Option<(f64, Duration)> {
         let to_come: f64 = self.weights.values().sum();
         let all = self.done + to_come;

@@ -8,7 +8,6 @@ use super::{Event, Monitor, Planned, StageStore};
 use common::note::{Note, NoteCode};
 
 /// Name of the stage of a state after state 0, given the number of states.
-#[must_use]
 pub(super) fn stage_of(name: &str, state: usize, count: usize) -> String {
     if count == 2 { name.to_owned() } else { format!("{name}/state{state}") }
 }
@@ -27,13 +26,11 @@ pub struct Stages<'a> {
 
 impl<'a> Stages<'a> {
     /// No stage has been run yet.
-    #[must_use]
     pub fn new(monitor: &'a Monitor) -> Self {
         Self { monitor, checkpoint: None, folder: None, seconds: Vec::new() }
     }
 
     /// No stage has been run yet; results are kept in a checkpoint, or in a folder of stages.
-    #[must_use]
     pub fn keeping(
         monitor: &'a Monitor,
         checkpoint: Option<&'a StageStore>,

@@ -52,7 +52,6 @@ impl StageStore {
     }
 
     /// Path of the folder.
-    #[must_use]
     pub fn path(&self) -> &Path {
         &self.folder
     }

@@ -38,7 +38,6 @@ pub(crate) struct StateSurface {
 }
 
 /// Fuses the frames of one state into a truncated distance volume.
-#[must_use]
 pub(super) fn fuse(frames: &[RgbdFrame], scene: &Scene) -> TsdfVolume {
     let grid = Grid3::over_scene(&scene.bounds, scene.config.surface.nodes, ());
     let mut volume = TsdfVolume::new(grid.origin, grid.spacing_m, grid.dims, scene.band.truncation_m);

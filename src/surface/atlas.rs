@@ -7,6 +7,7 @@ use super::{
     outline::{hull_2d, rectangle_direction},
     patches::{Patch, grown_patches},
 };
+use geometry::bounding_box;
 
 /// Empty texels around a chart, so filtering does not mix charts.
 /// chosen: one texel for bilinear filtering, and one to spare
@@ -40,7 +41,6 @@ struct Chart {
 /// Lays the mesh out in charts: no triangle turns by more than 35 degrees from the first of its chart. A
 /// texel measures `texel_m`, or as little as sides of `max_px` pixels allow. Charts never overlap.
 /// Deterministic.
-#[must_use]
 pub fn atlas_of_mesh(mesh: &TriangleMesh, texel_m: f64, max_px: usize) -> Atlas {
     let extent_m = mesh.bounds().map_or(0.0, |(lo, hi)| f64::from((hi - lo).norm()));
     let mut charts: Vec<Chart> =
@@ -73,7 +73,6 @@ pub fn atlas_of_mesh(mesh: &TriangleMesh, texel_m: f64, max_px: usize) -> Atlas 
 
 impl Atlas {
     /// Texture coordinates of a triangle's corners in `[0, 1]`, v up.
-    #[must_use]
     pub fn texture_coordinates(&self, triangle: usize) -> [[f64; 2]; 3] {
         let size = self.size_px as f64;
         self.corners_px[triangle].map(|p| [(p.x / size).clamp(0.0, 1.0), (1.0 - p.y / size).clamp(0.0, 1.0)])
@@ -94,8 +93,7 @@ fn lay_flat(mesh: &TriangleMesh, patch: &Patch) -> Chart {
     let all: Vec<Point2<f64>> = corners.iter().flatten().copied().collect();
     let d = rectangle_direction(&hull_2d(&all));
     let turned = |p: &Point2<f64>| Point2::new(p.coords.dot(&d), d.perp(&p.coords));
-    let start = (Point2::from([f64::INFINITY; 2]), Point2::from([f64::NEG_INFINITY; 2]));
-    let (lower, upper) = all.iter().map(turned).fold(start, |(lo, hi), p| (lo.inf(&p), hi.sup(&p)));
+    let (lower, upper) = bounding_box(all.iter().map(turned)).unwrap_or_default();
     let size = upper - lower;
     let corners_m =
         corners.iter().map(|c| c.map(|p| laid_wide(Point2::from(turned(&p) - lower), &size))).collect();

@@ -4,9 +4,9 @@ use nalgebra::{IsometryMatrix3, Point3, UnitQuaternion, Vector3};
 use rand_core::Rng;
 use rayon::prelude::*;
 
-use super::{Atlas, Light, Shown, TriangleMesh, sample_surface, texture::bilinear_color};
+use super::{Atlas, Light, Shown, TriangleMesh, sample_surface};
 use capture::RgbdFrame;
-use geometry::Pose;
+use geometry::{Pose, bilinear};
 
 /// A point farther behind a view's surface than this share of its depth is hidden in that view. chosen:
 /// beyond errors of depth and surface
@@ -36,7 +36,6 @@ pub struct BakeView<'a> {
 }
 
 /// Samples of the photos at `count` spots of a mesh, one list a spot, in the order of the views.
-#[must_use]
 pub fn samples_of_spots(
     mesh: &TriangleMesh,
     views: &[BakeView],
@@ -72,7 +71,6 @@ struct Texel {
 /// is the weighted mean of its agreeing views (frontal and near ones count most), or the mesh's own color
 /// where no view shows it; around the charts it is the nearest color. `normals` are unit normals at the
 /// corners of every triangle.
-#[must_use]
 pub fn baked_texture(
     mesh: &TriangleMesh,
     atlas: &Atlas,
@@ -219,10 +217,8 @@ impl<'a> Eye<'a> {
         if hidden || !frame.is_object(pixel) {
             return None;
         }
-        let x = u as usize;
-        let y = v as usize;
-        let fraction = [(u - x as f64) as f32, (v - y as f64) as f32];
-        let color = bilinear_color(|dx, dy| frame.rgb[(y + dy) * k.width + x + dx], fraction);
+        let color =
+            bilinear(|i| Vector3::from(frame.rgb[i].map(f64::from)), k.width, k.height, u, v).cast::<f32>();
         Some(((cosine / p.z).powi(SHARPNESS) as f32, color.component_div(gain)))
     }
 }

@@ -38,7 +38,6 @@ pub struct MeshDistance {
 
 impl MeshDistance {
     /// The tree of a mesh; `None` for a mesh without triangles or with coordinates not finite.
-    #[must_use]
     pub fn new(mesh: &TriangleMesh) -> Option<Self> {
         let all: Vec<[Vector3<f32>; 3]> =
             (0..mesh.triangles.len()).map(|t| mesh.corners(t).map(|p| p.coords)).collect();
@@ -81,7 +80,6 @@ impl MeshDistance {
     }
 
     /// The closest point of the mesh. Of equally close ones it is always the same one.
-    #[must_use]
     pub fn closest_point(&self, query: &Point3<f32>) -> ClosestPoint {
         let p = &query.coords;
         let mut best = (f32::INFINITY, Vector3::zeros(), 0);
@@ -113,7 +111,6 @@ impl MeshDistance {
     }
 
     /// Distances of many points, meters, in parallel.
-    #[must_use]
     pub fn distances_m(&self, points: &[Point3<f32>]) -> Vec<f32> {
         points.par_iter().with_min_len(256).map(|p| self.closest_point(p).distance_m).collect()
     }

@@ -5,7 +5,6 @@ use numeric::index_sets::IndexSets;
 
 /// Number of the component of each triangle, and the number of triangles of each component. Triangles with a
 /// common vertex are connected; components are numbered by their first triangle.
-#[must_use]
 pub fn connected_components(mesh: &TriangleMesh) -> (Vec<u32>, Vec<usize>) {
     let mut sets = IndexSets::new(mesh.vertices.len());
     for [a, b, c] in mesh.triangles.iter().map(|t| t.map(|v| v as usize)) {
@@ -28,7 +27,6 @@ pub fn connected_components(mesh: &TriangleMesh) -> (Vec<u32>, Vec<usize>) {
 }
 
 /// The mesh without components of fewer triangles than `min_share` of the largest one's (docs/method.md 3.3).
-#[must_use]
 pub fn keep_components(mesh: &TriangleMesh, min_share: f64) -> TriangleMesh {
     let (labels, sizes) = connected_components(mesh);
     let least = min_share * sizes.iter().max().copied().unwrap_or(0) as f64;

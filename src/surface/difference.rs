@@ -27,7 +27,6 @@ pub enum Difference {
 ///
 /// A reading is compared with all depths of the model within one pixel: edges of object and model fall on the
 /// same pixel only by chance, and a slanted surface has many depths in one pixel.
-#[must_use]
 pub fn differences(frame: &RgbdFrame, model: &Rendered, sigma_m: impl Fn(usize) -> f64) -> Vec<Difference> {
     (0..frame.depth_m.len()).map(|i| difference_at(frame, model, &sigma_m, i)).collect()
 }

@@ -21,7 +21,6 @@ pub struct ShellInertia {
 /// / 12 * (s s^T + sum_i v_i v_i^T)`, `s = sum_i v_i` (exact on the triangle), and `m thickness^2 / 12 * n
 /// n^T` across it; the inertia is `tr(C) I - C`. An isotropic addition of `1e-3` of the thickness term makes
 /// it positive definite and fulfil the triangle inequality for any triangles.
-#[must_use]
 pub(crate) fn plates_inertia(
     plates: impl Iterator<Item = ([Vector3<f64>; 3], f64)>,
     density_kg_m3: f64,

@@ -40,7 +40,6 @@ mod marching_cubes;
 mod mesh;
 mod normals;
 mod outline;
-mod overlay;
 mod patches;
 mod pseudonormal;
 mod raster;

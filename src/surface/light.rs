@@ -7,7 +7,6 @@ pub(crate) const TERMS: usize = 8;
 
 /// Real spherical harmonics of order 1 and 2 at a unit direction, each with mean square 1: 99 % of a matt
 /// surface's brightness under distant light (Ramamoorthi and Hanrahan 2001).
-#[must_use]
 pub(crate) fn harmonics(n: &Vector3<f64>) -> SVector<f64, TERMS> {
     let [one, pair, zonal] = [3.0_f64, 15.0, 1.25].map(f64::sqrt);
     let mixed = 3.75_f64.sqrt();
@@ -35,7 +34,6 @@ pub struct Light {
 
 impl Light {
     /// Ratio of the brightness of a surface with unit normal `normal` to the mean, by channel.
-    #[must_use]
     pub fn brightness_at(&self, normal: &Vector3<f64>) -> Vector3<f32> {
         self.ln_on(&harmonics(normal)).map(|ln| ln.exp() as f32)
     }

@@ -50,7 +50,6 @@ impl Lighting {
     /// Estimates the lighting of `photos` photos; each element of `spots` holds the samples of one spot. Only
     /// surfaces turned between photos tell about the light: of two faces at rest, one may be brighter by its
     /// color. See docs/method.md (3.8).
-    #[must_use]
     pub fn of_spots(spots: &[Vec<Shown>], photos: usize) -> Self {
         // Gains of the photos, then terms of the light; one column per channel.
         let mut logs = DMatrix::zeros(photos + TERMS, 3);

@@ -22,7 +22,6 @@ const LAYERS_PER_TASK: usize = 8;
 /// Vertices are shared: each cut grid edge has one. Where all values are finite every triangle side belongs
 /// to two triangles, except at the border of the grid. A cell with a non-finite corner (unknown) has no
 /// triangle, so the surface is open there. The result does not depend on the number of threads.
-#[must_use]
 pub fn marching_cubes(grid: &Grid3<f32>, iso: f32) -> TriangleMesh {
     let [nx, ny, nz] = grid.dims;
     if nx < 2 || ny < 2 || nz < 2 {

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use geometry::{Pose, bounding_box};
+use geometry::{Pose, bounding_box, box_corners};
 
 /// An indexed triangle mesh; triangles turn counter-clockwise seen from outside.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -20,20 +20,24 @@ pub struct TriangleMesh {
 }
 
 impl TriangleMesh {
+    /// An axis-aligned box of twelve triangles; its vertices are [`box_corners`].
+    pub fn cuboid(lower: &Point3<f32>, upper: &Point3<f32>) -> Self {
+        let quads = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+        let triangles = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+        Self { vertices: box_corners(lower, upper).to_vec(), triangles, colors: Vec::new() }
+    }
+
     /// Whether there is no triangle.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.triangles.is_empty()
     }
 
     /// The three corners of a triangle.
-    #[must_use]
     pub fn corners(&self, triangle: usize) -> [Point3<f32>; 3] {
         self.triangles[triangle].map(|i| self.vertices[i as usize])
     }
 
     /// The middle of a triangle's corners.
-    #[must_use]
     pub fn middle_of(&self, triangle: usize) -> Point3<f64> {
         Point3::from(
             self.corners(triangle).iter().map(|p| p.coords.cast::<f64>()).sum::<Vector3<f64>>() / 3.0,
@@ -41,20 +45,17 @@ impl TriangleMesh {
     }
 
     /// Twice the area times the unit normal of a triangle.
-    #[must_use]
     pub fn area_normal(&self, triangle: usize) -> Vector3<f32> {
         let [a, b, c] = self.corners(triangle);
         (b - a).cross(&(c - a))
     }
 
     /// Surface area, square meters.
-    #[must_use]
     pub fn area_m2(&self) -> f64 {
         (0..self.triangles.len()).map(|t| 0.5 * f64::from(self.area_normal(t).norm())).sum()
     }
 
     /// Lower and upper corner of the axis-aligned bounding box; `None` without vertices.
-    #[must_use]
     pub fn bounds(&self) -> Option<(Point3<f32>, Point3<f32>)> {
         bounding_box(self.vertices.iter().copied())
     }

@@ -6,7 +6,6 @@ use super::TriangleMesh;
 
 /// Unit outward normal of each vertex: the mean of the adjacent face normals weighted by area (the smallest
 /// triangles of marching cubes have the least certain normals); zero where no face with area is adjacent.
-#[must_use]
 pub fn vertex_normals(mesh: &TriangleMesh) -> Vec<Vector3<f32>> {
     let mut normals = vec![Vector3::zeros(); mesh.vertices.len()];
     for (t, corners) in mesh.triangles.iter().enumerate() {

@@ -3,7 +3,6 @@
 use nalgebra::{Point2, Vector2};
 
 /// The convex hull of points, counter-clockwise; fewer than three corners for points on a line.
-#[must_use]
 pub fn hull_2d(points: &[Point2<f64>]) -> Vec<Point2<f64>> {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));

@@ -79,7 +79,6 @@ struct Facet {
 /// Draws the items as a pinhole camera sees them: perspective-correct, with both sides of every triangle; of
 /// equally near items the first is seen. With `shading`, brightness falls with the angle between normal and
 /// ray (a lamp at the camera). The result does not depend on the number of threads.
-#[must_use]
 pub fn render(
     items: &[RenderItem],
     intrinsics: &Intrinsics,

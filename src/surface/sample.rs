@@ -20,7 +20,6 @@ pub struct SurfaceSamples {
 }
 
 /// `count` points, uniform over the area; none on a mesh without area.
-#[must_use]
 pub fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> SurfaceSamples {
     let mut cumulative = Vec::with_capacity(mesh.triangles.len());
     let mut total = 0.0;

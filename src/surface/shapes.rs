@@ -23,14 +23,7 @@ pub fn grid_of(half_m: f64, nodes: usize, f: impl Fn(&Point3<f64>) -> f64) -> Gr
 
 /// A cuboid of the given half sides as twelve triangles.
 pub fn box_mesh(half: Vector3<f32>) -> TriangleMesh {
-    let vertices = (0..8)
-        .map(|i| {
-            Point3::from(Vector3::from([0, 1, 2].map(|k| if i >> k & 1 == 1 { half[k] } else { -half[k] })))
-        })
-        .collect();
-    let quads = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
-    let triangles = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
-    TriangleMesh { vertices, triangles, colors: Vec::new() }
+    TriangleMesh::cuboid(&Point3::from(-half), &Point3::from(half))
 }
 
 /// A sphere as latitude bands; closed, outward.

@@ -23,7 +23,6 @@ const USUAL_RING: usize = 8;
 /// turn no triangle over. The edge whose collapse changes the shape least always goes first; it stops early
 /// when the next collapse would move the surface by more than `max_error_m` (root mean square over its area).
 /// Colors are interpolated. Deterministic.
-#[must_use]
 pub fn simplify(mesh: &TriangleMesh, max_triangles: usize, max_error_m: f64) -> TriangleMesh {
     let mut work = Collapse::of_mesh(mesh, max_error_m * max_error_m);
     while work.alive > max_triangles {

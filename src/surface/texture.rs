@@ -2,6 +2,8 @@
 
 use nalgebra::{Vector2, Vector3};
 
+use geometry::bilinear;
+
 /// A square picture and the places of a mesh's vertices in it.
 #[derive(Clone, Copy)]
 pub struct Texture<'a> {
@@ -23,25 +25,10 @@ impl Texture<'_> {
 
     /// Color at a place, interpolated between four pixels, levels.
     pub(super) fn color_at(&self, place_px: Vector2<f32>) -> Vector3<f32> {
-        let last = self.size_px - 1;
-        let [x, y] = [place_px.x, place_px.y].map(|p| p.clamp(0.0, last as f32));
-        let column = x as usize;
-        let row = y as usize;
-        let fx = x - column as f32;
-        let fy = y - row as f32;
-        bilinear_color(
-            |dx, dy| self.pixels[(row + dy).min(last) * self.size_px + (column + dx).min(last)],
-            [fx, fy],
-        )
+        let at = |i: usize| Vector3::from(self.pixels[i].map(f64::from));
+        let size = self.size_px;
+        bilinear(at, size, size, f64::from(place_px.x), f64::from(place_px.y)).cast()
     }
-}
-
-/// Color interpolated between four pixels, levels. `at` gives the color of a pixel by its steps to the right
-/// and down; `shares` are the distances to the right and down, pixels.
-pub(super) fn bilinear_color(at: impl Fn(usize, usize) -> [u8; 3], shares: [f32; 2]) -> Vector3<f32> {
-    let [fx, fy] = shares;
-    let at = |dx, dy| Vector3::from(at(dx, dy).map(f32::from));
-    (at(0, 0) * (1.0 - fx) + at(1, 0) * fx) * (1.0 - fy) + (at(0, 1) * (1.0 - fx) + at(1, 1) * fx) * fy
 }
 
 #[cfg(test)]

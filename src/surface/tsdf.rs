@@ -32,7 +32,6 @@ pub struct TsdfVolume {
 
 impl TsdfVolume {
     /// An empty volume with node (0, 0, 0) at `origin` in the world; distances are cut off at `truncation_m`.
-    #[must_use]
     pub fn new(origin: Point3<f64>, spacing_m: f64, dims: [usize; 3], truncation_m: f64) -> Self {
         let count = dims.iter().product();
         Self {
@@ -157,7 +156,6 @@ impl TsdfVolume {
     }
 
     /// Distances in meters, cut off at the truncation distance; NaN where the weight is at most `min_weight`.
-    #[must_use]
     pub fn distance_grid(&self, min_weight: f32) -> Grid3<f32> {
         let nodes = self.sums.values.par_iter().zip(&self.weights).with_min_len(1 << 14);
         // docs/method.md (3.3).
@@ -175,14 +173,12 @@ impl TsdfVolume {
     }
 
     /// Sum of the weights at each node, in the order of the grid's values.
-    #[must_use]
     pub fn weights(&self) -> &[f32] {
         &self.weights
     }
 
     /// Mean color at a point in the world, interpolated between the colored nodes; `None` where there is
     /// none.
-    #[must_use]
     pub fn color_at(&self, point: &Point3<f64>) -> Option<[u8; 3]> {
         let grid = &self.sums;
         let g = (point - grid.origin) / grid.spacing_m;
@@ -214,7 +210,6 @@ impl TsdfVolume {
     }
 
     /// The colored surface between the nodes with a weight above `min_weight`.
-    #[must_use]
     pub fn colored_mesh(&self, min_weight: f32) -> TriangleMesh {
         let mut mesh = marching_cubes(&self.distance_grid(min_weight), 0.0);
         self.paint_vertices(&mut mesh);

@@ -29,7 +29,6 @@ pub enum PixelRole {
 
 /// The roles for a whole object: object pixels with a positive weight are its surface, pixels off the mask
 /// are free space, object pixels without a usable depth are skipped.
-#[must_use]
 pub(crate) fn object_roles(frame: &RgbdFrame, weights: &[f32]) -> Vec<PixelRole> {
     let mut roles = Vec::with_capacity(weights.len());
     for (pixel, weight) in weights.iter().enumerate() {
@@ -103,7 +102,6 @@ impl<'a> TsdfView<'a> {
     ///
     /// # Panics
     /// If `weights` or `roles` do not have one value a pixel.
-    #[must_use]
     pub fn new(
         frame: &'a RgbdFrame,
         weights: &[f32],
@@ -115,7 +113,6 @@ impl<'a> TsdfView<'a> {
     }
 
     /// A view of a whole object in its own world.
-    #[must_use]
     pub fn of_object(frame: &'a RgbdFrame, noise: &NoiseConfig) -> Self {
         let weights = object_weights(frame, noise);
         Self::new(frame, &weights, &object_roles(frame, &weights), Pose::identity(), noise)

@@ -31,7 +31,6 @@ impl Default for FreeSpaceRule {
 
 /// Whether each node of `nodes` is visible by docs/method.md (3.5): in at least one view it projects onto an
 /// object pixel with known depth and is not further behind this depth than `epsilon_m`.
-#[must_use]
 pub fn visibility_grid<T>(frames: &[RgbdFrame], nodes: &Grid3<T>, epsilon_m: f64) -> Grid3<bool> {
     views_in_front(frames, nodes, 1, |frame| {
         let depths = frame.depth_m.iter().enumerate();
@@ -42,7 +41,6 @@ pub fn visibility_grid<T>(frames: &[RgbdFrame], nodes: &Grid3<T>, epsilon_m: f64
 /// Whether each node of `nodes` is certainly empty: at least `rule.min_views` views see it clearly in front
 /// of a known depth, or on a ray off the mask without known depth. The nearest of the 3x3 readings around a
 /// pixel counts, so smeared depth edges and masks wrong by a pixel do not carve the object.
-#[must_use]
 pub fn free_space_grid<T>(frames: &[RgbdFrame], nodes: &Grid3<T>, rule: &FreeSpaceRule) -> Grid3<bool> {
     views_in_front(frames, nodes, rule.min_views, |frame| free_reach(frame, rule))
 }

@@ -5,7 +5,6 @@ use nalgebra::Point3;
 use super::TriangleMesh;
 
 /// The mesh without unused vertices; the order of the others stays.
-#[must_use]
 pub fn drop_unused_vertices(mesh: &TriangleMesh) -> TriangleMesh {
     let mut used = vec![false; mesh.vertices.len()];
     for &i in mesh.triangles.iter().flatten() {
@@ -26,7 +25,6 @@ pub fn drop_unused_vertices(mesh: &TriangleMesh) -> TriangleMesh {
 }
 
 /// All meshes as one, in order. Colors are kept where every mesh with vertices has them.
-#[must_use]
 pub fn merged_mesh(meshes: &[&TriangleMesh]) -> TriangleMesh {
     let has_colors = meshes.iter().all(|m| m.colors.len() == m.vertices.len());
     let mut all = TriangleMesh::default();
@@ -44,7 +42,6 @@ pub fn merged_mesh(meshes: &[&TriangleMesh]) -> TriangleMesh {
 /// The mesh with all vertices in one cell of a lattice joined at the first of them; the lattice has the given
 /// spacing, meters (0: only equal positions are joined). Triangles left with fewer than three corners and
 /// unused vertices are dropped.
-#[must_use]
 pub fn welded_mesh(mesh: &TriangleMesh, spacing_m: f32) -> TriangleMesh {
     let representative = first_of_cells(&mesh.vertices, spacing_m);
     let triangles = mesh.triangles.iter().map(|t| t.map(|i| representative[i as usize]));
@@ -88,7 +85,6 @@ pub struct EdgeDefects {
 }
 
 /// Counts open and non-manifold sides.
-#[must_use]
 pub fn edge_defects(mesh: &TriangleMesh) -> EdgeDefects {
     let mut sides: Vec<(u32, u32, bool)> =
         mesh.sides().map(|(p, q, _)| (p.min(q), p.max(q), p < q)).collect();
@@ -105,7 +101,6 @@ pub fn edge_defects(mesh: &TriangleMesh) -> EdgeDefects {
 }
 
 /// Whether the mesh has triangles and each side of them belongs to exactly two, of consistent winding.
-#[must_use]
 pub fn is_watertight(mesh: &TriangleMesh) -> bool {
     !mesh.is_empty() && edge_defects(mesh) == EdgeDefects::default()
 }

@@ -26,7 +26,6 @@ pub struct Board {
 
 impl Board {
     /// The board of a configuration: level, in front of an object, with its upper edge towards the object.
-    #[must_use]
     pub fn of_config(object: &Object, config: &SynthConfig) -> Option<Self> {
         config.board.map(|paper| Self::before_object(object, paper))
     }
@@ -53,7 +52,6 @@ impl Board {
     }
 
     /// Linear color of the sheet at a world point.
-    #[must_use]
     pub(super) fn color_at(&self, point: &Point3<f64>) -> Vector3<f64> {
         let at = self.world_from_board.inverse_transform_point(point);
         Vector3::repeat(if self.layout.is_black(&Point2::new(at.x, at.y)) { INK } else { PAPER })

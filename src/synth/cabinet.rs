@@ -3,10 +3,11 @@
 use rand_core::Rng;
 
 use super::{
-    Material, Part, PartJointKind, Solid, cabinet_front,
+    Material, Part, Solid, cabinet_front,
     carcass::{Carcass, Cell},
     look::Look,
 };
+use geometry::AxisMotion;
 use numeric::random::{index_below, is_chosen, uniform_in};
 
 /// Narrowest opening, meters. chosen: a narrow drawer of usual furniture
@@ -137,7 +138,7 @@ fn add_lid(c: &Carcass, look: &Look, wood: &Material, solids: &mut Vec<Solid>, r
     Part::moving_on(
         "lid".into(),
         0,
-        PartJointKind::Revolute,
+        AxisMotion::Revolute,
         [0.0, -1.0, 0.0],
         [-x, 0.0, rim + gap],
         LID_LIMITS_RAD,

@@ -4,11 +4,11 @@ use nalgebra::Vector3;
 use rand_core::Rng;
 
 use super::{
-    Material, Part, PartJointKind, Solid,
+    Material, Part, Solid,
     carcass::{Carcass, Cell},
     look::Look,
 };
-use geometry::Pose;
+use geometry::{AxisMotion, Pose};
 use numeric::random::{index_below, is_chosen, uniform_in};
 
 /// Gap around a moving part, meters. chosen: as in usual furniture
@@ -119,7 +119,7 @@ fn hinged_part(
     Part::moving_on(
         name,
         0,
-        PartJointKind::Revolute,
+        AxisMotion::Revolute,
         axis,
         origin,
         HINGE_LIMITS_RAD,
@@ -164,7 +164,7 @@ fn drawer_part(
     Part::moving_on(
         format!("drawer_{number}"),
         0,
-        PartJointKind::Prismatic,
+        AxisMotion::Prismatic,
         [1.0, 0.0, 0.0],
         [slab.x[1], 0.0, z0],
         limits,
@@ -205,7 +205,7 @@ fn sliding_part(
     Part::moving_on(
         format!("panel_{number}"),
         0,
-        PartJointKind::Prismatic,
+        AxisMotion::Prismatic,
         [0.0, 1.0, 0.0],
         [c.front, y[0], z[0]],
         limits,

@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 use rand_core::Rng;
 
-use super::{Part, PartJointKind, Solid, look::Look};
-use geometry::Pose;
+use super::{Part, Solid, look::Look};
+use geometry::{AxisMotion, Pose};
 use numeric::random::{is_chosen, uniform_in};
 
 /// A lamp: a foot, a post and `parts - 1` rotating links. At rest the links stand upright, side by side.
@@ -44,7 +44,7 @@ pub(super) fn lamp_parts(parts: usize, look: &mut Look, rng: &mut impl Rng) -> V
             all.push(Part::moving_on(
                 name,
                 0,
-                PartJointKind::Revolute,
+                AxisMotion::Revolute,
                 [0.0, 0.0, 1.0],
                 origin,
                 [-1.5, 1.5],
@@ -78,7 +78,7 @@ pub(super) fn lamp_parts(parts: usize, look: &mut Look, rng: &mut impl Rng) -> V
         all.push(Part::moving_on(
             name,
             link - 1,
-            PartJointKind::Revolute,
+            AxisMotion::Revolute,
             [0.0, 1.0, 0.0],
             [x, 0.0, z],
             limits,
@@ -132,7 +132,7 @@ pub(super) fn folding_door(parts: usize, look: &mut Look, rng: &mut impl Rng) ->
         all.push(Part::moving_on(
             format!("panel_{panel}"),
             panel - 1,
-            PartJointKind::Revolute,
+            AxisMotion::Revolute,
             [0.0, 0.0, axis],
             origin.into(),
             limits,

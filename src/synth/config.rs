@@ -26,7 +26,6 @@ impl Family {
         [Self::Cabinet, Self::Lamp, Self::FoldingDoor, Self::CappedBox, Self::Clamshell];
 
     /// Name on the command line and in files.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Cabinet => "cabinet",
@@ -38,7 +37,6 @@ impl Family {
     }
 
     /// Least and largest number of rigid parts, the static one included.
-    #[must_use]
     pub fn part_limits(self) -> [usize; 2] {
         match self {
             Self::Cabinet => [2, 7],
@@ -50,7 +48,6 @@ impl Family {
     }
 
     /// The family with a name.
-    #[must_use]
     pub fn by_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|f| f.name() == name)
     }

@@ -55,7 +55,6 @@ impl Default for DepthCamera {
 impl DepthCamera {
     /// The default camera with noise, rates of missing readings and color noise scaled; 0 is a perfect
     /// sensor.
-    #[must_use]
     pub fn with_scaled_noise(factor: f64) -> Self {
         let base = Self::default();
         // Quantization, shadows and grazing losses do not scale: they are switched off without noise.
@@ -79,7 +78,6 @@ impl DepthCamera {
     }
 
     /// Depth readings of a view in millimeters, row-major, 0 = none; `errors` are added to this camera's own.
-    #[must_use]
     pub fn depth_mm(
         &self,
         view: &View,
@@ -138,7 +136,6 @@ impl DepthCamera {
     }
 
     /// sRGB colors of a view with the camera's noise, row-major.
-    #[must_use]
     pub fn color_image(&self, view: &View, rng: &mut impl Rng) -> Vec<[u8; 3]> {
         let mut pixels = Vec::with_capacity(view.color.len());
         for color in &view.color {

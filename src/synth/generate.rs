@@ -6,10 +6,10 @@ use nalgebra::{Unit, UnitQuaternion, Vector3};
 use rand_core::Rng;
 
 use super::{
-    Family, Object, PartJoint, PartJointKind, SynthConfig, cabinet, chain, clearance, fittings,
-    lacquer::Lacquer, look::Look, observable, tabletop,
+    Family, Object, PartJoint, SynthConfig, cabinet, chain, clearance, fittings, lacquer::Lacquer,
+    look::Look, observable, tabletop,
 };
-use geometry::Pose;
+use geometry::{AxisMotion, Pose};
 use numeric::random::{self, stage_rng};
 
 /// Most shapes tried.
@@ -127,9 +127,9 @@ fn positions(joint: &PartJoint, rng: &mut impl Rng) -> [f64; 2] {
     let [low, high] = joint.limits;
     let span = high - low;
     let [least, most] = match joint.kind {
-        PartJointKind::Revolute => [0.35f64.min(0.5 * span), 1.4f64.min(0.9 * span)],
-        PartJointKind::Prismatic => [0.3 * span, 0.9 * span],
-        PartJointKind::Screw { .. } => [1.0f64.min(0.5 * span), 2.6f64.min(0.9 * span)],
+        AxisMotion::Revolute => [0.35f64.min(0.5 * span), 1.4f64.min(0.9 * span)],
+        AxisMotion::Prismatic => [0.3 * span, 0.9 * span],
+        AxisMotion::Screw { .. } => [1.0f64.min(0.5 * span), 2.6f64.min(0.9 * span)],
     };
     let motion = random::uniform_in(rng, least, most);
     let near = random::uniform_in(rng, low, high - motion);
@@ -160,7 +160,7 @@ mod tests {
                         assert!(joint.parent < k);
                         let motion = (joint.positions[1] - joint.positions[0]).abs();
                         assert!(
-                            motion > if joint.kind == PartJointKind::Prismatic { 0.015 } else { 0.2 },
+                            motion > if joint.kind == AxisMotion::Prismatic { 0.015 } else { 0.2 },
                             "{} {motion}",
                             part.name
                         );

@@ -19,7 +19,6 @@ pub enum HandleStyle {
 
 impl HandleStyle {
     /// The style with a command line name.
-    #[must_use]
     pub fn by_name(name: &str) -> Option<Self> {
         Some(match name {
             "bar" => Self::Bar,
@@ -64,7 +63,6 @@ pub enum HandleKind {
 
 impl HandleKind {
     /// Name in files.
-    #[must_use]
     pub fn name(&self) -> &'static str {
         match self {
             Self::Bar { .. } => "bar",

@@ -28,14 +28,12 @@ pub struct ImuReading {
 }
 
 /// Pose of the sensor in the optical frame: behind and beside the lens, x forward and z up.
-#[must_use]
 pub fn optical_from_imu() -> Pose {
     let turn = UnitQuaternion::from_quaternion(Quaternion::new(0.5, -0.5, 0.5, -0.5)).inverse();
     Pose::from_parts(Translation3::new(-0.03, 0.01, -0.005), turn)
 }
 
 /// Bias of a camera's sensor in its own axes, m/s².
-#[must_use]
 pub fn imu_bias(config: &SynthConfig) -> Vector3<f64> {
     let rng = &mut stage_rng(config.seed, "synth/imu/bias", 0);
     Vector3::from_fn(|_, _| random::uniform_in(rng, -BIAS, BIAS))

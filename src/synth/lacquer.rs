@@ -35,13 +35,11 @@ impl Lacquer {
     }
 
     /// Whether a point in the part's frame is lacquered.
-    #[must_use]
     pub fn covers(&self, point: &Point3<f64>) -> bool {
         value_noise(&(point.coords / self.patch_m), self.seed) >= self.from
     }
 
     /// Linear color of a surface under lacquer.
-    #[must_use]
     pub fn darkened_color(color: Vector3<f64>) -> Vector3<f64> {
         DARKENING * color
     }

@@ -53,7 +53,7 @@ pub use imu::{ImuReading, imu_bias, optical_from_imu};
 pub use lacquer::Lacquer;
 pub use light::Light;
 pub use material::Material;
-pub use object::{BoundingSphere, Object, Part, PartJoint, PartJointKind};
+pub use object::{BoundingSphere, Object, Part, PartJoint};
 pub use path::CameraPath;
 pub use recording::{SynthFrame, SynthState, film_take, handheld_camera, record};
 pub use scene::Scene;

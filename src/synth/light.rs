@@ -21,7 +21,6 @@ pub struct Light {
 
 impl Light {
     /// White light from a distant lamp and from all around.
-    #[must_use]
     pub fn from_lamp(lamp: Vector3<f64>) -> Self {
         Self { lamp, tint: Vector3::repeat(1.0), bulbs: Vec::new(), shine: 0.0 }
     }

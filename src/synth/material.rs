@@ -26,20 +26,17 @@ const FALL: f64 = 0.8;
 
 impl Material {
     /// A surface of one color.
-    #[must_use]
     pub fn plain(base: Vector3<f64>) -> Self {
         Self { base, second: base, wavelength_m: None, seed: 0, lacquer: None }
     }
 
     /// Whether a point in the part's frame is lacquered.
-    #[must_use]
     pub fn is_lacquered(&self, point: &Point3<f64>) -> bool {
         self.lacquer.is_some_and(|lacquer| lacquer.covers(point))
     }
 
     /// Linear color at a point in the part's frame; octaves too fine for a pixel of `footprint_m` are left
     /// out.
-    #[must_use]
     pub fn color_at(&self, point: &Point3<f64>, footprint_m: f64) -> Vector3<f64> {
         let own = self.own_color(point, footprint_m);
         if self.is_lacquered(point) { Lacquer::darkened_color(own) } else { own }

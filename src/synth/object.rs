@@ -3,34 +3,8 @@
 use nalgebra::{Point3, Unit, Vector3};
 
 use super::{Family, Handle, Solid};
-use geometry::{Pose, Screw, bounding_box};
+use geometry::{AxisMotion, Pose, bounding_box};
 use surface::{TriangleMesh, merged_mesh};
-
-/// Type of a part's joint with its parent.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum PartJointKind {
-    /// Rotates about its axis.
-    Revolute,
-    /// Translates along its axis.
-    Prismatic,
-    /// Rotates about its axis and translates along it in proportion.
-    Screw {
-        /// Translation per angle, meters per radian.
-        pitch_m_per_rad: f64,
-    },
-}
-
-impl PartJointKind {
-    /// Name in files.
-    #[must_use]
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::Revolute => "revolute",
-            Self::Prismatic => "prismatic",
-            Self::Screw { .. } => "screw",
-        }
-    }
-}
 
 /// The joint between a part and its parent. Positions are in radians, or meters for a prismatic joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,7 +12,7 @@ pub struct PartJoint {
     /// Index of the parent part.
     pub parent: usize,
     /// Type of joint.
-    pub kind: PartJointKind,
+    pub kind: AxisMotion,
     /// Axis direction in the object's rest frame.
     pub axis: Unit<Vector3<f64>>,
     /// A point on the axis in the object's rest frame, meters.
@@ -51,14 +25,8 @@ pub struct PartJoint {
 
 impl PartJoint {
     /// Motion of the part in the rest frame at a joint position; identity at 0.
-    #[must_use]
     pub fn motion_at(&self, position: f64) -> Pose {
-        let line = Screw { direction: self.axis, point: self.origin, angle_rad: 0.0, advance_m: 0.0 };
-        match self.kind {
-            PartJointKind::Revolute => line.motion_by(position, 0.0),
-            PartJointKind::Prismatic => line.motion_by(0.0, position),
-            PartJointKind::Screw { pitch_m_per_rad } => line.motion_by(position, position * pitch_m_per_rad),
-        }
+        self.kind.motion_to(self.axis, self.origin, position)
     }
 }
 
@@ -80,7 +48,7 @@ impl Part {
     pub(super) fn moving_on(
         name: String,
         parent: usize,
-        kind: PartJointKind,
+        kind: AxisMotion,
         axis: [f64; 3],
         origin: [f64; 3],
         limits: [f64; 2],
@@ -123,7 +91,6 @@ impl Object {
     }
 
     /// Motion of every part in the rest frame, with each joint at `share` of its way from state 0 to state 1.
-    #[must_use]
     pub fn rest_from_parts(&self, share: f64) -> Vec<Pose> {
         let mut poses: Vec<Pose> = Vec::with_capacity(self.parts.len());
         for part in &self.parts {
@@ -135,13 +102,11 @@ impl Object {
     }
 
     /// Pose of every part in the world, by state.
-    #[must_use]
     pub fn world_from_parts(&self, state: usize) -> Vec<Pose> {
         self.rest_from_parts(state as f64).iter().map(|p| self.world_from_rest * p).collect()
     }
 
     /// Joint axis and origin of a part in the world in state 0; `None` for the static part.
-    #[must_use]
     pub fn axis_in_world(&self, part: usize) -> Option<(Unit<Vector3<f64>>, Point3<f64>)> {
         let joint = self.parts[part].joint.as_ref()?;
         let world_from_parent = self.world_from_parts(0)[joint.parent];
@@ -152,7 +117,6 @@ impl Object {
     }
 
     /// Mesh of a part in its own frame.
-    #[must_use]
     pub fn mesh_of_part(&self, part: usize) -> TriangleMesh {
         let meshes: Vec<TriangleMesh> = self.parts[part]
             .solids
@@ -163,14 +127,12 @@ impl Object {
     }
 
     /// Surface mesh of every part in the world, by state.
-    #[must_use]
     pub fn meshes_in_world(&self, state: usize) -> Vec<TriangleMesh> {
         let poses = self.world_from_parts(state);
         poses.iter().enumerate().map(|(part, pose)| self.mesh_of_part(part).transformed(pose)).collect()
     }
 
     /// A sphere around the object in both states.
-    #[must_use]
     pub fn bounding_sphere(&self) -> BoundingSphere {
         let mut points: Vec<Point3<f64>> = Vec::new();
         for state in 0..2 {

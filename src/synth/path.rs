@@ -60,7 +60,6 @@ pub struct CameraPath {
 impl CameraPath {
     /// A sweep around `center` of an object with radius `radius_m` and front at azimuth `front_rad`;
     /// `half_view_rad` is half the smaller field of view.
-    #[must_use]
     pub fn new(
         center: Point3<f64>,
         radius_m: f64,
@@ -82,7 +81,6 @@ impl CameraPath {
     }
 
     /// `world_from_camera` (optical frame) at a time in `[0, 1]`.
-    #[must_use]
     pub fn pose_at(&self, time: f64) -> Pose {
         let azimuth =
             self.front_rad + self.start * HALF_SWEEP_RAD * (2.0 * time - 1.0) + self.azimuth.value_at(time);

@@ -76,13 +76,11 @@ pub struct SynthState {
 }
 
 /// Records an object in a state. The result depends only on the configuration, not on the number of threads.
-#[must_use]
 pub fn record(object: &Object, state: usize, config: &SynthConfig) -> SynthState {
     film_take(object, state, state, config)
 }
 
 /// Records take number `take` of an object in a state; every take has its own camera path and noise.
-#[must_use]
 pub fn film_take(object: &Object, state: usize, take: usize, config: &SynthConfig) -> SynthState {
     let rng =
         |what: &str, step: usize| stage_rng(config.seed, &format!("synth/state{take}/{what}"), step as u64);
@@ -152,7 +150,6 @@ pub fn film_take(object: &Object, state: usize, take: usize, config: &SynthConfi
 }
 
 /// The camera of a configuration, without effects if no sensor is configured.
-#[must_use]
 pub fn handheld_camera(config: &SynthConfig) -> HandheldCamera {
     let sensor = config.sensor.unwrap_or_else(HandheldSensor::clean);
     HandheldCamera::drawn(sensor, &camera_intrinsics(config), config.seed)

@@ -47,7 +47,6 @@ pub struct Scene<'a> {
 
 impl<'a> Scene<'a> {
     /// The object in a state on a round floor centered below it.
-    #[must_use]
     pub fn new(object: &'a Object, state: usize, floor: &'a Material, floor_radius_m: f64) -> Self {
         let poses = object.world_from_parts(state);
         let mut placed = Vec::new();
@@ -77,7 +76,6 @@ impl<'a> Scene<'a> {
     }
 
     /// Whether the surface has print on it, finer than a pixel.
-    #[must_use]
     pub fn is_printed(&self, sight: &Sight) -> bool {
         self.print.is_some_and(|(solid, _)| solid == sight.solid)
     }
@@ -92,7 +90,6 @@ impl<'a> Scene<'a> {
     }
 
     /// The first surface on a ray, between the multiples 0 and `farthest` of its direction.
-    #[must_use]
     pub fn first_sight(&self, origin: &Point3<f64>, ray: &Vector3<f64>, farthest: f64) -> Option<Sight> {
         let mut best: Option<Sight> = None;
         // The floor first, as its hit limits the search among the solids. Level rays fail the comparisons.
@@ -130,7 +127,6 @@ impl<'a> Scene<'a> {
     }
 
     /// Whether nothing is between two world points; `margin_m` next to the first is ignored.
-    #[must_use]
     pub fn is_clear(&self, from: &Point3<f64>, to: &Point3<f64>, margin_m: f64) -> bool {
         let way = to - from;
         let length_m = way.norm();
@@ -143,7 +139,6 @@ impl<'a> Scene<'a> {
     }
 
     /// Light from a visible world point towards the eye.
-    #[must_use]
     pub fn shade_of_sight(
         &self,
         sight: &Sight,

@@ -54,7 +54,6 @@ pub struct Hit {
 
 impl Solid {
     /// An axis-aligned box between two corners in the part's frame, meters.
-    #[must_use]
     pub fn box_between(lower: [f64; 3], upper: [f64; 3], material: &Material) -> Self {
         let lower = Vector3::from(lower);
         let upper = Vector3::from(upper);
@@ -72,7 +71,6 @@ impl Solid {
     }
 
     /// A capsule around the segment between two points in the part's frame, meters.
-    #[must_use]
     pub fn capsule(radius_m: f64, from: Point3<f64>, to: Point3<f64>, material: &Material) -> Self {
         let along = to - from;
         // For an opposite direction the rotation is not unique; half a turn about x is chosen.
@@ -86,7 +84,6 @@ impl Solid {
     }
 
     /// A cylinder at a pose.
-    #[must_use]
     pub fn cylinder(radius_m: f64, half_m: f64, part_from_solid: Pose, material: &Material) -> Self {
         Self { shape: Shape::Cylinder { radius_m, half_m }, part_from_solid, material: material.clone() }
     }
@@ -94,7 +91,6 @@ impl Solid {
 
 impl Shape {
     /// Half sides of the smallest axis-aligned box around the shape, meters.
-    #[must_use]
     pub fn half_sides(&self) -> Vector3<f64> {
         match *self {
             Self::Cuboid(half) => half,
@@ -104,7 +100,6 @@ impl Shape {
     }
 
     /// First entry of a ray, in the shape's frame, beyond the multiple `least`; `None` if it starts inside.
-    #[must_use]
     pub fn hit_by(&self, origin: &Point3<f64>, ray: &Vector3<f64>, least: f64) -> Option<Hit> {
         match *self {
             Self::Cuboid(half) => hit_cuboid(origin, ray, &half),
@@ -115,7 +110,6 @@ impl Shape {
     }
 
     /// Closed mesh in the shape's frame, with normals outward.
-    #[must_use]
     pub fn closed_mesh(&self) -> TriangleMesh {
         match *self {
             Self::Cuboid(half) => cuboid_mesh(&half),
@@ -225,14 +219,8 @@ fn outer_half_ball(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, z: f
 }
 
 fn cuboid_mesh(half: &Vector3<f64>) -> TriangleMesh {
-    // Bit k of a corner's index gives its side along axis k.
-    let corners = (0..8)
-        .map(|i| Vector3::from_fn(|k, _| if i >> k & 1 == 1 { half[k] } else { -half[k] }))
-        .map(|corner| Point3::from(corner).cast());
-    let quads: [[u32; 4]; 6] =
-        [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
-    let triangles = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
-    TriangleMesh { vertices: corners.collect(), triangles, colors: Vec::new() }
+    let upper: Point3<f32> = Point3::from(*half).cast();
+    TriangleMesh::cuboid(&-upper, &upper)
 }
 
 fn cylinder_mesh(radius_m: f64, half_m: f64) -> TriangleMesh {

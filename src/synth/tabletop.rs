@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 use rand_core::Rng;
 
-use super::{Part, PartJointKind, Solid, look::Look};
-use geometry::Pose;
+use super::{Part, Solid, look::Look};
+use geometry::{AxisMotion, Pose};
 use numeric::random::uniform_in;
 
 /// A box with a row of `parts - 1` screw caps on top. A bar across each cap shows its rotation.
@@ -41,7 +41,7 @@ pub(super) fn capped_box(parts: usize, look: &mut Look, rng: &mut impl Rng) -> V
                 &grip,
             ),
         ];
-        let kind = PartJointKind::Screw { pitch_m_per_rad: uniform_in(rng, 0.004, 0.012) };
+        let kind = AxisMotion::Screw { pitch_m_per_rad: uniform_in(rng, 0.004, 0.012) };
         moved.push(Part::moving_on(
             format!("cap_{}", i + 1),
             0,
@@ -93,7 +93,7 @@ pub(super) fn clamshell_parts(look: &mut Look, rng: &mut impl Rng) -> Vec<Part> 
     let origin = [-half_x, 0.0, bottom];
     vec![
         Part::static_part("base", base),
-        Part::moving_on("lid".into(), 0, PartJointKind::Revolute, [0.0, -1.0, 0.0], origin, [0.15, 2.3], lid),
+        Part::moving_on("lid".into(), 0, AxisMotion::Revolute, [0.0, -1.0, 0.0], origin, [0.15, 2.3], lid),
     ]
 }
 

@@ -42,7 +42,6 @@ pub(super) fn sees_point(
 
 /// Points that at least three cameras, each with its scene, see at angles that are not grazing; `count`
 /// points are drawn uniformly from the surface of all parts in a state.
-#[must_use]
 pub fn seen_points(
     object: &Object,
     state: usize,

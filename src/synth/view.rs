@@ -42,7 +42,6 @@ pub struct View {
 impl View {
     /// Casts a ray through the center of every pixel; colors of pixels at edges are averaged over several
     /// rays.
-    #[must_use]
     pub fn cast_rays(
         scene: &Scene,
         intrinsics: &Intrinsics,

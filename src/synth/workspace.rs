@@ -13,7 +13,6 @@ const ABOVE_FLOOR_M: f64 = 0.006;
 
 /// Lower and upper corner of a box in the true world around the objects in both of their states, without the
 /// space next to the floor.
-#[must_use]
 pub fn workspace(objects: &[&Object]) -> [Point3<f64>; 2] {
     let mut points: Vec<Point3<f64>> = Vec::new();
     for (object, state) in objects.iter().flat_map(|o| [(o, 0), (o, 1)]) {

@@ -5,11 +5,11 @@
 
 use std::path::Path;
 
-use geometry::Pose;
+use geometry::{AxisMotion, Pose};
 use io::write_synth_bag;
 use model::{ArticulatedModel, JointKind};
 use nalgebra::{Point3, Unit, Vector3};
-use synth::{Family, Material, Object, PartJointKind, Solid, SynthConfig, film_take, generate};
+use synth::{Family, Material, Object, Solid, SynthConfig, film_take, generate};
 
 use super::objects::{box_mesh, joint, link, write_truth};
 
@@ -79,8 +79,8 @@ impl BoxScene<'_> {
             let part_joint = part.joint.as_mut().unwrap();
             part_joint.parent = 0;
             part_joint.kind = match moving.kind {
-                JointKind::Prismatic => PartJointKind::Prismatic,
-                _ => PartJointKind::Revolute,
+                JointKind::Prismatic => AxisMotion::Prismatic,
+                _ => AxisMotion::Revolute,
             };
             part_joint.axis = Unit::new_normalize(moving.axis.into());
             part_joint.origin = Point3::from(moving.origin);

@@ -12,12 +12,13 @@ use io::{
     write_synth_bag, write_true_twin,
 };
 use serde_json::Value;
-use synth::{Family, Object, PartJointKind, SynthConfig, film_take, further_states, generate};
+use synth::{Family, Object, SynthConfig, film_take, further_states, generate};
 
 use crate::{
     common::{BagWriter, START, write_metadata},
     hidden::{Hidden, PART, RECORDINGS, hide_in_recording, hide_in_states, hide_in_twin, recorded_position},
 };
+use geometry::AxisMotion;
 
 /// Seeds that are tried for an object that a case can use.
 const TRIES: u64 = 50;
@@ -86,8 +87,8 @@ pub fn usable(config: &SynthConfig, hidden: Hidden) -> (Object, SynthConfig) {
         let config = SynthConfig { seed: config.seed + 1000 * k, ..config.clone() };
         let Ok(object) = generate(&config) else { continue };
         let kind = object.parts[PART].joint.unwrap().kind;
-        let is_screw = matches!(kind, PartJointKind::Screw { .. });
-        let turns = kind != PartJointKind::Prismatic;
+        let is_screw = matches!(kind, AxisMotion::Screw { .. });
+        let turns = kind != AxisMotion::Prismatic;
         if is_screw == hidden.needs_screw() && (turns || !hidden.needs_turn()) {
             return (object, config);
         }

@@ -3,11 +3,11 @@
 use std::{fs, ops::Range, path::Path};
 
 use gap::camera::model::small_motion::twist_motion;
-use geometry::Pose;
+use geometry::{AxisMotion, Pose};
 use nalgebra::{Point3, UnitQuaternion, Vector3, Vector6};
 use numeric::random::stage_rng;
 use rand_core::Rng as _;
-use synth::{Object, PartJointKind, SynthState};
+use synth::{Object, SynthState};
 
 use crate::cut::cut;
 
@@ -92,7 +92,7 @@ fn middle_and_radius(object: &Object) -> (Point3<f64>, f64) {
 /// What is added to a joint position in the recordings, rad or m.
 pub fn encoder_bias(object: &Object, size: f64) -> f64 {
     match object.parts[PART].joint.unwrap().kind {
-        PartJointKind::Prismatic => size * middle_and_radius(object).1,
+        AxisMotion::Prismatic => size * middle_and_radius(object).1,
         _ => size,
     }
 }
@@ -112,7 +112,7 @@ fn second_direction(hidden: Hidden, object: &Object) -> Vector3<f64> {
     let joint = object.parts[PART].joint.unwrap();
     let along = joint.axis.iamax();
     // What turns may slide along its axis.
-    let is_axis = matches!(hidden, Hidden::SecondSlide(_)) && joint.kind != PartJointKind::Prismatic;
+    let is_axis = matches!(hidden, Hidden::SecondSlide(_)) && joint.kind != AxisMotion::Prismatic;
     let chosen = if is_axis { along } else { (along + 1) % 3 };
     Vector3::from_fn(|i, _| if i == chosen { 1.0 } else { 0.0 })
 }
@@ -140,9 +140,9 @@ pub fn play(states: &[Object], share: f64, seed: u64) -> Vec<[Vector3<f64>; 2]> 
         let mut motion = Vector6::from_fn(|_, _| 2.0 * (rng.next_u64() as f64 / u64::MAX as f64) - 1.0);
         let middle = joint.motion_at(state.parts[PART].joint.unwrap().positions[1]) * middle;
         let own = match joint.kind {
-            PartJointKind::Prismatic => [axis, Vector3::zeros()],
-            PartJointKind::Revolute => [axis.cross(&(middle - joint.origin)), axis * radius_m],
-            PartJointKind::Screw { pitch_m_per_rad } => {
+            AxisMotion::Prismatic => [axis, Vector3::zeros()],
+            AxisMotion::Revolute => [axis.cross(&(middle - joint.origin)), axis * radius_m],
+            AxisMotion::Screw { pitch_m_per_rad } => {
                 [axis.cross(&(middle - joint.origin)) + axis * pitch_m_per_rad, axis * radius_m]
             }
         };
@@ -238,13 +238,13 @@ fn joint_line(hidden: Hidden, object: &Object, line: &str) -> String {
             let shift = object.world_from_rest.rotation * across(object) * m;
             with_numbers(line, "origin", &(numbers(line, "origin") + shift))
         }
-        Hidden::OtherType if joint.kind == PartJointKind::Prismatic => {
+        Hidden::OtherType if joint.kind == AxisMotion::Prismatic => {
             line.replace("type=\"prismatic\"", "type=\"revolute\"")
         }
         Hidden::OtherType => line.replace("type=\"revolute\"", "type=\"prismatic\""),
         Hidden::NoThread => format!("{}</joint>", &line[..line.find("<artitwin:thread").unwrap()]),
         Hidden::Pitch(share) => {
-            let PartJointKind::Screw { pitch_m_per_rad } = joint.kind else { panic!("no screw: {line}") };
+            let AxisMotion::Screw { pitch_m_per_rad } = joint.kind else { panic!("no screw: {line}") };
             let pitch = |m: f64| format!("pitch_m_per_rad=\"{m}\"");
             line.replace(&pitch(pitch_m_per_rad), &pitch((1.0 + share) * pitch_m_per_rad))
         }

@@ -2,9 +2,10 @@
 
 use nalgebra::Vector3;
 use serde_json::Value;
-use synth::{Object, PartJointKind};
+use synth::Object;
 
 use crate::hidden::{Hidden, PART, encoder_bias, mount, play, second_way};
+use geometry::AxisMotion;
 
 /// The gap of a right name falls to this share, or to [`CLOSED_M`] above the noise.
 const CLOSED_SHARE: f64 = 0.2;
@@ -102,7 +103,7 @@ fn truth(hidden: Hidden, object: &Object, states: &[Object], seed: u64) -> Vec<T
         Hidden::AxisTurn(rad) => vec![Truth::of("axis_angle", rad)],
         Hidden::AxisShift(m) | Hidden::FrameShift(m) => vec![Truth::of("axis_position", m)],
         Hidden::NoThread | Hidden::Pitch(_) => match object.parts[PART].joint.unwrap().kind {
-            PartJointKind::Screw { pitch_m_per_rad } => vec![Truth::of("pitch", pitch_m_per_rad)],
+            AxisMotion::Screw { pitch_m_per_rad } => vec![Truth::of("pitch", pitch_m_per_rad)],
             _ => Vec::new(),
         },
         Hidden::Play(share) => {

@@ -22,7 +22,6 @@ const FLAT: f64 = 1e-6;
 
 impl JointEstimate {
     /// The direction of the axis from the motion alone; `None` where the motion does not determine it.
-    #[must_use]
     pub fn seen_direction(&self) -> Option<SeenDirection> {
         let covariance: nalgebra::Matrix3<f64> = self.evidence.covariance.fixed_view::<3, 3>(0, 0).into();
         let known = covariance.iter().all(|c| c.is_finite()) && !matches!(self.kind, JointKind::Free { .. });
@@ -32,7 +31,6 @@ impl JointEstimate {
     /// The joint updated with a prior of its direction; its other parameters follow by their covariance with
     /// the direction (linear update of a Gaussian). `parents` are the motions of the parent from state 0 to
     /// the other states.
-    #[must_use]
     pub fn with_axis_prior(mut self, prior: &SeenDirection, parents: &[ParentMotion]) -> Self {
         let before = self.evidence.covariance;
         let (a, b) = frame_across(&prior.direction);

@@ -25,7 +25,6 @@ impl DrawnResiduals {
     /// Computes the changes at a motion `state1_from_state0` from the displacements of a part's surface in
     /// both states; `matches` are the ends of its matches. The partner on the other state's surface is looked
     /// for within `radius_m`.
-    #[must_use]
     pub fn new(
         draws: &[SurfaceDraws; 2],
         surfaces: [&SurfaceSamples; 2],
@@ -72,7 +71,6 @@ impl DrawnResiduals {
     }
 
     /// Number of draws.
-    #[must_use]
     pub fn draw_count(&self) -> usize {
         self.count
     }

@@ -35,7 +35,6 @@ pub struct JointChoice {
 ///
 /// All motions must use blocks of the same side
 /// ([`MotionEvidence::block_m`](super::motion_evidence::MotionEvidence::block_m)).
-#[must_use]
 pub(crate) fn estimate_joint(
     motions: &[JointMotion],
     place: PartPlace,

@@ -32,13 +32,11 @@ pub struct ParentMotion {
 
 impl ParentMotion {
     /// Left perturbation of the motion by a draw.
-    #[must_use]
     pub fn drawn_perturbation(&self, draw: usize) -> Vector6<f64> {
         self.drawn.get(draw).copied().unwrap_or_default()
     }
 
     /// The motion of the static part: identity, without error.
-    #[must_use]
     pub fn static_part() -> Self {
         Self { state1_from_state0: Pose::identity(), covariance: Matrix6::zeros(), drawn: Vec::new() }
     }
@@ -100,7 +98,6 @@ fn fitted_motion(start: &Pose, evidence: &MotionEvidence, sigma_m: f64) -> (Pose
 
 /// The motion of a part without a joint, with its covariance, which is zero where some direction is not
 /// observed.
-#[must_use]
 pub(crate) fn free_motion(start: &Pose, evidence: &MotionEvidence) -> ParentMotion {
     let free = FreeFit::new(start, evidence);
     let displacements = free.quadratic.displacement_covariance();

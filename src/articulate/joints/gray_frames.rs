@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use crate::joints::patch_alignment::GrayPatch;
 use capture::{NoiseConfig, RgbdFrame, luma};
+use geometry::bilinear;
 
 /// A reading differing from a point's depth by more than this share, beside four standard deviations, is of
 /// another surface. chosen: errors of poses
@@ -54,16 +55,10 @@ impl<'a> GrayFrames<'a> {
         {
             return None;
         }
-        let x = u.max(0.0) as usize;
-        let y = v.max(0.0) as usize;
-        if x + 1 >= w || y + 1 >= h {
+        if u >= (w - 1) as f64 || v >= (h - 1) as f64 {
             return None;
         }
-        let a = (u - x as f64) as f32;
-        let b = (v - y as f64) as f32;
-        let [g00, g10, g01, g11] =
-            [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| self.gray[frame][(y + j) * w + x + i]);
-        Some((g00 * (1.0 - a) + g10 * a) * (1.0 - b) + (g01 * (1.0 - a) + g11 * a) * b)
+        Some(bilinear(|i| f64::from(self.gray[frame][i]), w, h, u, v) as f32)
     }
 
     /// The frames with the best view of a point (most pixels per area), at most `count`, in a fixed order;

@@ -32,7 +32,6 @@ pub struct JointEstimate {
 
 impl JointEstimate {
     /// Largest distance of a position from state 0, radians or meters.
-    #[must_use]
     pub fn largest_position(&self) -> f64 {
         self.positions.iter().copied().fold(0.0, |a, b| if b.abs() > f64::abs(a) { b } else { a })
     }

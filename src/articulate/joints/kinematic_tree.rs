@@ -40,7 +40,6 @@ pub struct TreeJointEstimate {
 
 /// The joints of all moving parts, in their order, each with its parent. `root` are the motions of the static
 /// part from state 0 to all other states; `extent_m` is the longest side of the object.
-#[must_use]
 pub fn kinematic_tree(
     root: &[ParentMotion],
     parts: &[PartEvidence],

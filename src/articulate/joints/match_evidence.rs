@@ -28,7 +28,6 @@ fn lifted_covariance(
 /// Matches whose state-0 ends lie in one cell of side `cell_m` see one feature. If it was seen in `n0` frames
 /// of state 0 and `n1` of state 1, its displacement is known to `sigma^2 (1/n0 + 1/n1)`, however many of the
 /// pairs were matched; the shares of the `m` pairs (variance `2 sigma^2`) add up to this variance.
-#[must_use]
 pub(crate) fn match_evidence(
     matches: &[LiftedMatch],
     states: [&[RgbdFrame]; 2],

@@ -92,13 +92,11 @@ const CHUNK: usize = 1024;
 impl MotionEvidence<'_> {
     /// Robust quadratic model of the cost at a motion. `sigma_m` is the standard deviation of a surface
     /// residual.
-    #[must_use]
     pub fn linearise(&self, motion: &Pose, sigma_m: f64) -> Quadratic {
         self.linearise_drawn(motion, sigma_m, 0)
     }
 
     /// Changes of half the gradient of [`Self::linearise`] by drawn errors of poses and depth, per draw.
-    #[must_use]
     pub fn drawn_gradients(&self, motion: &Pose, sigma_m: f64) -> Vec<Vector6<f64>> {
         match self.drawn.draw_count() {
             0 => Vec::new(),
@@ -253,7 +251,6 @@ impl MotionEvidence<'_> {
     }
 
     /// Standard deviation of the surface residuals at a motion, from their median absolute value, meters.
-    #[must_use]
     pub fn surface_sigma_m(&self, motion: &Pose, floor_m: f64) -> f64 {
         let mut all: Vec<f64> = Vec::new();
         for state in [0, 1] {

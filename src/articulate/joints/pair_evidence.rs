@@ -40,7 +40,6 @@ pub struct ObservedState<'a> {
 
 impl ObservedState<'_> {
     /// Points on the surface of one part.
-    #[must_use]
     pub fn samples_of_part(&self, part: u8) -> SurfaceSamples {
         self.samples.chosen_samples(&self.points_of(part))
     }
@@ -107,7 +106,6 @@ pub struct PairEvidence<'a> {
 impl<'a> PairEvidence<'a> {
     /// Gathers the evidence on part `part`, from a starting motion `state1_from_state0`. `matches` are the
     /// lifted matches on the part; `extent_m` is the longest side of the object.
-    #[must_use]
     pub fn gather(
         part: u8,
         start: &Pose,
@@ -177,19 +175,16 @@ impl<'a> PairEvidence<'a> {
     }
 
     /// The evidence for the part's motion, given the parent's motion.
-    #[must_use]
     pub fn joint_motion<'m>(&'m self, parent: &'m ParentMotion) -> JointMotion<'m> {
         JointMotion { start: self.motion, parent, evidence: self.motion_evidence() }
     }
 
     /// The motion of this part without a joint, with its covariance.
-    #[must_use]
     pub fn free_motion(&self) -> ParentMotion {
         free_motion(&self.motion, &self.motion_evidence())
     }
 
     /// The evidence that gives the residuals of a motion.
-    #[must_use]
     pub fn motion_evidence(&self) -> MotionEvidence<'_> {
         let side_m = (0.5 * (self.areas_m2[0] + self.areas_m2[1])).sqrt();
         MotionEvidence {

@@ -20,7 +20,6 @@ pub struct PartEvidence<'a> {
 
 impl<'a> PartEvidence<'a> {
     /// Collects the evidence of all pairs; `None` without one.
-    #[must_use]
     pub fn new(pairs: impl IntoIterator<Item = PairEvidence<'a>>) -> Option<Self> {
         let mut pairs = pairs.into_iter();
         Some(Self { first: pairs.next()?, others: pairs.collect() })
@@ -37,25 +36,21 @@ impl<'a> PartEvidence<'a> {
     }
 
     /// Position and size of the part in state 0.
-    #[must_use]
     pub fn place(&self) -> PartPlace {
         self.first.place
     }
 
     /// Estimates the joint between this part and a parent with the given motions to all other states.
-    #[must_use]
     pub fn estimated_joint(&self, parents: &[ParentMotion], choice: JointChoice) -> JointEstimate {
         estimate_joint(&self.joint_motions(parents), self.place(), choice)
     }
 
     /// A turning joint with its axis at the best place for its fixed direction.
-    #[must_use]
     pub fn settled(&self, joint: JointEstimate, parents: &[ParentMotion]) -> JointEstimate {
         joint.settled(&self.joint_motions(parents))
     }
 
     /// Whether the part would fit all states as well after a turn about the axis of a joint.
-    #[must_use]
     pub fn looks_alike_round(&self, joint: &JointEstimate) -> bool {
         self.pairs()
             .zip(&joint.motions)

@@ -22,7 +22,6 @@ const UNKNOWN: f64 = 1e12;
 
 /// The joint to the static part for a motion `state1_from_state0` in the world of a part around `middle`,
 /// meters. Its standard deviations are not determined.
-#[must_use]
 pub fn published_joint(state1_from_state0: &Pose, middle: &Point3<f64>) -> TreeJointEstimate {
     let turn = Screw::of_motion(state1_from_state0).filter(|s| s.angle_rad >= LEAST_TURN_RAD);
     let shift = state1_from_state0.translation.vector;

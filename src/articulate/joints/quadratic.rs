@@ -25,7 +25,6 @@ pub struct Block {
 
 impl Block {
     /// The block of side `side_m` around a point.
-    #[must_use]
     pub fn block_of(x: &Point3<f64>, side_m: f64, source: Source) -> Self {
         Self { cell: cell_of(x, side_m), source }
     }
@@ -41,7 +40,6 @@ pub struct DisplacedPatch {
 
 impl DisplacedPatch {
     /// The patch of size `size_m` around a point with a given normal.
-    #[must_use]
     pub fn patch_of(x: &Point3<f64>, normal: &Vector3<f64>, size_m: f64, source: Source) -> Self {
         let axis = normal.iamax();
         Self { cell: cell_of(x, size_m), side: 2 * axis + usize::from(normal[axis] > 0.0), source }
@@ -139,7 +137,6 @@ impl Quadratic {
     }
 
     /// Covariance of the gradient due to displacements of the surfaces' patches.
-    #[must_use]
     pub fn displacement_covariance(&self) -> Matrix6<f64> {
         self.displaced.values().map(|g| g * g.transpose()).sum()
     }
@@ -148,7 +145,6 @@ impl Quadratic {
     /// covariance (Liang and Zeger 1986) over blocks of the surface against the inverse information, averaged
     /// over the six parameters; at least 1. Errors of a reconstructed surface that a block shares do not
     /// average out within it. See docs/method.md (8.10).
-    #[must_use]
     pub fn dispersion(&self) -> f64 {
         let parameters = 6;
         let blocks = self.block_gradients.len();

@@ -170,7 +170,6 @@ fn log_sum(a: f64, b: f64) -> f64 {
 
 /// The prior of each axis from the other axes and the faces; `None` where the axis is likelier to be
 /// arbitrary, or is not known at all.
-#[must_use]
 pub(crate) fn square_priors(
     axes: &[Option<SeenDirection>],
     faces: &[SeenDirection],

@@ -11,7 +11,6 @@ use numeric::statistics::CHI_SQUARE_999;
 /// surfaces and matches, `still` the covariance of its rest from the surroundings (a left perturbation,
 /// translation 3 and rotation 3, square meters and radians). If they contradict each other, `own` is
 /// returned: the object was moved relative to its surroundings.
-#[must_use]
 pub fn static_motion(own: &ParentMotion, still: &Matrix6<f64>) -> ParentMotion {
     // The part's own surfaces left some direction open (see `free_motion`).
     if own.covariance == Matrix6::zeros() {

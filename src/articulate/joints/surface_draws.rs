@@ -7,7 +7,6 @@ use rayon::prelude::*;
 
 use crate::observations::SurfaceSamples;
 use capture::{ErrorDraw, GRAZING_COSINE, NoiseConfig, RgbdFrame};
-use geometry::skew_matrix;
 
 /// Displacements of the samples of one state, meters.
 #[derive(Clone, Debug, Default)]
@@ -21,7 +20,6 @@ pub struct SurfaceDraws {
 impl SurfaceDraws {
     /// Draws the displacements of the samples of state number `state`. Readings farther from a sample than
     /// `reach_m` plus their noise are of another surface. See docs/method.md (8.17).
-    #[must_use]
     pub fn new(
         draws: &[ErrorDraw],
         state: usize,
@@ -50,7 +48,6 @@ impl SurfaceDraws {
 
     /// The motion of the chosen samples as one body in every draw (least squares): translation, meters, and
     /// rotation, radians, about the world's origin. Empty where they do not determine one.
-    #[must_use]
     pub fn rigid_motions(&self, points: &[Point3<f64>], chosen: &[usize]) -> Vec<Vector6<f64>> {
         let slopes: Vec<Matrix3x6<f64>> = chosen.iter().map(|&i| displacement_slope(&points[i])).collect();
         let information: Matrix6<f64> = slopes.iter().map(|slope| slope.tr_mul(slope)).sum();
@@ -66,7 +63,6 @@ impl SurfaceDraws {
     }
 
     /// The displacements less those of a motion of all points as one body, one motion per draw.
-    #[must_use]
     pub fn without_motions(mut self, motions: &[Vector6<f64>], points: &[Point3<f64>]) -> Self {
         for (x, all) in points.iter().zip(self.displacements_m.chunks_mut(self.count.max(1))) {
             for (displacement, motion) in all.iter_mut().zip(motions) {
@@ -79,13 +75,11 @@ impl SurfaceDraws {
     }
 
     /// Number of draws.
-    #[must_use]
     pub fn draw_count(&self) -> usize {
         self.count
     }
 
     /// Displacements of one sample by draw, meters.
-    #[must_use]
     pub fn displacements_of(&self, sample: usize) -> &[Vector3<f32>] {
         &self.displacements_m[sample * self.count..(sample + 1) * self.count]
     }
@@ -101,7 +95,7 @@ impl SurfaceDraws {
 /// Derivative of the displacement of a point by a motion (v, w): it is `v + w x point`.
 fn displacement_slope(point: &Point3<f64>) -> Matrix3x6<f64> {
     let mut slope = Matrix3x6::identity();
-    slope.fixed_view_mut::<3, 3>(0, 3).copy_from(&-skew_matrix(&point.coords));
+    slope.fixed_view_mut::<3, 3>(0, 3).copy_from(&-point.coords.cross_matrix());
     slope
 }
 

@@ -43,7 +43,6 @@ const LEAST_SIGMA_PX: f64 = 0.5;
 
 /// Dense matches of one part under a motion near the true one. `sdf` are the distance fields of both states,
 /// meters.
-#[must_use]
 pub(crate) fn texture_matches(
     surfaces: [&SurfaceSamples; 2],
     states: [&[RgbdFrame]; 2],

@@ -35,7 +35,6 @@ struct LiftedFeature {
 /// refused. Features of one state with a match to the same feature of the other are one point, averaged, if
 /// they agree in 3D. A pair of points is returned once, and dropped where another pair of either point has
 /// more than twice as many pixel matches. See docs/method.md 4.4.
-#[must_use]
 pub fn lifted_matches(
     states: [&[RgbdFrame]; 2],
     matches: &[PixelMatch],

@@ -34,7 +34,6 @@ impl ModelImage {
     /// The frame in the model's format: scaled with its aspect kept to fit, by averages where it shrinks, at
     /// the upper left, its border repeated to the right and below. Where the model leaves the size open the
     /// longer side is `max_side_px` at most.
-    #[must_use]
     pub fn from_frame(frame: &RgbdFrame, format: ImageFormat, max_side_px: usize) -> Self {
         let size = [frame.intrinsics.width, frame.intrinsics.height];
         let fixed = [format.width, format.height];
@@ -58,7 +57,6 @@ impl ModelImage {
 
     /// The frame's pixel at a model pixel (u, v), both with integers at pixel centers; `None` outside the
     /// frame.
-    #[must_use]
     pub fn frame_pixel(&self, model_pixel: [f32; 2]) -> Option<[f32; 2]> {
         // Scaling keeps the corner of the first pixel, half a pixel from its center.
         let pixel = [0, 1].map(|k| (model_pixel[k] + 0.5) * self.frame_per_model[k] - 0.5);

@@ -1,5 +1,6 @@
 //! Adam: beta 0.9 and 0.999, epsilon 1e-15, no weight decay (docs/method.md 12.6).
 
+use nalgebra::{RealField, convert};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -35,21 +36,9 @@ impl Moments<f64> {
     /// The change of every parameter for a gradient.
     pub(crate) fn steps(&mut self, gradient: &[f64], rate: f64) -> Vec<f64> {
         self.taken += 1;
-        let b1 = f64::from(ADAM_BETAS.0);
-        let b2 = f64::from(ADAM_BETAS.1);
-        let c1 = 1.0 - b1.powi(self.taken);
-        let c2 = 1.0 - b2.powi(self.taken);
+        let rule = Rule::<f64>::at(self.taken, rate);
         let moments = self.first.iter_mut().zip(&mut self.second);
-        gradient
-            .iter()
-            .zip(moments)
-            .map(|(g, (m, v))| {
-                // docs/method.md (12.9).
-                *m = b1 * *m + (1.0 - b1) * g;
-                *v = b2 * *v + (1.0 - b2) * g * g;
-                -rate * (*m / c1) / ((*v / c2).sqrt() + f64::from(ADAM_EPSILON))
-            })
-            .collect()
+        gradient.iter().zip(moments).map(|(g, (m, v))| rule.change(*g, m, v)).collect()
     }
 }
 
@@ -62,32 +51,39 @@ pub(crate) struct FieldMoments {
     touched: Vec<bool>,
 }
 
-/// Rates and bias corrections of one step.
+/// Rate and bias corrections of one step.
 #[derive(Clone, Copy)]
-struct Rule {
-    rate: f32,
-    root: f32,
+struct Rule<T> {
+    rate: T,
+    root: T,
 }
 
-impl Rule {
+impl<T: RealField + Copy> Rule<T> {
     fn at(taken: i32, rate: f64) -> Self {
         // In double precision: at first 1 - b2^t is a thousandth.
-        let b1 = f64::from(ADAM_BETAS.0);
-        let b2 = f64::from(ADAM_BETAS.1);
+        let [b1, b2] = [ADAM_BETAS.0, ADAM_BETAS.1].map(f64::from);
         Self {
-            rate: (rate / (1.0 - b1.powi(taken))) as f32,
-            root: (1.0 / (1.0 - b2.powi(taken))).sqrt() as f32,
+            rate: convert(rate / (1.0 - b1.powi(taken))),
+            root: convert((1.0 / (1.0 - b2.powi(taken))).sqrt()),
         }
     }
 
-    /// Steps parameters and clears the gradient. Epsilon stands outside the root, as in PyTorch.
+    /// The change of a parameter by its gradient, docs/method.md (12.9); updates its moments. Epsilon stands
+    /// outside the root, as in PyTorch.
+    fn change(self, g: T, m: &mut T, v: &mut T) -> T {
+        let [b1, b2, epsilon]: [T; 3] =
+            [ADAM_BETAS.0, ADAM_BETAS.1, ADAM_EPSILON].map(|x| convert(f64::from(x)));
+        *m = b1 * *m + (T::one() - b1) * g;
+        *v = b2 * *v + (T::one() - b2) * g * g;
+        -self.rate * *m / (v.sqrt() * self.root + epsilon)
+    }
+}
+
+impl Rule<f32> {
+    /// Steps parameters and clears the gradient.
     fn apply(self, p: &mut [f32], g: &mut [f32], m: &mut [f32], v: &mut [f32]) {
-        let (b1, b2) = ADAM_BETAS;
         for (((p, g), m), v) in p.iter_mut().zip(g).zip(m).zip(v) {
-            *m = b1 * *m + (1.0 - b1) * *g;
-            *v = b2 * *v + (1.0 - b2) * *g * *g;
-            *p -= self.rate * *m / (v.sqrt() * self.root + ADAM_EPSILON);
-            *g = 0.0;
+            *p += self.change(std::mem::take(g), m, v);
         }
     }
 }
@@ -121,7 +117,7 @@ impl FieldMoments {
         rate: f64,
     ) {
         self.grid.taken += 1;
-        let rule = Rule::at(self.grid.taken, rate);
+        let rule = Rule::<f32>::at(self.grid.taken, rate);
         // A node with a gradient in the past still moves by its moments.
         for (ever, now) in self.touched.iter_mut().zip(&mut gradient.touched) {
             *ever |= std::mem::take(now);

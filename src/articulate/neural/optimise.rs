@@ -160,19 +160,16 @@ impl<'a> ArticulationTrainer<'a> {
     }
 
     /// Total number of steps, including those of the label fit.
-    #[must_use]
     pub fn total_steps(&self) -> usize {
         self.state.total
     }
 
     /// Number of steps taken.
-    #[must_use]
     pub fn steps(&self) -> usize {
         self.state.steps
     }
 
     /// Whether all steps were taken.
-    #[must_use]
     pub fn is_done(&self) -> bool {
         self.state.steps >= self.state.total
     }
@@ -185,13 +182,11 @@ impl<'a> ArticulationTrainer<'a> {
     }
 
     /// `state1_from_state0` of every part in the world, meters; the first is the identity.
-    #[must_use]
     pub fn motions(&self) -> Vec<Pose> {
         self.state.motions.world(&self.scene)
     }
 
     /// Part probabilities at world points of a state, `parts` values a point.
-    #[must_use]
     pub fn probabilities(&self, state: usize, points: &[Point3<f64>]) -> Vec<f32> {
         let normalised: Vec<[f32; 3]> =
             points.iter().map(|p| self.scene.normalise(p).coords.cast::<f32>().into()).collect();
@@ -199,7 +194,6 @@ impl<'a> ArticulationTrainer<'a> {
     }
 
     /// The most probable part at world points of a state; of equals the first.
-    #[must_use]
     pub fn labels(&self, state: usize, points: &[Point3<f64>]) -> Vec<u8> {
         let probabilities = self.probabilities(state, points);
         let rows = probabilities.chunks_exact(self.state.fields[state].parts);
@@ -208,7 +202,6 @@ impl<'a> ArticulationTrainer<'a> {
     }
 
     /// Everything needed to continue.
-    #[must_use]
     pub fn checkpoint(&self) -> &ArticulationCheckpoint {
         &self.state
     }

@@ -18,11 +18,8 @@ use crate::{
     },
 };
 use geometry::{Pose, all_about};
-use numeric::statistics::median;
+use numeric::statistics::{SIGMAS_PER_MAD, median};
 
-/// Ratio of the standard deviation of a normal distribution to its median absolute deviation.
-/// derived: `numeric::statistics::SIGMAS_PER_MAD`, to two places
-const SIGMAS_PER_MEDIAN: f64 = 1.48;
 /// Least and largest standard deviation of a surface from its partner, as shares of the reach.
 /// chosen: a surface that coincides exactly is not known so well; a reach holds five of the largest
 const PLANE: [f64; 2] = [0.02, 0.2];
@@ -151,7 +148,7 @@ impl<'a> SurfacePair<'a> {
         // Where nothing stands still, the upper bounds apply.
         let [plane_m, color] = [0, 1].map(|k| {
             let typical = median(pairs.iter().map(|p| p[k]).collect());
-            SIGMAS_PER_MEDIAN * typical.unwrap_or(f64::INFINITY)
+            SIGMAS_PER_MAD * typical.unwrap_or(f64::INFINITY)
         });
         Scales {
             plane_m: plane_m.clamp(PLANE[0] * self.reach_m, PLANE[1] * self.reach_m),

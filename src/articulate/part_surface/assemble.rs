@@ -64,7 +64,6 @@ fn label_bit(part: u8) -> u64 {
 
 impl LabelledState {
     /// Builds a state from distances, weights and labels, all at the same nodes.
-    #[must_use]
     pub fn new(tsdf: Grid3<f32>, weight: Grid3<f32>, labels: Grid3<u8>, truncation_m: f64) -> Self {
         let dims = tsdf.dims.map(|n| n.saturating_sub(1).div_ceil(BLOCK).max(1));
         let origin = tsdf.origin;
@@ -126,7 +125,6 @@ fn block_ranges(n: usize) -> impl Iterator<Item = Range<usize>> {
 
 /// Truncated signed distance of a part in the world, as it is in state 0, meters; NaN where no state votes.
 /// `motions` take the part from state 0 to each of the `states`; the first is the identity.
-#[must_use]
 pub fn part_tsdf(part: u8, motions: &[Pose], states: &[LabelledState]) -> Grid3<f32> {
     let Grid3 { origin, spacing_m, dims, .. } = states[0].tsdf;
     let mut out = Grid3 { origin, spacing_m, dims, values: vec![f32::NAN; dims.iter().product()] };

@@ -25,7 +25,6 @@ const EMPTY: usize = 5;
 /// Whether another state contradicts each of a state's surface points: it saw the place to which the point's
 /// part would take it empty, and everything around within errors of `error_m`, meters. A surface seen in only
 /// one state is explained if it was hidden in the others; no motion explains a contradicted one.
-#[must_use]
 pub fn contradicted_points(
     points: &[Point3<f64>],
     labels: &[u8],

@@ -8,7 +8,6 @@ use geometry::{Grid3, NearestPoints};
 
 /// Label of the nearest surface point at every node closer than `reach_m` to the surface (by `tsdf`, meters);
 /// [`NO_LABEL`] at all other nodes.
-#[must_use]
 pub fn label_grid(tsdf: &Grid3<f32>, points: &[Point3<f64>], labels: &[u8], reach_m: f64) -> Grid3<u8> {
     let mut out = Grid3 {
         origin: tsdf.origin,

@@ -1,6 +1,5 @@
 //! The registration of two states, and the support of its motions.
 
-use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -9,7 +8,7 @@ use crate::{
     propose::ransac::Proposal,
 };
 use common::note::Note;
-use geometry::Pose;
+use geometry::{Pose, bounding_box};
 
 /// Support of a motion.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -71,11 +70,8 @@ pub(crate) fn checked_extent_m(
             );
         }
     }
-    let first = surfaces[0].points[0];
-    let all = surfaces.iter().flat_map(|s| s.points.iter());
-    let (low, high): (Point3<f64>, Point3<f64>) =
-        all.fold((first, first), |(lo, hi), p| (lo.inf(p), hi.sup(p)));
-    let extent_m = (high - low).max();
+    let all = surfaces.iter().flat_map(|s| s.points.iter().copied());
+    let extent_m = bounding_box(all).map_or(0.0, |(low, high)| (high - low).max());
     if extent_m > 0.0 {
         Ok(extent_m)
     } else {

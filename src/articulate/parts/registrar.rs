@@ -100,19 +100,16 @@ impl<'a> Registrar<'a> {
     }
 
     /// Total number of steps.
-    #[must_use]
     pub fn total_steps(&self) -> usize {
         SEARCH_STEPS + self.rounds
     }
 
     /// Number of steps done.
-    #[must_use]
     pub fn done_steps(&self) -> usize {
         self.state.done
     }
 
     /// Everything needed to continue.
-    #[must_use]
     pub fn checkpoint(&self) -> &RegistrarCheckpoint {
         &self.state
     }
@@ -154,7 +151,6 @@ impl<'a> Registrar<'a> {
     }
 
     /// The result, once all steps are done.
-    #[must_use]
     pub fn registration(self) -> Registration {
         let Self { pair, state, .. } = self;
         let RegistrarCheckpoint { motions, proposals, count, .. } = state;

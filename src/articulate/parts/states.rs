@@ -89,7 +89,6 @@ const FOUND: u8 = u8::MAX;
 
 /// All combinations of labels that points have in the given labelings, each with its number of points: the
 /// all-zero combination first, then the most frequent first.
-#[must_use]
 pub(crate) fn common_refinement(labelings: &[&[u8]]) -> Vec<(Vec<u8>, usize)> {
     let points = labelings.iter().map(|l| l.len()).min().unwrap_or(0);
     let mut counts: BTreeMap<Vec<u8>, usize> = BTreeMap::from([(vec![0; labelings.len()], 0)]);

@@ -11,7 +11,6 @@ const NORMAL_ROUNDS: usize = 2;
 /// About `count` points on a mesh, one for every equal share of its area in the order of the triangles
 /// (systematic sampling: the same mesh gives the same points). Normals are area-weighted vertex normals,
 /// averaged over neighbors; colors are interpolated, mid gray without vertex colors.
-#[must_use]
 pub fn mesh_samples(mesh: &TriangleMesh, count: usize) -> SurfaceSamples {
     let normals = smooth_normals(mesh);
     let step = mesh.area_m2() / count.max(1) as f64;

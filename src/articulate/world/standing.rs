@@ -15,7 +15,6 @@ const SAME: f64 = 3.0;
 
 /// Share of the surface of state 1 that state 0 sees where it came from under a motion. Surface out of sight
 /// of state 0 does not count. 0 if nothing counts.
-#[must_use]
 pub fn standing_share(states: [&[RgbdFrame]; 2], state1_from_state0: &Pose, noise: &NoiseConfig) -> f64 {
     let back = state1_from_state0.inverse();
     let counts = states[1].par_iter().map(|frame| standing_pixels(frame, &back, states[0], noise));

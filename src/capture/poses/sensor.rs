@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -14,7 +15,7 @@ use super::{
 };
 use crate::{RgbdFrame, frame::cameras};
 use common::stop::Stopped;
-use geometry::Intrinsics;
+use geometry::{Intrinsics, bilinear};
 
 /// The calibration of the depth sensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -78,9 +79,12 @@ impl SensorCalibration {
         let [du, dv] = self.color_shift_px[0];
         for frame in frames {
             let width = frame.intrinsics.width;
-            let pixels = (0..width * frame.intrinsics.height).into_par_iter();
-            let moved = pixels.map(|i| color_at(frame, (i % width) as f64 + du, (i / width) as f64 + dv));
-            frame.rgb = moved.collect();
+            let height = frame.intrinsics.height;
+            let pixels = (0..width * height).into_par_iter();
+            let color = |i: usize| Vector3::from(frame.rgb[i].map(f64::from));
+            let moved = pixels
+                .map(|i| bilinear(color, width, height, (i % width) as f64 + du, (i / width) as f64 + dv));
+            frame.rgb = moved.map(|color| color.map(|level| level.round() as u8).into()).collect();
         }
     }
 
@@ -140,26 +144,6 @@ pub(super) fn solve_together(
     } else {
         most_likely_poses(&posed, Some(SensorErrors::without_errors(&intrinsics)))
     }
-}
-
-/// Color at an image position, bilinear; the border is repeated.
-fn color_at(frame: &RgbdFrame, u: f64, v: f64) -> [u8; 3] {
-    let width = frame.intrinsics.width;
-    let height = frame.intrinsics.height;
-    let u = u.clamp(0.0, (width - 1) as f64);
-    let v = v.clamp(0.0, (height - 1) as f64);
-    let x = u as usize;
-    let y = v as usize;
-    let right = (x + 1).min(width - 1);
-    let below = (y + 1).min(height - 1);
-    let s = u - x as f64;
-    let t = v - y as f64;
-    let at = |x: usize, y: usize, channel: usize| f64::from(frame.rgb[y * width + x][channel]);
-    [0, 1, 2].map(|c| {
-        let above = (1.0 - s) * at(x, y, c) + s * at(right, y, c);
-        let under = (1.0 - s) * at(x, below, c) + s * at(right, below, c);
-        ((1.0 - t) * above + t * under).round() as u8
-    })
 }
 
 /// The sensor's errors with the poses of all states; `None` for several cameras, or where too little is seen.

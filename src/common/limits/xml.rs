@@ -31,7 +31,6 @@ pub enum XmlError {
 
 /// The text with a valid XML declaration: `<?xml ...?>` without a version, or behind a byte order mark or
 /// empty lines, is not XML, but simulators ignore the declaration and load such files.
-#[must_use]
 pub fn with_declaration(text: &str) -> Cow<'_, str> {
     let trimmed = text.trim_start_matches(|c: char| c == '\u{feff}' || c.is_whitespace());
     let text = if trimmed.starts_with("<?xml") { trimmed } else { text };

@@ -169,7 +169,6 @@ pub struct LimitText {
 
 impl LimitText {
     /// Lowest and highest position, 0 for what is missing.
-    #[must_use]
     pub fn range(&self) -> [f64; 2] {
         [self.lower.unwrap_or(0.0), self.upper.unwrap_or(0.0)]
     }

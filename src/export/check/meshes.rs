@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 use rayon::prelude::*;
 
 use super::{
@@ -14,6 +14,7 @@ use super::{
     rule::Rule,
 };
 use common::limits::{NAMED_MESHES, SHAPES};
+use geometry::{bounding_box, box_corners, lattice_directions};
 use surface::{ConvexSolid, SolidFit, TriangleMesh, convex_hull, merged_mesh};
 
 /// Largest number of faces of an STL in MuJoCo.
@@ -148,40 +149,23 @@ fn hull(points: &[Point3<f64>]) -> Option<ConvexSolid> {
     }
     // The hull of some corners is inside the hull of all: it can miss an overlap but not invent one.
     let mut some = Vec::with_capacity(DIRECTIONS);
-    for d in directions(DIRECTIONS) {
+    for d in lattice_directions(DIRECTIONS) {
         some.extend(points.iter().max_by(|a, b| a.coords.dot(&d).total_cmp(&b.coords.dot(&d))));
     }
     convex_hull(&some)
 }
 
-/// Directions spread over the sphere (Fibonacci).
-fn directions(count: usize) -> impl Iterator<Item = Vector3<f64>> {
-    let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
-    (0..count).map(move |k| {
-        let z = 1.0 - (2.0 * k as f64 + 1.0) / count as f64;
-        let (s, c) = (golden * k as f64).sin_cos();
-        let r = (1.0 - z * z).sqrt();
-        Vector3::new(r * c, r * s, z)
-    })
-}
-
 /// Corners of a primitive shape.
 fn corners(geometry: &Geometry) -> Vec<Point3<f64>> {
     match geometry {
-        Geometry::Cuboid(size) => (0..8)
-            .map(|i| {
-                Point3::from(
-                    Vector3::from_fn(|k, _| if i >> k & 1 == 0 { -0.5 } else { 0.5 }).component_mul(size),
-                )
-            })
-            .collect(),
+        Geometry::Cuboid(size) => box_corners(&Point3::from(-0.5 * size), &Point3::from(0.5 * size)).to_vec(),
         Geometry::Cylinder { radius, length } => (0..48u32)
             .map(|k| {
                 let (sin, cos) = (f64::from(k / 2) * std::f64::consts::TAU / 24.0).sin_cos();
                 Point3::new(radius * cos, radius * sin, length * (f64::from(k % 2) - 0.5))
             })
             .collect(),
-        Geometry::Sphere(radius) => directions(64).map(|d| Point3::from(d * *radius)).collect(),
+        Geometry::Sphere(radius) => lattice_directions(64).map(|d| Point3::from(d * *radius)).collect(),
         Geometry::Mesh { .. } | Geometry::Other(_) | Geometry::Missing => Vec::new(),
     }
 }
@@ -313,9 +297,7 @@ fn is_healthy(file: &str, mesh: &MeshText, stl: bool, of: Use, found: &mut Findi
             format!("has {} faces; MuJoCo reads {MAX_STL_FACES} of an STL", mesh.faces),
         );
     }
-    let start = (Point3::from([f64::INFINITY; 3]), Point3::from([f64::NEG_INFINITY; 3]));
-    let (lo, hi) = mesh.points.iter().fold(start, |(lo, hi), p| (lo.inf(p), hi.sup(p)));
-    let extent = (hi - lo).amax();
+    let extent = bounding_box(mesh.points.iter().copied()).map_or(0.0, |(lo, hi)| (hi - lo).amax());
     let healthy = found.all.len() == before;
     if healthy && extent > 20.0 {
         found.add_warning(Rule::Mesh, file, format!("is {extent:.1} m long: are these millimeters?"));

@@ -36,7 +36,6 @@ use common::limits::with_declaration;
 
 /// All findings on the URDFs of a folder, errors first; a folder without any URDF is an error. Files named
 /// `*.ros.urdf` may contain `package://` paths of the folder's package.
-#[must_use]
 pub fn check_folder(folder: &Folder) -> Vec<CheckFinding> {
     let mut all = Vec::new();
     let urdfs: Vec<&String> = folder.keys().filter(|p| p.ends_with(".urdf")).collect();

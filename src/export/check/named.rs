@@ -6,7 +6,6 @@ use common::limits::{URDF, parse_xml, with_declaration};
 /// Paths, relative to the folder, of the files to which a file refers: meshes and textures of a URDF, the
 /// material file of an OBJ, textures of a material file; those of packages outside of the folder as
 /// `package://...`. Paths that leave the folder are left out; an unreadable file refers to none.
-#[must_use]
 pub fn named_files(folder: &Folder, path: &str, bytes: &[u8]) -> Vec<String> {
     let extension = path.rsplit('.').next().unwrap_or_default().to_ascii_lowercase();
     let text = || String::from_utf8_lossy(bytes);

@@ -9,7 +9,7 @@ use super::{
     rule::Rule,
     welds::Welds,
 };
-use geometry::Pose;
+use geometry::{Pose, bounding_box};
 use surface::ConvexSolid;
 
 /// Overlap at rest deeper than this is an error, meters. chosen: above rounding, below any contact
@@ -55,8 +55,8 @@ struct Body<'a> {
 impl<'a> Body<'a> {
     fn new(solids: &'a [ConvexSolid]) -> Self {
         let bounds: Vec<_> = solids.iter().map(ConvexSolid::bounds).collect();
-        let (lo, hi) =
-            bounds.iter().copied().reduce(|(a, b), (c, d)| (a.inf(&c), b.sup(&d))).unwrap_or_default();
+        let corners = bounds.iter().flat_map(|(lo, hi)| [*lo, *hi]);
+        let (lo, hi) = bounding_box(corners).unwrap_or_default();
         let center = nalgebra::center(&lo, &hi);
         // Slightly larger than the box, so rounding does not separate touching solids.
         Self { solids, bounds, center, radius_m: 0.5 * (hi - lo).norm() * (1.0 + 1e-9) + 1e-9 }

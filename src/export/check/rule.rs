@@ -15,7 +15,6 @@ macro_rules! rules {
             pub const ALL: &[(Self, &str, &str)] = &[$((Self::$name, $word, $meaning),)*];
 
             /// Its word in output lines.
-            #[must_use]
             pub fn word(self) -> &'static str {
                 match self {
                     $(Self::$name => $word,)*

@@ -6,6 +6,7 @@ use crate::diagnosed::{
     numbers::{UNTURNED, held, joint_numbers, missing, notes},
     tilt::tilted,
 };
+use crate::mjcf::{body_tag, inertial, joint_start};
 use gap::{
     judge::report::{ExportNote, JointReport},
     model::{
@@ -51,7 +52,6 @@ struct Writer<'a> {
 }
 
 /// The twin with the effects as MJCF, and the status of each effect.
-#[must_use]
 pub fn mjcf(
     tree: &TwinTree,
     joints: &[JointReport],
@@ -88,9 +88,7 @@ impl Writer<'_> {
             if joint.motion != Motion::Fixed {
                 let a = self.attributes(joint);
                 pose = a.parent_from_joint;
-                let kind = if joint.motion == Motion::Turn { "hinge" } else { "slide" };
-                let name = escape_xml(&joint.name);
-                let axis = joint.axis;
+                let start = joint_start(&joint.name, joint.motion == Motion::Turn, &joint.axis);
                 let n = &a.numbers;
                 let damping = if n.drag == 0.0 {
                     format!("{}", n.damping)
@@ -99,40 +97,18 @@ impl Writer<'_> {
                 };
                 let _ = writeln!(
                     inside,
-                    "<joint name=\"{name}\" type=\"{kind}\" axis=\"{} {} {}\" damping=\"{damping}\" \
-                     frictionloss=\"{}\"{}/>",
-                    axis.x, axis.y, axis.z, n.friction, a.more
+                    "{start} damping=\"{damping}\" frictionloss=\"{}\"{}/>",
+                    n.friction, a.more
                 );
-                let _ = writeln!(self.actuators, "{}", actuator(&name, n, &a.actuator));
+                let _ = writeln!(self.actuators, "{}", actuator(&escape_xml(&joint.name), n, &a.actuator));
             }
             // MuJoCo refuses an inertial without mass.
             if child.mass_kg > 0.0 {
-                let c = child.center_of_mass;
-                let i = &child.inertia;
-                let full = [i[(0, 0)], i[(1, 1)], i[(2, 2)], i[(0, 1)], i[(0, 2)], i[(1, 2)]]
-                    .map(|x| x.to_string())
-                    .join(" ");
-                let _ = writeln!(
-                    inside,
-                    "<inertial pos=\"{} {} {}\" mass=\"{}\" fullinertia=\"{full}\"/>",
-                    c.x, c.y, c.z, child.mass_kg
-                );
+                let inertial = inertial(child.mass_kg, &child.center_of_mass, &child.inertia);
+                let _ = writeln!(inside, "{inertial}");
             }
             let below = self.link(joint.child);
-            let p = pose.translation.vector;
-            let q = pose.rotation;
-            let _ = write!(
-                text,
-                "<body name=\"{}\" pos=\"{} {} {}\" quat=\"{} {} {} {}\">\n{inside}{below}</body>\n",
-                escape_xml(&child.name),
-                p.x,
-                p.y,
-                p.z,
-                q.w,
-                q.i,
-                q.j,
-                q.k
-            );
+            let _ = write!(text, "{}\n{inside}{below}</body>\n", body_tag(&child.name, &pose));
         }
         text
     }

@@ -3,8 +3,8 @@
 mod edits;
 pub mod mjcf;
 pub mod numbers;
-pub mod sdf;
+mod sdf;
 pub mod seen_urdf;
-mod tilt;
+pub mod tilt;
 pub mod urdf;
-pub mod usd;
+mod usd;

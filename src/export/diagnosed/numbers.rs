@@ -17,13 +17,11 @@ use gap::{
 pub(super) const UNTURNED: &str = "the links of this joint cannot be turned as was found";
 
 /// The model of a joint in a format; `None` if no effect was named.
-#[must_use]
 pub fn held(format: Format, joint: &JointReport) -> Option<&FormatModel> {
     joint.in_format.iter().find(|m| m.format == format)
 }
 
 /// The numbers of a joint in a format; `None` if it keeps those of the twin.
-#[must_use]
 pub fn joint_numbers(
     format: Format,
     spec: &TwinJoint,
@@ -37,14 +35,12 @@ pub fn joint_numbers(
 }
 
 /// What became of every effect of a joint in a file.
-#[must_use]
 pub fn notes(format: Format, file: &str, joint: &JointReport, catalogue: &Catalogue) -> Vec<ExportNote> {
     let effects = held(format, joint).into_iter().flat_map(|m| m.effects.iter().map(move |e| (m, e)));
     effects.map(|(m, e)| note(m, e, file, joint, catalogue)).collect()
 }
 
 /// The same if there is no file, or the file leaves the joint as it was; `why` gives the reason.
-#[must_use]
 pub fn missing(format: Format, joint: &JointReport, catalogue: &Catalogue, why: &str) -> Vec<ExportNote> {
     let not_written =
         |note| ExportNote { status: ExportStatus::NotWritten(why.to_owned()), by: Vec::new(), ..note };

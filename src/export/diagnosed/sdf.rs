@@ -5,67 +5,15 @@ use std::fmt::Write as _;
 
 use crate::diagnosed::{
     edits::{Edit, before_end, edited},
-    numbers::{UNTURNED, joint_numbers, missing, notes},
-    tilt::{Tilt, tilt},
+    tilt::Tilt,
 };
 use common::limits::{XmlError, parse_xml};
-use gap::{
-    judge::report::{ExportNote, JointReport},
-    model::{
-        format::{Format, JointNumbers},
-        joint_model::Catalogue,
-    },
-    twin_tree::TwinTree,
-};
+use gap::model::format::JointNumbers;
 use geometry::Pose;
-
-/// The SDF with the effects, and what became of each. Notes name joints missing in the SDF.
-///
-/// # Errors
-/// [`XmlError`].
-pub fn sdf(
-    text: &str,
-    tree: &TwinTree,
-    joints: &[JointReport],
-    catalogue: &Catalogue,
-    file: &str,
-) -> Result<(String, Vec<ExportNote>), XmlError> {
-    let mut text = text.to_owned();
-    let mut all = Vec::new();
-    for joint in joints {
-        let Some(spec) = tree.joints.iter().find(|j| j.name == joint.joint) else { continue };
-        let Some(held) = joint_numbers(Format::Sdf, spec, joint, catalogue) else {
-            all.extend(notes(Format::Sdf, file, joint, catalogue));
-            continue;
-        };
-        let none = |why| missing(Format::Sdf, joint, catalogue, why);
-        // A change shifts the ranges after it, so every joint is looked up in the current text.
-        let Some(changed) = with_joint(&text, &joint.joint, &held)? else {
-            all.extend(none("it has no such joint with an axis"));
-            continue;
-        };
-        let turned = match held.tilt {
-            None => Some(changed),
-            Some(_) => match tilt(tree, &joint.joint, &held) {
-                Some(tilt) => with_tilt(&changed, &tilt)?,
-                None => None,
-            },
-        };
-        match turned {
-            Some(turned) => {
-                text = turned;
-                all.extend(notes(Format::Sdf, file, joint, catalogue));
-            }
-            // Without the turn, the other effects were not tested.
-            None => all.extend(none(UNTURNED)),
-        }
-    }
-    Ok((text, all))
-}
 
 /// The text with the links of a joint turned; `None` if one of them is missing, or is placed relative to a
 /// frame other than the model's.
-fn with_tilt(text: &str, tilt: &Tilt) -> Result<Option<String>, XmlError> {
+pub(super) fn with_tilt(text: &str, tilt: &Tilt) -> Result<Option<String>, XmlError> {
     let document = parse_xml(text)?;
     let Some(parent) = link_node(&document, &tilt.parent).and_then(pose_of) else { return Ok(None) };
     let mut edits = Vec::new();
@@ -96,7 +44,7 @@ fn pose_of(link: roxmltree::Node) -> Option<Pose> {
 }
 
 /// The text with the numbers of a joint; `None` if it has no such joint with an axis.
-fn with_joint(text: &str, name: &str, held: &JointNumbers) -> Result<Option<String>, XmlError> {
+pub(super) fn with_joint(text: &str, name: &str, held: &JointNumbers) -> Result<Option<String>, XmlError> {
     let document = parse_xml(text)?;
     let element =
         document.descendants().find(|n| n.has_tag_name("joint") && n.attribute("name") == Some(name));

@@ -11,13 +11,10 @@ use crate::diagnosed::{
 use common::limits::{XmlError, parse_xml};
 use gap::camera::{
     judge::diagnosis::FrameDiagnosis,
-    model::{
-        hypothesis::MotionLaw,
-        twin::{SeenJoint, SeenMotion},
-    },
+    model::{hypothesis::MotionLaw, twin::SeenJoint},
 };
 use gap::judge::report::{ExportNote, ExportStatus};
-use geometry::Pose;
+use geometry::{AxisMotion, Pose};
 use model::escape_xml;
 
 /// Pitches below this count as zero, meters per radian.
@@ -113,7 +110,7 @@ fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &MotionLaw, edit
             );
         }
     }
-    if let SeenMotion::Screw { pitch_m_per_rad } = law.kind
+    if let AxisMotion::Screw { pitch_m_per_rad } = law.kind
         && pitch_m_per_rad.abs() > LEAST_PITCH
     {
         // Declared on the element itself, as the root need not know this namespace.

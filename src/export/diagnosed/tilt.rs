@@ -1,9 +1,19 @@
-//! A turned joint in files that place every link in the frame of the model (SDF, USD): all links it carries
-//! turn with it.
+//! Files that place every link in the frame of the model (SDF, USD): the numbers of a joint are set in their
+//! text, and all links that a turned joint carries turn with it.
 
+use crate::diagnosed::{
+    numbers::{UNTURNED, joint_numbers, missing, notes},
+    sdf, usd,
+};
+use common::limits::XmlError;
 use gap::{
-    model::{format::JointNumbers, plant::Plant},
-    twin_tree::TwinTree,
+    judge::report::{ExportNote, JointReport},
+    model::{
+        format::{Format, JointNumbers},
+        joint_model::Catalogue,
+        plant::Plant,
+    },
+    twin_tree::{Motion, TwinTree},
 };
 use geometry::Pose;
 
@@ -18,8 +28,57 @@ pub(super) struct Tilt {
     pub turned_from_given: Pose,
 }
 
+/// The text of an SDF or USD file with the effects, and what became of each. Notes name joints missing in the
+/// text.
+///
+/// # Errors
+/// [`XmlError`] of an SDF.
+pub fn placed_text(
+    format: Format,
+    text: &str,
+    tree: &TwinTree,
+    joints: &[JointReport],
+    catalogue: &Catalogue,
+    file: &str,
+) -> Result<(String, Vec<ExportNote>), XmlError> {
+    let mut text = text.to_owned();
+    let mut all = Vec::new();
+    for joint in joints {
+        let name = &joint.joint;
+        let Some(spec) = tree.joints.iter().find(|j| j.name == *name) else { continue };
+        let Some(held) = joint_numbers(format, spec, joint, catalogue) else {
+            all.extend(notes(format, file, joint, catalogue));
+            continue;
+        };
+        let is_usd = format == Format::Usd;
+        // A change shifts what stands after it, so every joint is looked up in the current text.
+        let changed = if is_usd {
+            usd::with_joint(&text, name, spec.motion == Motion::Turn, &held)
+        } else {
+            sdf::with_joint(&text, name, &held)?
+        };
+        let Some(changed) = changed else {
+            all.extend(missing(format, joint, catalogue, "it has no such joint with an axis"));
+            continue;
+        };
+        let turned = match (held.tilt, tilt(tree, name, &held)) {
+            (None, _) => Some(changed),
+            (Some(_), None) => None,
+            (Some(_), Some(tilt)) if is_usd => usd::with_tilt(&changed, name, &tilt),
+            (Some(_), Some(tilt)) => sdf::with_tilt(&changed, &tilt)?,
+        };
+        if let Some(turned) = turned {
+            text = turned;
+            all.extend(notes(format, file, joint, catalogue));
+        } else {
+            // Without the turn, the other effects were not tested.
+            all.extend(missing(format, joint, catalogue, UNTURNED));
+        }
+    }
+    Ok((text, all))
+}
+
 /// The turn of a joint that takes a given load off it; `None` without a load or a solution.
-#[must_use]
 pub(super) fn tilt(tree: &TwinTree, joint: &str, numbers: &JointNumbers) -> Option<Tilt> {
     let [sine, cosine] = numbers.tilt?;
     let index = tree.joints.iter().position(|j| j.name == joint)?;
@@ -39,7 +98,6 @@ pub(super) fn tilt(tree: &TwinTree, joint: &str, numbers: &JointNumbers) -> Opti
 impl Tilt {
     /// The new pose of a carried link in the frame of the model, given its old pose and that of its joint's
     /// parent.
-    #[must_use]
     pub(super) fn moved(&self, model_from_parent: &Pose, model_from_link: &Pose) -> Pose {
         model_from_parent * self.turned_from_given * model_from_parent.inverse() * model_from_link
     }
@@ -59,7 +117,6 @@ fn load_miss(tree: &mut TwinTree, joint: usize, pose: Pose, wanted: (f64, f64)) 
 
 /// Pose of a joint, turned as little as possible, at which gravity loads it by `sine sin(q) + cosine cos(q)`
 /// less than in the twin; `None` if there is no such turn.
-#[must_use]
 pub(super) fn tilted(tree: &TwinTree, joint: usize, sine: f64, cosine: f64) -> Option<Pose> {
     let plant = Plant::of_joint(tree, joint).ok()?;
     let wanted = (plant.load.sine - sine, plant.load.cosine - cosine);

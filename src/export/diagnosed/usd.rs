@@ -4,59 +4,10 @@
 //! of a joint are attributes of PhysX (`physxJointAxis`, effort) and of Newton (`newton`); angles are in
 //! degrees.
 
-use crate::diagnosed::{
-    edits::edited,
-    numbers::{UNTURNED, joint_numbers, missing, notes},
-    tilt::{Tilt, tilt},
-};
-use gap::{
-    judge::report::{ExportNote, JointReport},
-    model::{
-        format::{Format, JointNumbers, Spring},
-        joint_model::Catalogue,
-    },
-    twin_tree::{Motion, TwinTree},
-};
+use crate::diagnosed::{edits::edited, tilt::Tilt};
+use gap::model::format::{JointNumbers, Spring};
 use geometry::Pose;
 use model::is_plain_name;
-
-/// The USD text with the effects, and what became of each. Notes name joints missing in the text.
-#[must_use]
-pub fn usd(
-    text: &str,
-    tree: &TwinTree,
-    joints: &[JointReport],
-    catalogue: &Catalogue,
-    file: &str,
-) -> (String, Vec<ExportNote>) {
-    let mut text = text.to_owned();
-    let mut all = Vec::new();
-    for joint in joints {
-        let Some(spec) = tree.joints.iter().find(|j| j.name == joint.joint) else { continue };
-        let Some(held) = joint_numbers(Format::Usd, spec, joint, catalogue) else {
-            all.extend(notes(Format::Usd, file, joint, catalogue));
-            continue;
-        };
-        let none = |why| missing(Format::Usd, joint, catalogue, why);
-        let Some(changed) = with_joint(&text, &joint.joint, spec.motion == Motion::Turn, &held) else {
-            all.extend(none("it has no such joint"));
-            continue;
-        };
-        let turned = match held.tilt {
-            None => Some(changed),
-            Some(_) => tilt(tree, &joint.joint, &held).and_then(|t| with_tilt(&changed, &joint.joint, &t)),
-        };
-        match turned {
-            Some(turned) => {
-                text = turned;
-                all.extend(notes(Format::Usd, file, joint, catalogue));
-            }
-            // Without the turn, the other effects were not tested.
-            None => all.extend(none(UNTURNED)),
-        }
-    }
-    (text, all)
-}
 
 /// Start of a prim; `None` for a name that is invalid in USD, which could match in the middle of something
 /// else.
@@ -65,7 +16,7 @@ fn definition(text: &str, kind: &str, name: &str) -> Option<usize> {
 }
 
 /// The text with a joint's attributes; `None` if it has no such joint.
-fn with_joint(text: &str, name: &str, turns: bool, held: &JointNumbers) -> Option<String> {
+pub(super) fn with_joint(text: &str, name: &str, turns: bool, held: &JointNumbers) -> Option<String> {
     let kind = if turns { "PhysicsRevoluteJoint" } else { "PhysicsPrismaticJoint" };
     let start = definition(text, kind, name)?;
     // By the layout of `usda.rs`: a prim in a scope opens and closes at eight spaces.
@@ -102,7 +53,7 @@ fn with_joint(text: &str, name: &str, turns: bool, held: &JointNumbers) -> Optio
 
 /// The text with the links of a joint turned, and the frame of the joint in its parent; `None` if one of them
 /// is missing.
-fn with_tilt(text: &str, joint: &str, tilt: &Tilt) -> Option<String> {
+pub(super) fn with_tilt(text: &str, joint: &str, tilt: &Tilt) -> Option<String> {
     let parent = link_pose(text, &tilt.parent)?.pose;
     let mut edits = Vec::new();
     for name in &tilt.links {
@@ -168,7 +119,7 @@ fn float_name(line: &str) -> Option<&str> {
 }
 
 /// Lines of attributes with one of them set, or added at the end.
-fn with_attribute(body: &str, attribute: &str, value: f64) -> String {
+pub(super) fn with_attribute(body: &str, attribute: &str, value: f64) -> String {
     let line = format!("            float {attribute} = {value}\n");
     match body.split_inclusive('\n').find(|l| float_name(l) == Some(attribute)) {
         Some(old) => body.replacen(old, &line, 1),

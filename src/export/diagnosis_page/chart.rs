@@ -46,7 +46,6 @@ pub(super) fn finite_extent<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, 
 }
 
 /// The legend of a chart: the class of each mark, and its escaped text.
-#[must_use]
 pub(super) fn keys_of(keys: &[(&str, &str)]) -> String {
     let mut marks = String::new();
     for (class, text) in keys {

@@ -8,7 +8,6 @@ use gap::judge::report::{ExportNote, ExportStatus, Held, JointReport};
 use model::escape_xml;
 
 /// The table of all formats.
-#[must_use]
 pub(super) fn exports_table(joints: &[JointReport], notes: &[ExportNote]) -> String {
     let head =
         ["Format", "Joint", "Effect", "The file", "In its place", "Held-out residual, twin \u{2192} file"];

@@ -134,7 +134,6 @@ impl DrawnJoint<'_> {
     }
 
     /// The drawing, as SVG.
-    #[must_use]
     pub(super) fn svg_drawing(&self) -> String {
         let joint = &self.tree.joints[self.joint];
         let (origin, axis) = self.axis_in_root();

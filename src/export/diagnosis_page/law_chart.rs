@@ -15,7 +15,6 @@ const ROOM: f64 = 0.25;
 const LEAST: f64 = 0.05;
 
 /// The chart of a law of a joint; the law is dashed unless `is_named`.
-#[must_use]
 pub(super) fn law_chart(joint: &JointReport, law: &Law, is_named: bool) -> String {
     let unit = law.variable.unit(joint.turns);
     let name = if law.effects.is_empty() {

@@ -59,7 +59,6 @@ pub struct DiagnosisFacts<'a> {
 }
 
 /// The page of a diagnosis.
-#[must_use]
 pub fn diagnosis_page(facts: &DiagnosisFacts) -> String {
     let name = escape_xml(&facts.tree.name);
     let mut out = page_head(&format!("{name}: diagnosis"), STYLE);

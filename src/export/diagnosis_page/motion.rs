@@ -32,7 +32,6 @@ pub(super) struct Names {
 }
 
 /// The sections of the page on a joint's motion.
-#[must_use]
 pub(super) fn motion_sections(joint: &JointReport, names: &Names) -> String {
     let mut out = all_runs(joint);
     let Some(gap) = &joint.gap else { return out };

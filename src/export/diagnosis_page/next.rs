@@ -25,7 +25,6 @@ const LOCAL: f64 = 0.7;
 const COVERED: f64 = 0.8;
 
 /// A sentence on the next experiment; `range` is the interval of all recorded positions.
-#[must_use]
 pub(super) fn next_experiment(joint: &JointReport, spec: Option<&TwinJoint>, range: (f64, f64)) -> String {
     let d = &joint.diagnosis;
     match d.verdict {
@@ -161,7 +160,6 @@ fn further(joint: &JointReport, spec: Option<&TwinJoint>, range: (f64, f64)) -> 
 }
 
 /// Where twin and recording disagree.
-#[must_use]
 pub(super) fn disagreement(joint: &JointReport) -> String {
     let listed = joint
         .diagnosis

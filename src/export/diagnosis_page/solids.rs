@@ -7,6 +7,7 @@ use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
 use crate::check::{Description, Geometry, ShapeText};
 use gap::twin_tree::TwinLink;
+use surface::ConvexSolid;
 
 /// Sides of a drawn cylinder.
 const SIDES: usize = 24;
@@ -27,7 +28,6 @@ pub(super) struct Solid {
 }
 
 /// Visual shapes of all links, by name; meshes are not read. Empty for a text that is not a URDF.
-#[must_use]
 pub(super) fn visual_solids(urdf: &str) -> BTreeMap<String, Vec<Solid>> {
     let Ok(description) = Description::parse(urdf) else { return BTreeMap::new() };
     let mut all = BTreeMap::new();
@@ -53,7 +53,6 @@ fn solid(shape: &ShapeText) -> Option<Solid> {
 }
 
 /// The box with the mass and the inertia of a link; `None` without mass.
-#[must_use]
 pub(super) fn box_of_inertia(link: &TwinLink) -> Option<Solid> {
     if !(link.mass_kg > 0.0) {
         return None;
@@ -81,39 +80,19 @@ pub(super) fn box_of_inertia(link: &TwinLink) -> Option<Solid> {
 }
 
 /// A box about the origin.
-#[must_use]
 pub(super) fn cuboid(sides: Vector3<f64>) -> Solid {
-    let mut faces = Vec::new();
-    for axis in 0..3 {
-        for sign in [-1.0, 1.0] {
-            let mut face = Vec::with_capacity(4);
-            for [a, b] in [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]] {
-                let mut corner = Vector3::zeros();
-                corner[axis] = sign;
-                corner[(axis + 1) % 3] = a;
-                corner[(axis + 2) % 3] = b;
-                face.push(Point3::from(0.5 * sides.component_mul(&corner)));
-            }
-            if sign < 0.0 {
-                face.reverse();
-            }
-            faces.push(face);
-        }
-    }
-    Solid { faces, has_edges: true }
+    let half = Point3::from(0.5 * sides);
+    Solid { faces: corners_of_faces(&ConvexSolid::cuboid(&-half, &half)), has_edges: true }
 }
 
 /// A cylinder along z.
 fn cylinder(radius: f64, length: f64) -> Solid {
-    let [low, high] = [-0.5 * length, 0.5 * length].map(|z| circle_points(radius, z));
-    let mut faces = Vec::with_capacity(SIDES + 2);
-    for i in 0..SIDES {
-        let next = (i + 1) % SIDES;
-        faces.push(vec![low[i], low[next], high[next], high[i]]);
-    }
-    faces.push(high);
-    faces.push(low.into_iter().rev().collect());
-    Solid { faces, has_edges: false }
+    let prism = ConvexSolid::prism(&circle_points(radius, 0.0), &Vector3::z(), -0.5 * length, 0.5 * length);
+    Solid { faces: corners_of_faces(&prism), has_edges: false }
+}
+
+fn corners_of_faces(solid: &ConvexSolid) -> Vec<Vec<Point3<f64>>> {
+    solid.faces.iter().map(|f| f.iter().map(|&i| solid.vertices[i as usize]).collect()).collect()
 }
 
 /// Points of a circle about z.
@@ -140,7 +119,6 @@ fn ball(radius: f64) -> Solid {
 }
 
 /// Normal of a face, with twice its area as length.
-#[must_use]
 pub(super) fn face_normal(face: &[Point3<f64>]) -> Vector3<f64> {
     // Newell's sum: repeated corners do no harm.
     (0..face.len()).map(|i| face[i].coords.cross(&face[(i + 1) % face.len()].coords)).sum()
@@ -176,11 +154,7 @@ mod tests {
             inertia_excess: 0.0,
         };
         let solid = box_of_inertia(&link).unwrap();
-        let mut high = Vector3::repeat(f64::NEG_INFINITY);
-        let mut low = Vector3::repeat(f64::INFINITY);
-        for p in solid.faces.iter().flatten() {
-            (high, low) = (high.sup(&p.coords), low.inf(&p.coords));
-        }
+        let (low, high) = geometry::bounding_box(solid.faces.iter().flatten().copied()).unwrap();
         assert!((high - low - Vector3::new(0.8, 0.04, 2.0)).norm() < 1e-9, "{low} {high}");
         assert!((low.x - 0.0).abs() < 1e-9);
     }

@@ -3,7 +3,6 @@
 use crate::page::with_true_minus;
 
 /// Round numbers within a range, `about` of them: steps of 1, 2 or 5 times a power of ten.
-#[must_use]
 pub(super) fn round_ticks(low: f64, high: f64, about: usize) -> Vec<f64> {
     let width = high - low;
     // Negated, so a range of NaN has no ticks.
@@ -25,7 +24,6 @@ fn round_step(wanted: f64) -> f64 {
 }
 
 /// Labels of ticks, with the digits of their step.
-#[must_use]
 pub(super) fn tick_labels(ticks: &[f64]) -> Vec<String> {
     let step = ticks.windows(2).map(|w| w[1] - w[0]).next().unwrap_or(1.0);
     let places = (-(step * (1.0 + 1e-9)).log10().floor()).clamp(0.0, 12.0) as usize;

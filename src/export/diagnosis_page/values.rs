@@ -58,7 +58,6 @@ fn parameter_value(
 }
 
 /// An effect's values in a sentence: `twin + found = updated unit`; the shape is in the table.
-#[must_use]
 pub(super) fn values_sentence(joint: &JointReport, finding: &Finding, catalogue: &Catalogue) -> String {
     let mut all: Vec<String> = Vec::new();
     for p in &finding.parameters {
@@ -73,7 +72,6 @@ pub(super) fn values_sentence(joint: &JointReport, finding: &Finding, catalogue:
 }
 
 /// The table of values.
-#[must_use]
 pub(super) fn values_table(
     joint: &JointReport,
     findings: &[Finding],
@@ -120,7 +118,6 @@ pub(super) fn values_table(
 }
 
 /// The residuals of held-out runs under the twin and, if given, the updated twin or the nearest explanation.
-#[must_use]
 pub(super) fn gap_table(joint: &JointReport, gap: &Gap, updated: Option<&str>) -> String {
     let mut rows = String::new();
     for run in &gap.runs {

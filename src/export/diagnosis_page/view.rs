@@ -31,7 +31,6 @@ pub(super) struct View {
 
 impl View {
     /// The best of some views for an axis and a part that extends from it by `arm`.
-    #[must_use]
     pub(super) fn best_view(
         motion: Motion,
         axis: &Unit<Vector3<f64>>,
@@ -86,26 +85,22 @@ impl View {
     }
 
     /// A point on the sheet, y down.
-    #[must_use]
     pub(super) fn point_on_sheet(&self, p: &Point3<f64>) -> (f64, f64) {
         let (x, y) = self.direction_on_sheet(&p.coords);
         (self.shift.0 + self.scale * x, self.shift.1 + self.scale * y)
     }
 
     /// A direction on the sheet, y down; a unit vector in the sheet has length 1.
-    #[must_use]
     pub(super) fn direction_on_sheet(&self, v: &Vector3<f64>) -> (f64, f64) {
         (self.right.dot(v), -self.up.dot(v))
     }
 
     /// Unit vector that points down on the sheet.
-    #[must_use]
     pub(super) fn sheet_down(&self) -> Vector3<f64> {
         -self.up
     }
 
     /// Unit vector to the light, at the viewer's upper left.
-    #[must_use]
     pub(super) fn light_direction(&self) -> Vector3<f64> {
         (self.toward + 0.9 * self.up - 0.6 * self.right).normalize()
     }

@@ -5,13 +5,11 @@ use gap::judge::locate::Variable;
 use model::escape_xml;
 
 /// A name of the catalogue in words.
-#[must_use]
 pub(super) fn escaped_words(name: &str) -> String {
     escape_xml(&name.replace('_', " "))
 }
 
 /// A unit with superscript powers; empty for a plain number.
-#[must_use]
 pub(super) fn unit_text(unit: &str) -> String {
     if unit == "1" {
         return String::new();
@@ -22,7 +20,6 @@ pub(super) fn unit_text(unit: &str) -> String {
 /// Number of decimals for a number with an interval of this half width: two significant digits of the half
 /// width if it begins with 1 to 3, else one; three digits of the number without an interval. Negative if
 /// digits before the point carry no meaning.
-#[must_use]
 pub(super) fn decimal_places(value: f64, half: f64) -> i32 {
     let digits = if half / 10f64.powf(half.log10().floor()) < 3.55 { 2 } else { 1 };
     match (half > 0.0 && half.is_finite(), value != 0.0 && value.is_finite()) {
@@ -40,7 +37,6 @@ fn digits_after_point(x: f64, significant: i32) -> i32 {
 }
 
 /// A number rounded to this many decimals; with an exponent if these are too many to read.
-#[must_use]
 pub(super) fn fixed_text(value: f64, places: i32) -> String {
     if !value.is_finite() {
         return "\u{2013}".into();
@@ -65,7 +61,6 @@ pub(super) fn fixed_text(value: f64, places: i32) -> String {
 }
 
 /// A position residual with three digits, in thousandths of the unit.
-#[must_use]
 pub(super) fn residual_text(value: f64, turns: bool) -> String {
     let unit = if turns { "mrad" } else { "mm" };
     if !value.is_finite() {
@@ -78,7 +73,6 @@ pub(super) fn residual_text(value: f64, turns: bool) -> String {
 }
 
 /// A position; angles also in degrees.
-#[must_use]
 pub(super) fn position_text(value: f64, turns: bool) -> String {
     if turns {
         format!("{}\u{a0}rad ({}\u{b0})", fixed_text(value, 2), fixed_text(value.to_degrees(), 0))
@@ -88,20 +82,17 @@ pub(super) fn position_text(value: f64, turns: bool) -> String {
 }
 
 /// A number with its unit, if any.
-#[must_use]
 pub(super) fn with_unit(number: &str, unit: &str) -> String {
     let unit = unit_text(unit);
     if unit.is_empty() { number.to_owned() } else { format!("{number}\u{a0}{unit}") }
 }
 
 /// A variable in words.
-#[must_use]
 pub(super) fn variable_name(variable: Variable) -> &'static str {
     if variable == Variable::Effort { "measured effort" } else { variable.name() }
 }
 
 /// The unit of the effort of a joint.
-#[must_use]
 pub(super) fn effort_unit(turns: bool) -> &'static str {
     if turns { "N\u{a0}m" } else { "N" }
 }

@@ -99,19 +99,6 @@ impl Default for RadianceConfig {
 }
 
 impl RadianceConfig {
-    /// The published hash grid: 16 levels of two features, 2^19 entries, 16 to 4096 nodes per side (growth
-    /// 1.4472693). Unlike the published networks, these have biases.
-    #[must_use]
-    pub fn published_field() -> FieldConfig {
-        FieldConfig {
-            levels: 16,
-            base_resolution: 16,
-            finest_resolution: 4096,
-            log2_table_size: 19,
-            hidden: 64,
-        }
-    }
-
     /// Checks that all values are in their ranges.
     ///
     /// # Errors

@@ -72,11 +72,7 @@ fn batch(rays: usize, samples: usize, seed: u64) -> RayBatch {
 }
 
 fn engine(fields: &[FieldParams]) -> RadianceEngine {
-    let state = |params: &FieldParams| {
-        let n = params.parameter_count();
-        EngineState { params: params.clone(), first: vec![0.0; n], second: vec![0.0; n], steps: 0 }
-    };
-    RadianceEngine::new(fields.iter().map(state).collect())
+    RadianceEngine::new(fields.iter().cloned().map(EngineState::untrained).collect())
 }
 
 /// Central difference of a loss; `None` at a kink, where the two one-sided differences disagree.

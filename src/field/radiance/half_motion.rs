@@ -84,28 +84,18 @@ fn diagonal_direction() -> Unit<Vector3<f64>> {
 impl HalfMotion {
     /// The published start of a free motion: rotations by 0.02 rad and a translation by 0.001 along every
     /// axis.
-    #[must_use]
     pub fn free_start() -> Self {
         let rotation = UnitQuaternion::from_axis_angle(&diagonal_direction(), 0.02);
         Self::Free { pose: Pose::from_parts(Vector3::new(0.001, 0.001, 0.001).into(), rotation) }
     }
 
-    /// The published start of a revolute joint: a rotation by 0.2 rad about the cube's center.
-    #[must_use]
-    pub fn revolute_start() -> Self {
-        let rotation = UnitQuaternion::from_axis_angle(&diagonal_direction(), 0.2);
-        Self::Revolute { pivot: Point3::origin(), rotation }
-    }
-
     /// The published start of a prismatic joint: a translation by 0.1.
-    #[must_use]
     pub fn prismatic_start() -> Self {
         Self::Prismatic { direction: diagonal_direction(), distance: 0.1 }
     }
 
     /// Half of the motion `state1_from_state0`, in normalised coordinates; the motion must rotate by less
     /// than half a turn.
-    #[must_use]
     pub fn of_whole(whole: &Pose) -> Self {
         let pose = Screw::of_motion(whole)
             .map_or_else(Pose::identity, |s| s.motion_by(0.5 * s.angle_rad, 0.5 * s.advance_m));
@@ -113,7 +103,6 @@ impl HalfMotion {
     }
 
     /// `canonical_from_state0` in normalised coordinates.
-    #[must_use]
     pub fn pose(&self) -> Pose {
         match self {
             Self::Free { pose } => *pose,
@@ -241,8 +230,6 @@ mod tests {
     #[test]
     fn starts_are_the_published_ones() {
         assert!((HalfMotion::free_start().pose().rotation.angle() - 0.02).abs() < 1e-12);
-        assert!((HalfMotion::revolute_start().pose().rotation.angle() - 0.2).abs() < 1e-12);
-        assert_eq!(HalfMotion::revolute_start().pose().translation.vector.norm(), 0.0);
         assert!((HalfMotion::prismatic_start().pose().translation.vector.norm() - 0.1).abs() < 1e-12);
     }
 }

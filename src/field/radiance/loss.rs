@@ -37,7 +37,6 @@ pub struct RadianceLosses {
 
 impl RadianceLosses {
     /// Sum of the terms.
-    #[must_use]
     pub fn total_loss(&self) -> f64 {
         self.color + self.mask + self.depth + self.part_entropy
     }

@@ -1,6 +1,5 @@
 //! Queries of the trained fields and motions: densities, colors, meshes, joints.
 
-use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
 use super::HalfMotion;
@@ -32,13 +31,11 @@ pub struct RadianceModel {
 
 impl RadianceModel {
     /// `canonical_from_state0` of a part in the world frame, meters.
-    #[must_use]
     pub fn canonical_from_state0(&self, part: usize) -> Pose {
         part.checked_sub(1).map_or_else(Pose::identity, |m| self.scene.world_motion(&self.motions[m].pose()))
     }
 
     /// `state1_from_state0` of parts 1 onward in the world frame, meters.
-    #[must_use]
     pub fn motions_to_state1(&self) -> Vec<Pose> {
         self.motions.iter().map(|m| m.state1_from_state0(&self.scene)).collect()
     }
@@ -49,23 +46,12 @@ impl RadianceModel {
         ObjectField { params: self.fields[part].clone(), scene, truncation_m: 1.0, base: None }
     }
 
-    /// Density of a part, 1/meter, at points of its canonical frame, in world axes and meters.
-    #[must_use]
-    pub fn density_per_m(&self, part: usize, canonical: &[Point3<f64>]) -> Vec<f64> {
-        self.part_field(part)
-            .signed_distances_m(canonical)
-            .into_iter()
-            .map(|out| density_of_output(out) * self.scene.scale)
-            .collect()
-    }
-
     /// Surface of a part in state 0, in the world frame, meters: marching cubes at density 10 per normalised
     /// unit, on `nodes` nodes per side (published: 256, for free motions 512) of a cube of 1.3 normalised
     /// units about the center. Vertices are colored as seen along the inward normal.
     ///
     /// # Panics
     /// If `nodes` is below 2 or the part does not exist.
-    #[must_use]
     pub fn part_mesh(&self, part: usize, nodes: usize) -> TriangleMesh {
         let field = self.part_field(part);
         let half_side = MESH_HALF_SIDE.min(self.half_side);
@@ -89,6 +75,7 @@ impl RadianceModel {
 mod tests {
     use super::*;
     use crate::FieldConfig;
+    use nalgebra::Point3;
     use numeric::random::stage_rng;
 
     /// Every table and layer 0 but for what makes the density 1000 at high x of a one-level grid.
@@ -124,8 +111,8 @@ mod tests {
         let half = HalfMotion::Free { pose: Pose::translation(0.2, 0.0, 0.0) };
         let model =
             RadianceModel { scene, half_side: 1.5, fields: vec![half_space(); 2], motions: vec![half] };
-        let density = model.density_per_m(0, &[scene.center]);
-        assert!((density[0] - 20.0).abs() < 1e-3, "10 per normalised unit is 20 per meter: {density:?}");
+        let density = density_of_output(model.part_field(0).signed_distances_m(&[scene.center])[0]);
+        assert!((density - 10.0).abs() < 1e-3, "{density}");
         let mean = |part: usize| {
             let mesh = model.part_mesh(part, 65);
             assert!(!mesh.is_empty() && mesh.colors.len() == mesh.vertices.len());

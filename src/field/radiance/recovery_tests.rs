@@ -173,7 +173,7 @@ fn the_second_phase_starts_from_the_motions_that_the_first_found() {
     }
     let model = free.trained_model();
     let fresh = RadianceTrainer::typed(&input, &config, &model, 3, "typed").unwrap();
-    assert_eq!(fresh.half_motions(), [model.motions[0].typed_joint()]);
+    assert_eq!(fresh.trained_model().motions, [model.motions[0].typed_joint()]);
     assert!(fresh.trained_model().fields != model.fields);
     // A state without a view is refused.
     let none = RadianceInput { states: [&states[0], &[]], scene: scene() };

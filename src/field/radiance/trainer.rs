@@ -98,7 +98,7 @@ impl<'a> RadianceTrainer<'a> {
         let mut fields = Vec::with_capacity(config.parts);
         for part in 0..config.parts {
             let mut rng = stage_rng(seed, &format!("{stage}/init"), part as u64);
-            fields.push(fresh_state(FieldParams::random_params(&config.field, &mut rng)));
+            fields.push(EngineState::untrained(FieldParams::random_params(&config.field, &mut rng)));
         }
         Ok(Self {
             config: config.clone(),
@@ -153,25 +153,16 @@ impl<'a> RadianceTrainer<'a> {
     }
 
     /// Number of steps done.
-    #[must_use]
     pub fn steps_done(&self) -> usize {
         self.done
     }
 
     /// Total number of steps.
-    #[must_use]
     pub fn total_steps(&self) -> usize {
         self.config.steps
     }
 
-    /// The current half motions of the mobile parts.
-    #[must_use]
-    pub fn half_motions(&self) -> &[HalfMotion] {
-        &self.motions.motions
-    }
-
     /// The current fields and motions.
-    #[must_use]
     pub fn trained_model(&self) -> RadianceModel {
         RadianceModel {
             scene: self.scene,
@@ -182,7 +173,6 @@ impl<'a> RadianceTrainer<'a> {
     }
 
     /// The state, as taken by [`Self::restore`].
-    #[must_use]
     pub fn checkpoint(&self) -> RadianceCheckpoint {
         RadianceCheckpoint {
             fields: self.engine.field_states(),
@@ -190,12 +180,6 @@ impl<'a> RadianceTrainer<'a> {
             done: self.done,
         }
     }
-}
-
-/// Parameters with zero moments.
-fn fresh_state(params: FieldParams) -> EngineState {
-    let n = params.parameter_count();
-    EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 }
 }
 
 /// Checks a count against the expected one.

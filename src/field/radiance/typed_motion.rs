@@ -28,13 +28,11 @@ impl HalfMotion {
     }
 
     /// Half of a motion in the world, meters, which must rotate by less than half a turn.
-    #[must_use]
     pub fn of_world(state1_from_state0: &Pose, scene: &SceneBox) -> Self {
         Self::of_whole(&scene.normalised_motion(state1_from_state0))
     }
 
     /// The whole motion in the world, meters: the half motion applied twice.
-    #[must_use]
     pub fn state1_from_state0(&self, scene: &SceneBox) -> Pose {
         let half = self.pose();
         scene.world_motion(&(half * half))

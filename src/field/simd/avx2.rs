@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use super::lanes::Lanes;
+use super::lanes::{Lanes, lane_methods};
 
 /// Token: the processor has AVX2 and FMA.
 #[derive(Clone, Copy)]
@@ -85,53 +85,21 @@ impl Lanes for Avx2 {
         unsafe { add_pair(at, weight, pair) }
     }
 
-    #[inline(always)]
-    fn splat(self, value: f32) -> __m256 {
-        has!(_mm256_set1_ps(value))
-    }
-    #[inline(always)]
-    fn add(self, a: __m256, b: __m256) -> __m256 {
-        has!(_mm256_add_ps(a, b))
-    }
-    #[inline(always)]
-    fn sub(self, a: __m256, b: __m256) -> __m256 {
-        has!(_mm256_sub_ps(a, b))
-    }
-    #[inline(always)]
-    fn mul(self, a: __m256, b: __m256) -> __m256 {
-        has!(_mm256_mul_ps(a, b))
-    }
-    #[inline(always)]
-    fn div(self, a: __m256, b: __m256) -> __m256 {
-        has!(_mm256_div_ps(a, b))
-    }
-    #[inline(always)]
-    fn fma(self, a: __m256, b: __m256, c: __m256) -> __m256 {
-        has!(_mm256_fmadd_ps(a, b, c))
-    }
-    #[inline(always)]
-    fn max(self, a: __m256, b: __m256) -> __m256 {
-        has!(_mm256_max_ps(a, b))
-    }
-    #[inline(always)]
-    fn min(self, a: __m256, b: __m256) -> __m256 {
-        has!(_mm256_min_ps(a, b))
-    }
-    #[inline(always)]
-    fn sqrt(self, a: __m256) -> __m256 {
-        has!(_mm256_sqrt_ps(a))
-    }
-    #[inline(always)]
-    fn keep_above(self, test: __m256, bound: __m256, value: __m256) -> __m256 {
-        has!(_mm256_and_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(test, bound), value))
-    }
-    #[inline(always)]
-    fn abs(self, a: __m256) -> __m256 {
-        has!(_mm256_andnot_ps(_mm256_set1_ps(-0.0), a))
-    }
-    #[inline(always)]
-    fn sum4(self, [a, b, c, d]: [__m256; 4]) -> [f32; 4] {
-        has!({
+    lane_methods! {
+        has:
+        splat(value: f32) -> Self::F = _mm256_set1_ps(value);
+        add(a: Self::F, b: Self::F) -> Self::F = _mm256_add_ps(a, b);
+        sub(a: Self::F, b: Self::F) -> Self::F = _mm256_sub_ps(a, b);
+        mul(a: Self::F, b: Self::F) -> Self::F = _mm256_mul_ps(a, b);
+        div(a: Self::F, b: Self::F) -> Self::F = _mm256_div_ps(a, b);
+        fma(a: Self::F, b: Self::F, c: Self::F) -> Self::F = _mm256_fmadd_ps(a, b, c);
+        max(a: Self::F, b: Self::F) -> Self::F = _mm256_max_ps(a, b);
+        min(a: Self::F, b: Self::F) -> Self::F = _mm256_min_ps(a, b);
+        sqrt(a: Self::F) -> Self::F = _mm256_sqrt_ps(a);
+        keep_above(test: Self::F, bound: Self::F, value: Self::F) -> Self::F =
+            _mm256_and_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(test, bound), value);
+        abs(a: Self::F) -> Self::F = _mm256_andnot_ps(_mm256_set1_ps(-0.0), a);
+        sum4([a, b, c, d]: [Self::F; 4]) -> [f32; 4] = {
             let ab = _mm256_add_ps(_mm256_unpacklo_ps(a, b), _mm256_unpackhi_ps(a, b));
             let cd = _mm256_add_ps(_mm256_unpacklo_ps(c, d), _mm256_unpackhi_ps(c, d));
             let abcd = _mm256_add_ps(_mm256_shuffle_ps::<0x44>(ab, cd), _mm256_shuffle_ps::<0xee>(ab, cd));
@@ -139,44 +107,18 @@ impl Lanes for Avx2 {
             let mut out = [0.0; 4];
             _mm_storeu_ps(out.as_mut_ptr(), sums);
             out
-        })
-    }
-
-    #[inline(always)]
-    fn splat_int(self, value: i32) -> __m256i {
-        has!(_mm256_set1_epi32(value))
-    }
-    #[inline(always)]
-    fn add_int(self, a: __m256i, b: __m256i) -> __m256i {
-        has!(_mm256_add_epi32(a, b))
-    }
-    #[inline(always)]
-    fn mul_int(self, a: __m256i, b: __m256i) -> __m256i {
-        has!(_mm256_mullo_epi32(a, b))
-    }
-    #[inline(always)]
-    fn xor(self, a: __m256i, b: __m256i) -> __m256i {
-        has!(_mm256_xor_si256(a, b))
-    }
-    #[inline(always)]
-    fn and(self, a: __m256i, b: __m256i) -> __m256i {
-        has!(_mm256_and_si256(a, b))
-    }
-    #[inline(always)]
-    fn clamp_int(self, a: __m256i, low: i32, high: i32) -> __m256i {
-        has!(_mm256_min_epi32(_mm256_max_epi32(a, _mm256_set1_epi32(low)), _mm256_set1_epi32(high)))
-    }
-    #[inline(always)]
-    fn truncate(self, a: __m256) -> __m256i {
-        has!(_mm256_cvttps_epi32(a))
-    }
-    #[inline(always)]
-    fn float(self, a: __m256i) -> __m256 {
-        has!(_mm256_cvtepi32_ps(a))
-    }
-    #[inline(always)]
-    fn exp2_int(self, a: __m256i) -> __m256 {
+        };
+        splat_int(value: i32) -> Self::I = _mm256_set1_epi32(value);
+        add_int(a: Self::I, b: Self::I) -> Self::I = _mm256_add_epi32(a, b);
+        mul_int(a: Self::I, b: Self::I) -> Self::I = _mm256_mullo_epi32(a, b);
+        xor(a: Self::I, b: Self::I) -> Self::I = _mm256_xor_si256(a, b);
+        and(a: Self::I, b: Self::I) -> Self::I = _mm256_and_si256(a, b);
+        clamp_int(a: Self::I, low: i32, high: i32) -> Self::I =
+            _mm256_min_epi32(_mm256_max_epi32(a, _mm256_set1_epi32(low)), _mm256_set1_epi32(high));
+        truncate(a: Self::F) -> Self::I = _mm256_cvttps_epi32(a);
+        float(a: Self::I) -> Self::F = _mm256_cvtepi32_ps(a);
         // Writes the exponent bits directly; they are biased by 127.
-        has!(_mm256_castsi256_ps(_mm256_slli_epi32::<23>(_mm256_add_epi32(a, _mm256_set1_epi32(127)))))
+        exp2_int(a: Self::I) -> Self::F =
+            _mm256_castsi256_ps(_mm256_slli_epi32::<23>(_mm256_add_epi32(a, _mm256_set1_epi32(127))));
     }
 }

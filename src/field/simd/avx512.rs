@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use super::lanes::Lanes;
+use super::lanes::{Lanes, lane_methods};
 
 /// Token: the processor has AVX-512 F and DQ, AVX2 and FMA.
 #[derive(Clone, Copy)]
@@ -66,53 +66,21 @@ impl Lanes for Avx512 {
         unsafe { super::avx2::add_pair(at, weight, pair) }
     }
 
-    #[inline(always)]
-    fn splat(self, value: f32) -> __m512 {
-        has!(_mm512_set1_ps(value))
-    }
-    #[inline(always)]
-    fn add(self, a: __m512, b: __m512) -> __m512 {
-        has!(_mm512_add_ps(a, b))
-    }
-    #[inline(always)]
-    fn sub(self, a: __m512, b: __m512) -> __m512 {
-        has!(_mm512_sub_ps(a, b))
-    }
-    #[inline(always)]
-    fn mul(self, a: __m512, b: __m512) -> __m512 {
-        has!(_mm512_mul_ps(a, b))
-    }
-    #[inline(always)]
-    fn div(self, a: __m512, b: __m512) -> __m512 {
-        has!(_mm512_div_ps(a, b))
-    }
-    #[inline(always)]
-    fn fma(self, a: __m512, b: __m512, c: __m512) -> __m512 {
-        has!(_mm512_fmadd_ps(a, b, c))
-    }
-    #[inline(always)]
-    fn max(self, a: __m512, b: __m512) -> __m512 {
-        has!(_mm512_max_ps(a, b))
-    }
-    #[inline(always)]
-    fn min(self, a: __m512, b: __m512) -> __m512 {
-        has!(_mm512_min_ps(a, b))
-    }
-    #[inline(always)]
-    fn sqrt(self, a: __m512) -> __m512 {
-        has!(_mm512_sqrt_ps(a))
-    }
-    #[inline(always)]
-    fn keep_above(self, test: __m512, bound: __m512, value: __m512) -> __m512 {
-        has!(_mm512_maskz_mov_ps(_mm512_cmp_ps_mask::<_CMP_GT_OQ>(test, bound), value))
-    }
-    #[inline(always)]
-    fn abs(self, a: __m512) -> __m512 {
-        has!(_mm512_abs_ps(a))
-    }
-    #[inline(always)]
-    fn sum4(self, [a, b, c, d]: [__m512; 4]) -> [f32; 4] {
-        has!({
+    lane_methods! {
+        has:
+        splat(value: f32) -> Self::F = _mm512_set1_ps(value);
+        add(a: Self::F, b: Self::F) -> Self::F = _mm512_add_ps(a, b);
+        sub(a: Self::F, b: Self::F) -> Self::F = _mm512_sub_ps(a, b);
+        mul(a: Self::F, b: Self::F) -> Self::F = _mm512_mul_ps(a, b);
+        div(a: Self::F, b: Self::F) -> Self::F = _mm512_div_ps(a, b);
+        fma(a: Self::F, b: Self::F, c: Self::F) -> Self::F = _mm512_fmadd_ps(a, b, c);
+        max(a: Self::F, b: Self::F) -> Self::F = _mm512_max_ps(a, b);
+        min(a: Self::F, b: Self::F) -> Self::F = _mm512_min_ps(a, b);
+        sqrt(a: Self::F) -> Self::F = _mm512_sqrt_ps(a);
+        keep_above(test: Self::F, bound: Self::F, value: Self::F) -> Self::F =
+            _mm512_maskz_mov_ps(_mm512_cmp_ps_mask::<_CMP_GT_OQ>(test, bound), value);
+        abs(a: Self::F) -> Self::F = _mm512_abs_ps(a);
+        sum4([a, b, c, d]: [Self::F; 4]) -> [f32; 4] = {
             let ab = _mm512_add_ps(_mm512_unpacklo_ps(a, b), _mm512_unpackhi_ps(a, b));
             let cd = _mm512_add_ps(_mm512_unpacklo_ps(c, d), _mm512_unpackhi_ps(c, d));
             let abcd = _mm512_add_ps(_mm512_shuffle_ps::<0x44>(ab, cd), _mm512_shuffle_ps::<0xee>(ab, cd));
@@ -121,43 +89,17 @@ impl Lanes for Avx512 {
             let mut out = [0.0; 4];
             _mm_storeu_ps(out.as_mut_ptr(), sums);
             out
-        })
-    }
-
-    #[inline(always)]
-    fn splat_int(self, value: i32) -> __m512i {
-        has!(_mm512_set1_epi32(value))
-    }
-    #[inline(always)]
-    fn add_int(self, a: __m512i, b: __m512i) -> __m512i {
-        has!(_mm512_add_epi32(a, b))
-    }
-    #[inline(always)]
-    fn mul_int(self, a: __m512i, b: __m512i) -> __m512i {
-        has!(_mm512_mullo_epi32(a, b))
-    }
-    #[inline(always)]
-    fn xor(self, a: __m512i, b: __m512i) -> __m512i {
-        has!(_mm512_xor_si512(a, b))
-    }
-    #[inline(always)]
-    fn and(self, a: __m512i, b: __m512i) -> __m512i {
-        has!(_mm512_and_si512(a, b))
-    }
-    #[inline(always)]
-    fn clamp_int(self, a: __m512i, low: i32, high: i32) -> __m512i {
-        has!(_mm512_min_epi32(_mm512_max_epi32(a, _mm512_set1_epi32(low)), _mm512_set1_epi32(high)))
-    }
-    #[inline(always)]
-    fn truncate(self, a: __m512) -> __m512i {
-        has!(_mm512_cvttps_epi32(a))
-    }
-    #[inline(always)]
-    fn float(self, a: __m512i) -> __m512 {
-        has!(_mm512_cvtepi32_ps(a))
-    }
-    #[inline(always)]
-    fn exp2_int(self, a: __m512i) -> __m512 {
-        has!(_mm512_castsi512_ps(_mm512_slli_epi32::<23>(_mm512_add_epi32(a, _mm512_set1_epi32(127)))))
+        };
+        splat_int(value: i32) -> Self::I = _mm512_set1_epi32(value);
+        add_int(a: Self::I, b: Self::I) -> Self::I = _mm512_add_epi32(a, b);
+        mul_int(a: Self::I, b: Self::I) -> Self::I = _mm512_mullo_epi32(a, b);
+        xor(a: Self::I, b: Self::I) -> Self::I = _mm512_xor_si512(a, b);
+        and(a: Self::I, b: Self::I) -> Self::I = _mm512_and_si512(a, b);
+        clamp_int(a: Self::I, low: i32, high: i32) -> Self::I =
+            _mm512_min_epi32(_mm512_max_epi32(a, _mm512_set1_epi32(low)), _mm512_set1_epi32(high));
+        truncate(a: Self::F) -> Self::I = _mm512_cvttps_epi32(a);
+        float(a: Self::I) -> Self::F = _mm512_cvtepi32_ps(a);
+        exp2_int(a: Self::I) -> Self::F =
+            _mm512_castsi512_ps(_mm512_slli_epi32::<23>(_mm512_add_epi32(a, _mm512_set1_epi32(127))));
     }
 }

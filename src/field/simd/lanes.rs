@@ -92,3 +92,16 @@ pub(crate) trait Lanes: Copy {
     /// `2^a` for `a` in `[-126, 127]`.
     fn exp2_int(self, a: Self::I) -> Self::F;
 }
+
+/// Methods of [`Lanes`] of one expression each, wrapped by the macro that is named first.
+macro_rules! lane_methods {
+    ($wrap:ident: $($name:ident($($argument:tt: $kind:ty),*) -> $result:ty = $value:expr;)*) => {
+        $(
+            #[inline(always)]
+            fn $name(self, $($argument: $kind),*) -> $result {
+                $wrap!($value)
+            }
+        )*
+    };
+}
+pub(super) use lane_methods;

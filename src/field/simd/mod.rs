@@ -37,13 +37,11 @@ enum Kind {
 
 impl InstructionSet {
     /// The fastest instruction set of this processor.
-    #[must_use]
     pub fn detect() -> Self {
         Self::available_sets()[0]
     }
 
     /// All instruction sets of this processor, fastest first; never empty.
-    #[must_use]
     pub fn available_sets() -> Vec<Self> {
         let mut sets = Vec::new();
         #[cfg(target_arch = "x86_64")]
@@ -62,7 +60,6 @@ impl InstructionSet {
     }
 
     /// Name of the instruction set for reports.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self.0 {
             #[cfg(target_arch = "x86_64")]

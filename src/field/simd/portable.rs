@@ -2,7 +2,7 @@
 
 use std::array::from_fn;
 
-use super::lanes::Lanes;
+use super::lanes::{Lanes, lane_methods};
 
 /// Token: no features needed.
 #[derive(Clone, Copy)]
@@ -13,6 +13,13 @@ pub(super) struct Portable;
 fn fused_multiply_add(a: f32, b: f32, c: f32) -> f32 {
     // Without the instruction, a fused product would call the math library.
     if cfg!(target_arch = "aarch64") { a.mul_add(b, c) } else { a * b + c }
+}
+
+/// The expressions below need no token.
+macro_rules! plain {
+    ($e:expr) => {
+        $e
+    };
 }
 
 impl Lanes for Portable {
@@ -43,89 +50,30 @@ impl Lanes for Portable {
         (pairs.map(|p| p[0]), pairs.map(|p| p[1]))
     }
 
-    #[inline(always)]
-    fn splat(self, value: f32) -> [f32; 4] {
-        [value; 4]
-    }
-    #[inline(always)]
-    fn add(self, a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
-        from_fn(|i| a[i] + b[i])
-    }
-    #[inline(always)]
-    fn sub(self, a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
-        from_fn(|i| a[i] - b[i])
-    }
-    #[inline(always)]
-    fn mul(self, a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
-        from_fn(|i| a[i] * b[i])
-    }
-    #[inline(always)]
-    fn div(self, a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
-        from_fn(|i| a[i] / b[i])
-    }
-    #[inline(always)]
-    fn fma(self, a: [f32; 4], b: [f32; 4], c: [f32; 4]) -> [f32; 4] {
-        from_fn(|i| fused_multiply_add(a[i], b[i], c[i]))
-    }
-    #[inline(always)]
-    fn max(self, a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
-        from_fn(|i| if a[i] > b[i] { a[i] } else { b[i] })
-    }
-    #[inline(always)]
-    fn min(self, a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
-        from_fn(|i| if a[i] < b[i] { a[i] } else { b[i] })
-    }
-    #[inline(always)]
-    fn sqrt(self, a: [f32; 4]) -> [f32; 4] {
-        a.map(f32::sqrt)
-    }
-    #[inline(always)]
-    fn keep_above(self, test: [f32; 4], bound: [f32; 4], value: [f32; 4]) -> [f32; 4] {
-        from_fn(|i| if test[i] > bound[i] { value[i] } else { 0.0 })
-    }
-    #[inline(always)]
-    fn abs(self, a: [f32; 4]) -> [f32; 4] {
-        a.map(f32::abs)
-    }
-    #[inline(always)]
-    fn sum4(self, v: [[f32; 4]; 4]) -> [f32; 4] {
-        v.map(|[a, b, c, d]| (a + b) + (c + d))
-    }
-
-    #[inline(always)]
-    fn splat_int(self, value: i32) -> [i32; 4] {
-        [value; 4]
-    }
-    #[inline(always)]
-    fn add_int(self, a: [i32; 4], b: [i32; 4]) -> [i32; 4] {
-        from_fn(|i| a[i].wrapping_add(b[i]))
-    }
-    #[inline(always)]
-    fn mul_int(self, a: [i32; 4], b: [i32; 4]) -> [i32; 4] {
-        from_fn(|i| a[i].wrapping_mul(b[i]))
-    }
-    #[inline(always)]
-    fn xor(self, a: [i32; 4], b: [i32; 4]) -> [i32; 4] {
-        from_fn(|i| a[i] ^ b[i])
-    }
-    #[inline(always)]
-    fn and(self, a: [i32; 4], b: [i32; 4]) -> [i32; 4] {
-        from_fn(|i| a[i] & b[i])
-    }
-    #[inline(always)]
-    fn clamp_int(self, a: [i32; 4], low: i32, high: i32) -> [i32; 4] {
-        a.map(|x| x.max(low).min(high))
-    }
-    #[inline(always)]
-    fn truncate(self, a: [f32; 4]) -> [i32; 4] {
-        a.map(|x| x as i32)
-    }
-    #[inline(always)]
-    fn float(self, a: [i32; 4]) -> [f32; 4] {
-        a.map(|x| x as f32)
-    }
-    #[inline(always)]
-    fn exp2_int(self, a: [i32; 4]) -> [f32; 4] {
-        a.map(|x| f32::from_bits(((x + 127) as u32) << 23))
+    lane_methods! {
+        plain:
+        splat(value: f32) -> Self::F = [value; 4];
+        add(a: Self::F, b: Self::F) -> Self::F = from_fn(|i| a[i] + b[i]);
+        sub(a: Self::F, b: Self::F) -> Self::F = from_fn(|i| a[i] - b[i]);
+        mul(a: Self::F, b: Self::F) -> Self::F = from_fn(|i| a[i] * b[i]);
+        div(a: Self::F, b: Self::F) -> Self::F = from_fn(|i| a[i] / b[i]);
+        fma(a: Self::F, b: Self::F, c: Self::F) -> Self::F =
+            from_fn(|i| fused_multiply_add(a[i], b[i], c[i]));
+        max(a: Self::F, b: Self::F) -> Self::F = from_fn(|i| if a[i] > b[i] { a[i] } else { b[i] });
+        min(a: Self::F, b: Self::F) -> Self::F = from_fn(|i| if a[i] < b[i] { a[i] } else { b[i] });
+        sqrt(a: Self::F) -> Self::F = a.map(f32::sqrt);
+        keep_above(test: Self::F, bound: Self::F, value: Self::F) -> Self::F =
+            from_fn(|i| if test[i] > bound[i] { value[i] } else { 0.0 });
+        abs(a: Self::F) -> Self::F = a.map(f32::abs);
+        sum4(v: [Self::F; 4]) -> [f32; 4] = v.map(|[a, b, c, d]| (a + b) + (c + d));
+        splat_int(value: i32) -> Self::I = [value; 4];
+        add_int(a: Self::I, b: Self::I) -> Self::I = from_fn(|i| a[i].wrapping_add(b[i]));
+        mul_int(a: Self::I, b: Self::I) -> Self::I = from_fn(|i| a[i].wrapping_mul(b[i]));
+        xor(a: Self::I, b: Self::I) -> Self::I = from_fn(|i| a[i] ^ b[i]);
+        and(a: Self::I, b: Self::I) -> Self::I = from_fn(|i| a[i] & b[i]);
+        clamp_int(a: Self::I, low: i32, high: i32) -> Self::I = a.map(|x| x.max(low).min(high));
+        truncate(a: Self::F) -> Self::I = a.map(|x| x as i32);
+        float(a: Self::I) -> Self::F = a.map(|x| x as f32);
+        exp2_int(a: Self::I) -> Self::F = a.map(|x| f32::from_bits(((x + 127) as u32) << 23));
     }
 }

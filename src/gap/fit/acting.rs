@@ -40,7 +40,6 @@ pub struct Acting<'a> {
 
 impl<'a> Acting<'a> {
     /// Looks up the terms of a model.
-    #[must_use]
     pub fn of_model(model: &'a JointModel, catalogue: &'a Catalogue) -> Self {
         let mut terms = Vec::with_capacity(model.terms.len());
         for term in &model.terms {
@@ -52,7 +51,6 @@ impl<'a> Acting<'a> {
     }
 
     /// Efforts at a state, without derivatives with respect to parameters.
-    #[must_use]
     pub fn efforts_at(&self, at: &At) -> EffortSum {
         self.add_up(at, &mut [0.0; MAX_COLUMNS], &mut [0.0; MAX_COLUMNS])
     }
@@ -171,7 +169,6 @@ fn write_first(target: &mut [f64], values: &[f64; MAX_PARAMETERS], count: usize)
 
 /// Bound of the friction on a joint reversing its motion: starting from rest, the bound of the direction it
 /// leaves in; passing through rest, the larger bound of both directions.
-#[must_use]
 pub fn bound_at_turn(acting: &Acting, at: &At, bound: f64, friction: &mut Row) -> f64 {
     let mut unused = [0.0; MAX_COLUMNS];
     let turned = At { direction: -at.direction, v: 0.0, ..*at };

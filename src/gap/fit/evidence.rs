@@ -97,7 +97,6 @@ fn regression_rows(seen: &[SeenStretch], effort: &[f64], turns: bool) -> Vec<SVe
 /// Share of independent stretches, from the correlation of the unexplained efforts of successive stretches.
 /// The efforts are explained by the known columns and the possible missing effects. `follows` is true for
 /// each stretch directly after the one before it.
-#[must_use]
 pub fn independent_share(seen: &[SeenStretch], effort: &[f64], turns: bool, follows: &[bool]) -> f64 {
     let rows = regression_rows(seen, effort, turns);
     let scale = rows.iter().fold(SVector::<f64, COLUMNS>::zeros(), |sum, r| sum + r.component_mul(r));
@@ -150,7 +149,6 @@ fn effort_alone() -> SVector<f64, KNOWN> {
 impl Regression {
     /// Sums rows and their efforts; `turns` where sine and cosine of the position are meaningful. `weight` is
     /// the number of independent measurements in the rows.
-    #[must_use]
     pub fn of_rows(seen: &[SeenStretch], effort: &[f64], turns: bool, weight: f64) -> Self {
         let n = seen.len().max(1) as f64;
         let gram = regression_rows(seen, effort, turns)
@@ -166,20 +164,17 @@ impl Regression {
     }
 
     /// Number of independent measurements in the rows.
-    #[must_use]
     pub fn weight(&self) -> f64 {
         self.weight
     }
 
     /// Whether there are enough data with both an effort and a motion.
-    #[must_use]
     pub fn is_telling(&self) -> bool {
         self.weight > 2.0 * COLUMNS as f64 && self.column_rms(0) > 0.0 && self.column_rms(2) > 0.0
     }
 
     /// Explanations of the accelerations by the efforts, in recorded units: one for each of the tried
     /// inertias, with a gain within one range.
-    #[must_use]
     pub fn of_motion(&self, inertias: &[f64], gain: (f64, f64)) -> Vec<Explained> {
         // A priori, missing efforts are as large as the acting effort, and those of a tilt as the load.
         let effort = (gain.0 * gain.1).sqrt() * self.column_rms(2);
@@ -198,7 +193,6 @@ impl Regression {
     }
 
     /// Explanations of the efforts by the motion.
-    #[must_use]
     pub fn of_effort(&self, inertias: &[f64], gain: (f64, f64)) -> Vec<Explained> {
         let by = 1.0 / (gain.0 * gain.1).sqrt();
         let size = self.column_rms(2);

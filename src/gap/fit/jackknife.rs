@@ -29,7 +29,6 @@ pub struct Witness {
 /// errors depend on the position (ripple, spots), the speed (lag, friction), the effort (flexibility, gain),
 /// the time since the start and the run (heat). Effects beyond the catalog repeat in similar windows, so a
 /// group is one witness of a parameter, not many: cluster-robust errors (Liang and Zeger 1986).
-#[must_use]
 pub fn alike_windows(problem: &Problem) -> Vec<Vec<usize>> {
     let windows = &problem.windows;
     let coordinates: [&dyn Fn(&Span) -> f64; 4] = [
@@ -80,7 +79,6 @@ fn value_ranks(values: &[f64]) -> Vec<usize> {
 /// Gauss-Newton step). Each window is a witness. For each of the `groups` (a group number per window), whole
 /// groups are witnesses instead if errors are known to `repeat`, or if leaving out groups moves the
 /// parameters by more than chance. The largest widening is used.
-#[must_use]
 pub fn jackknife_covariance(
     mut matrix: DMatrix<f64>,
     windows: &[Witness],

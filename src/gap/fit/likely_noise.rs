@@ -32,7 +32,6 @@ const SWEEPS: usize = 2;
 const ENOUGH: f64 = 0.5 * CHI_SQUARE_999[1];
 
 /// The most probable noise of the residuals, by a search about `around`.
-#[must_use]
 pub fn most_likely_noise(
     problem: &Problem,
     model: &JointModel,

@@ -18,7 +18,6 @@ pub struct EffortNoise {
 
 impl EffortNoise {
     /// White noise alone.
-    #[must_use]
     pub fn white_noise(white: f64) -> Self {
         Self { white, ..Self::default() }
     }
@@ -36,26 +35,22 @@ impl EffortNoise {
     }
 
     /// Size of this noise as a share of another one's.
-    #[must_use]
     pub fn share_of(&self, other: &Self) -> f64 {
         let size = |n: &Self| if other.deflection > 0.0 { n.deflection } else { n.total_deviation() };
         size(self) / size(other).max(1e-300)
     }
 
     /// Whether it exceeds the noise of a sensor: by a lasting part or a deflection.
-    #[must_use]
     pub fn has_remainder(&self) -> bool {
         self.wander > 0.0 || self.deflection > 0.0
     }
 
     /// Standard deviation of the effort at one time, N m or N.
-    #[must_use]
     pub fn total_deviation(&self) -> f64 {
         self.white.hypot(self.wander)
     }
 
     /// Correlation of the wander over `interval_s` seconds.
-    #[must_use]
     pub fn wander_share_after(&self, interval_s: f64) -> f64 {
         if self.wander > 0.0 { (-interval_s / self.memory_s).exp() } else { 0.0 }
     }

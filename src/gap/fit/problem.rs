@@ -62,7 +62,6 @@ pub enum Weighing {
 
 impl Weighing {
     /// Share of the samples counted as independent.
-    #[must_use]
     pub fn counting_share(self) -> f64 {
         match self {
             Self::Innovations => 1.0,
@@ -71,7 +70,6 @@ impl Weighing {
     }
 
     /// Noise at the start of a fit, before there are residuals.
-    #[must_use]
     pub fn first_noise(self, noise: EffortNoise, problem: &Problem) -> EffortNoise {
         match self {
             Self::Innovations => noise.at_least(problem.min_sigma_u),
@@ -144,7 +142,6 @@ const LEAST_SLOPE: f64 = 1e-6;
 /// Window length for a joint, seconds: two and a half time constants of its damping, and three of its load
 /// where this drives it away from rest, between a quarter of a second and a second. The start states would
 /// dominate longer windows. See docs/method.md (14.6).
-#[must_use]
 pub fn window_length_s(plant: &Plant) -> f64 {
     let slope = plant.load.sine.hypot(plant.load.cosine);
     let damped =
@@ -155,7 +152,6 @@ pub fn window_length_s(plant: &Plant) -> f64 {
 
 impl<'c> Problem<'c> {
     /// Prepares logs.
-    #[must_use]
     pub fn new(
         catalogue: &'c Catalogue,
         plant: &Plant,
@@ -252,14 +248,12 @@ impl<'c> Problem<'c> {
     }
 
     /// Held-out logs, with the small steps of the proof.
-    #[must_use]
     pub fn held_out(fitted: &Self, logs: Vec<JointLog>) -> Self {
         Self { finer: FINER, ..fitted.of_logs(logs) }
     }
 
     /// Folds of a cross-validation, each as the fitted problem and the tested one: one run, or one of `FOLDS`
     /// groups of runs, is tested; a single run is halved.
-    #[must_use]
     pub fn cross_validation_folds(&self) -> Vec<[Self; 2]> {
         if let [log] = self.logs.as_slice() {
             let n = log.time_s.len();
@@ -290,7 +284,6 @@ impl<'c> Problem<'c> {
     }
 
     /// Start states of all windows from the smoothed motion, as seen by the model's sensor.
-    #[must_use]
     pub fn smoothed_starts(&self, model: &JointModel) -> Vec<Start> {
         let sensor = model.position_sensor(self.catalogue);
         let mut starts = Vec::with_capacity(self.windows.len());
@@ -305,21 +298,18 @@ impl<'c> Problem<'c> {
     }
 
     /// The effort of every log with the model's delay.
-    #[must_use]
     pub fn model_drives(&self, model: &JointModel) -> Vec<Drive> {
         let delay = model.delay_s(self.catalogue);
         self.drives_late(delay)
     }
 
     /// The effort of every log with a delay, seconds.
-    #[must_use]
     pub fn drives_late(&self, delay_s: f64) -> Vec<Drive> {
         let logs = self.logs.iter().zip(&self.steps);
         logs.map(|(l, steps)| Drive::with_steps(l, self.hold, delay_s, steps * self.finer)).collect()
     }
 
     /// Indices of the effects to be sought, without those already fitted with the actuator.
-    #[must_use]
     pub fn sought_effects(&self) -> Vec<usize> {
         (0..self.catalogue.len()).filter(|e| self.is_sought(*e)).collect()
     }
@@ -337,20 +327,17 @@ impl<'c> Problem<'c> {
     }
 
     /// Root mean square of the readings' standard deviations in the windows, rad or m.
-    #[must_use]
     pub fn noise_floor(&self) -> f64 {
         let variances = self.windows.iter().map(|w| self.readings[w.log][w.start..w.start + w.len].iter());
         (variances.map(|v| v.sum::<f64>()).sum::<f64>() / self.sample_count().max(1) as f64).sqrt()
     }
 
     /// Number of independent measurements in the windows.
-    #[must_use]
     pub fn independent_count(&self) -> f64 {
         (self.weighing.counting_share() * self.sample_count() as f64).max(2.0)
     }
 
     /// Number of measurements in the windows.
-    #[must_use]
     pub fn sample_count(&self) -> usize {
         self.windows.iter().map(|w| w.len).sum()
     }

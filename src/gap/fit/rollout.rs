@@ -50,7 +50,6 @@ pub struct Start {
 }
 
 /// Number of columns for `free` parameters: start state, parameters, and one for the caller.
-#[must_use]
 pub fn column_count(free: usize) -> usize {
     (3 + free).next_multiple_of(4).min(MAX_COLUMNS)
 }
@@ -166,7 +165,6 @@ impl Layout {
 pub const LEAST_INERTIA: f64 = 1e-3;
 
 /// Inverse of an inertia with its addition.
-#[must_use]
 pub fn inverse_inertia(inertia: f64, added: f64) -> f64 {
     1.0 / (inertia + added).max(LEAST_INERTIA * inertia)
 }

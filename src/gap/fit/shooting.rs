@@ -46,7 +46,6 @@ pub struct Fit {
 
 impl Fit {
     /// Standard deviation of a free parameter.
-    #[must_use]
     pub fn parameter_deviation(&self, parameter: usize) -> f64 {
         self.covariance[(parameter, parameter)].max(0.0).sqrt()
     }
@@ -223,7 +222,6 @@ const ACTUATOR_BOUNDS: [(f64, f64); 2] = [(1.0 / LARGEST_RATIO, LARGEST_RATIO), 
 const MOST_LAG: f64 = 5.0;
 
 /// The model after a step of its parameters, kept within their bounds.
-#[must_use]
 pub fn moved_model(problem: &Problem, model: &JointModel, step: &DVector<f64>) -> JointModel {
     let mut parameters = model.free_parameters();
     let mut at = 1;
@@ -282,7 +280,6 @@ pub(super) const FIRST_DAMPING: f64 = 1e-4;
 
 impl Pace {
     /// Until the fit converges.
-    #[must_use]
     pub const fn thorough(rounds: usize) -> Self {
         Self { rounds, steps: MAX_STEPS, enough: ENOUGH, settles: true, searches: true, hears: false }
     }
@@ -298,7 +295,6 @@ impl Pace {
 }
 
 /// Fits from a starting model; `starts` may come from an earlier fit of a similar model.
-#[must_use]
 pub fn shooting_fit(
     problem: &Problem,
     model: &JointModel,

@@ -98,7 +98,6 @@ impl Predict<'_> {
 }
 
 /// Smooths logs with the most probable effort noise of the grid; `readings` is the variance of each position.
-#[must_use]
 pub fn smoothed_traces(logs: &[JointLog], hold: Hold, plant: &Plant, readings: &[Vec<f64>]) -> Vec<Trace> {
     let effort: Vec<Vec<f64>> = logs.iter().map(|l| interval_means(l, &l.effort, hold)).collect();
     let count: usize = effort.iter().map(Vec::len).sum();

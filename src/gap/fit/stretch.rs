@@ -48,7 +48,6 @@ fn width_s(run: &RunMotion) -> f64 {
 }
 
 /// Stretches in which the joint moves in one direction and the stamps have no gap.
-#[must_use]
 pub fn one_way_stretches(runs: &[RunMotion], joint: usize) -> Vec<Stretch> {
     let of = |run: usize| runs[run][joint].as_ref().and_then(|m| Some((m, m.log.as_ref()?)));
     let speeds = (0..runs.len()).filter_map(of).flat_map(|(m, _)| m.motion.state.iter().map(|s| s[1].abs()));
@@ -92,7 +91,6 @@ fn stretch_means(run: &RunMotion, key: (usize, usize), time_s: (f64, f64)) -> St
 }
 
 /// Mean of a log's signal over each stretch, `delay_s` late; `None` where the stamps have a gap.
-#[must_use]
 pub fn mean_signal(
     log: &JointLog,
     values: &[f64],

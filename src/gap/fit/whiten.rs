@@ -48,7 +48,6 @@ impl Local {
 }
 
 /// Linearizes a model along the smoothed motion of a log.
-#[must_use]
 pub fn linearized_joint(
     model: &JointModel,
     catalogue: &Catalogue,
@@ -201,7 +200,6 @@ pub struct Gains<'a> {
 
 impl<'a> Gains<'a> {
     /// The gains at the start of a window.
-    #[must_use]
     pub fn of_noise(noise: &'a EffortNoise) -> Self {
         Self {
             noise,
@@ -235,7 +233,6 @@ impl<'a> Gains<'a> {
     }
 
     /// Sum of the log variances of the innovations so far.
-    #[must_use]
     pub fn log_variance(&self) -> f64 {
         self.log_variance + self.product.ln()
     }

@@ -14,7 +14,6 @@ use crate::{
 };
 
 /// Column of the residual in the whitened rows: after the sensitivities.
-#[must_use]
 pub fn residual_column(free: usize) -> usize {
     2 + free
 }
@@ -31,7 +30,6 @@ pub struct Whitening {
 
 impl Whitening {
     /// The filter for a model and a noise.
-    #[must_use]
     pub fn new(problem: &Problem, model: &JointModel, noise: &EffortNoise) -> Self {
         let each = problem.logs.iter().enumerate();
         let locals: Vec<Vec<Local>> =
@@ -99,7 +97,6 @@ pub fn predict_window(
 }
 
 /// Prior of the start states, only there to determine the velocity of a stuck joint.
-#[must_use]
 pub fn start_ridge(problem: &Problem) -> Matrix2<f64> {
     let range = problem.coverage.position.1 - problem.coverage.position.0;
     let q = (range + problem.noise.at_rest).max(1e-9);

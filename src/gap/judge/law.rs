@@ -16,6 +16,7 @@ use crate::{
         joint_model::{JointModel, Term},
     },
 };
+use numeric::statistics::HALF_WIDTH_95;
 
 /// Number of points of a curve.
 const GRID: usize = 160;
@@ -28,9 +29,6 @@ const LEAST_WINDOWS: usize = 3;
 /// Share of the samples left outside the bins at each end of a range: few, and the fastest.
 /// chosen: a thousandth, three standard deviations.
 const OUTLYING: f64 = 0.001;
-/// Half width of a 95 % interval in standard deviations.
-/// derived: quantile of the normal distribution.
-const HALF_WIDTH: f64 = 1.96;
 /// A push is plotted for this many of its durations on either side.
 /// chosen: the push has ended after five.
 const PUSH_SHOWN: f64 = 8.0;
@@ -364,7 +362,7 @@ impl VariableTerms<'_> {
         // Samples of a window have correlated errors, so the scatter of windows is used.
         let n = windows.len() as f64;
         let squares: f64 = windows.values().map(|w| (w[2] - mean * w[0]).powi(2)).sum();
-        let half = if n > 1.0 { HALF_WIDTH * (squares * n / (n - 1.0)).sqrt() / count } else { 0.0 };
+        let half = if n > 1.0 { HALF_WIDTH_95 * (squares * n / (n - 1.0)).sqrt() / count } else { 0.0 };
         Some(Point { way, is_held_out, x: x / count, effort: mean, half })
     }
 }

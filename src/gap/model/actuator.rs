@@ -70,7 +70,6 @@ impl Default for Actuator {
 impl Actuator {
     /// The effort for a signal, at a position and a velocity; `measure` is (scale, offset) of the position
     /// read by a servo.
-    #[must_use]
     #[inline]
     pub fn effort_under(&self, signal: f64, q: f64, v: f64, measure: (f64, f64)) -> Acted {
         let Some(servo) = self.servo else {
@@ -101,19 +100,16 @@ impl Actuator {
     }
 
     /// Whether it is a recorded effort in a known unit, with the accuracy of its sensor.
-    #[must_use]
     pub fn is_measured(&self) -> bool {
         self.servo.is_none() && !self.is_found[0]
     }
 
     /// Name in reports.
-    #[must_use]
     pub fn kind(&self) -> &'static str {
         if self.servo.is_some() { "servo" } else { "effort" }
     }
 
     /// Number of fitted parameters.
-    #[must_use]
     pub fn found_count(&self) -> usize {
         self.is_found.iter().filter(|f| **f).count()
     }

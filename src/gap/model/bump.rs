@@ -13,7 +13,6 @@ const LARGEST: f64 = 20.0;
 /// chosen: a few samples, and more than a local effect.
 const WIDTHS: [f64; 2] = [0.003, 0.25];
 /// Parameters of a local effect: the named strength, position and width.
-#[must_use]
 pub const fn bump_parameters(strength: &'static str) -> [Parameter; 3] {
     [
         amplitude_parameter(strength, Dimension::Effort, false),
@@ -23,13 +22,11 @@ pub const fn bump_parameters(strength: &'static str) -> [Parameter; 3] {
 }
 
 /// Whether a local effect reaching `reach` widths acts on a stretch of motion.
-#[must_use]
 pub fn bump_meets(extent: &Extent, shape: &[f64], reach: f64) -> bool {
     Extent::meets_interval(extent.position, shape[1], reach * shape[2])
 }
 
 /// Start values of a local effect: zero strength, at all searched positions and widths.
-#[must_use]
 pub fn bump_starts(coverage: &Coverage) -> Vec<Vec<f64>> {
     let (low, high) = coverage.position;
     let range = high - low;
@@ -44,7 +41,6 @@ pub fn bump_starts(coverage: &Coverage) -> Vec<Vec<f64>> {
 }
 
 /// Bounds of the parameters (amplitude, position, width) of a local effect.
-#[must_use]
 pub fn bump_bounds(index: usize, coverage: &Coverage) -> (f64, f64) {
     let (low, high) = coverage.position;
     match index {

@@ -38,7 +38,6 @@ pub enum Dimension {
 
 impl Dimension {
     /// Unit for a turning or a sliding joint.
-    #[must_use]
     pub fn unit_name(self, turns: bool) -> &'static str {
         let (turning, sliding) = match self {
             Self::Position => ("rad", "m"),
@@ -169,7 +168,6 @@ pub struct Coverage {
 pub const RUN_SPACING_S: f64 = 1e5;
 
 /// Time of a sample, seconds, on an axis where runs do not overlap.
-#[must_use]
 pub fn run_time_s(log_index: usize, log: &JointLog, sample: usize) -> f64 {
     RUN_SPACING_S * log_index as f64 + log.time_s[sample]
 }
@@ -191,7 +189,6 @@ pub struct Spec {
 
 impl Spec {
     /// Whether two effects are the same or one contains the other: together they explain no more.
-    #[must_use]
     pub fn overlaps_with(&self, other: &Self) -> bool {
         self.name == other.name || self.contains.contains(&other.name) || other.contains.contains(&self.name)
     }
@@ -208,7 +205,6 @@ pub struct Extent {
 
 impl Extent {
     /// Whether an interval about a center overlaps these bounds.
-    #[must_use]
     pub fn meets_interval(bounds: (f64, f64), center: f64, half_width: f64) -> bool {
         center + half_width >= bounds.0 && center - half_width <= bounds.1
     }
@@ -321,7 +317,6 @@ pub struct Reported {
 }
 
 /// Shorthand for a parameter with the neutral value zero.
-#[must_use]
 pub const fn amplitude_parameter(name: &'static str, dimension: Dimension, signed: bool) -> Parameter {
     Parameter { name, dimension, neutral: Some(0.0), signed }
 }
@@ -331,13 +326,11 @@ pub const fn amplitude_parameter(name: &'static str, dimension: Dimension, signe
 pub const LARGEST_RATIO: f64 = 180.0 / std::f64::consts::PI;
 
 /// Shorthand for a factor, with the neutral value one.
-#[must_use]
 pub const fn ratio_parameter(name: &'static str) -> Parameter {
     Parameter { name, dimension: Dimension::Ratio, neutral: Some(1.0), signed: false }
 }
 
 /// Shorthand for a shape parameter.
-#[must_use]
 pub const fn shape_parameter(name: &'static str, dimension: Dimension, signed: bool) -> Parameter {
     Parameter { name, dimension, neutral: None, signed }
 }

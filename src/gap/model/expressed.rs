@@ -6,7 +6,6 @@ use super::{
 };
 
 /// The model as a format can express it, in effects of the catalogue.
-#[must_use]
 pub fn expressed_model(format: Format, model: &JointModel, catalogue: &Catalogue) -> JointModel {
     // The nuisances stay: they belong to the recording, not to the format.
     let mut held = JointModel { terms: Vec::new(), ..model.clone() };

@@ -18,7 +18,6 @@ impl Format {
     pub const ALL: [Self; 4] = [Self::Urdf, Self::Mjcf, Self::Sdf, Self::Usd];
 
     /// Name in reports.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Urdf => "urdf",
@@ -42,7 +41,6 @@ pub enum Expression {
 
 impl Expression {
     /// Native if `can` holds, else not expressible.
-    #[must_use]
     pub fn native_if(can: bool) -> Self {
         if can { Self::Native } else { Self::NotExpressible }
     }
@@ -59,13 +57,11 @@ pub struct NearestEffect {
 
 impl NearestEffect {
     /// Stands in by another effect.
-    #[must_use]
     pub fn other_effect(name: &'static str, p: Vec<f64>) -> Self {
         Self { effect: Some(name), p }
     }
 
     /// Stands in by the same effect with other parameters.
-    #[must_use]
     pub fn same_effect(p: Vec<f64>) -> Self {
         Self { effect: None, p }
     }
@@ -129,7 +125,6 @@ pub struct JointNumbers {
 
 impl JointNumbers {
     /// A joint without effects.
-    #[must_use]
     pub fn without_effects(damping: f64, friction: f64) -> Self {
         Self {
             damping,

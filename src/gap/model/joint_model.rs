@@ -19,7 +19,6 @@ pub struct Term {
 
 impl Term {
     /// Effort of the effect at a state, or its friction bound, N m or N.
-    #[must_use]
     pub fn value_at(&self, catalogue: &Catalogue, at: &At) -> f64 {
         let mut response = Response::default();
         catalogue[self.effect].write_response(at, &self.p, &mut response);
@@ -65,7 +64,6 @@ pub struct Settling {
 
 impl Settling {
     /// For a settle time and a step, both in seconds.
-    #[must_use]
     pub fn over_step(settle_s: f64, step_s: f64) -> Self {
         // Exact sticking, the limit of (14.8) at T = 0: no velocity remains, and nothing creeps.
         if !(settle_s > 0.0 && step_s > 0.0) {
@@ -79,7 +77,6 @@ impl Settling {
 
 impl JointModel {
     /// The twin's joint without effects.
-    #[must_use]
     pub fn of_plant(plant: &Plant) -> Self {
         Self { plant: plant.clone(), terms: Vec::new(), lag_s: 0.0, settle_s: 0.0 }
     }
@@ -92,13 +89,11 @@ impl JointModel {
     }
 
     /// Whether friction acts on the joint.
-    #[must_use]
     pub fn has_friction(&self, catalogue: &Catalogue) -> bool {
         self.plant.friction > 0.0 || self.terms.iter().any(|t| catalogue[t.effect].place() == Place::Friction)
     }
 
     /// Indices of its effects, sorted.
-    #[must_use]
     pub fn effect_indices(&self) -> Vec<usize> {
         let mut effects: Vec<usize> = self.terms.iter().map(|t| t.effect).collect();
         effects.sort_unstable();
@@ -112,13 +107,11 @@ impl JointModel {
     }
 
     /// Number of free parameters, the lag included.
-    #[must_use]
     pub fn free_count(&self) -> usize {
         1 + self.terms.iter().map(|t| t.p.len()).sum::<usize>() + self.plant.actuator.found_count()
     }
 
     /// All free parameters: the lag, the terms' parameters, and those fitted of the actuator.
-    #[must_use]
     pub fn free_parameters(&self) -> Vec<f64> {
         let terms = self.terms.iter().flat_map(|t| t.p.iter().copied());
         std::iter::once(self.lag_s).chain(terms).chain(self.plant.actuator.found_values()).collect()
@@ -140,7 +133,6 @@ impl JointModel {
     }
 
     /// Indices of the actuator's gain and damping among the free parameters, if they are fitted.
-    #[must_use]
     pub fn actuator_columns(&self) -> [Option<usize>; 2] {
         let first = self.free_count() - self.plant.actuator.found_count();
         let [gain, damping] = self.plant.actuator.is_found;
@@ -166,13 +158,11 @@ impl JointModel {
     }
 
     /// The first parameter of the term at a place, and its index among the free parameters.
-    #[must_use]
     pub fn scalar_of(&self, catalogue: &Catalogue, place: Place) -> Option<(f64, usize)> {
         self.placed_terms().find(|(_, t)| catalogue[t.effect].place() == place).map(|(at, t)| (t.p[0], at))
     }
 
     /// Total delay of the effort, seconds: the nuisance lag, plus the delay if the model has one.
-    #[must_use]
     pub fn delay_s(&self, catalogue: &Catalogue) -> f64 {
         self.plant.actuator.delay_s
             + self.lag_s
@@ -180,7 +170,6 @@ impl JointModel {
     }
 
     /// The sensor of the joint's position under this model.
-    #[must_use]
     pub fn position_sensor(&self, catalogue: &Catalogue) -> Sensor {
         let of = |place, neutral| self.scalar_of(catalogue, place).map_or(neutral, |(x, _)| x);
         Sensor { bias: of(Place::Bias, 0.0), scale: of(Place::Scale, 1.0), half_gap: of(Place::Play, 0.0) }

@@ -38,7 +38,6 @@ pub struct Load {
 
 impl Load {
     /// Load and its slope at a position.
-    #[must_use]
     pub fn load_and_slope(&self, position: f64) -> (f64, f64) {
         // Sliding joints and upright hinges; rollouts spend most of their time in sine and cosine.
         if self.sine == 0.0 && self.cosine == 0.0 {
@@ -49,7 +48,6 @@ impl Load {
     }
 
     /// Largest load at any position.
-    #[must_use]
     pub fn amplitude(&self) -> f64 {
         self.constant.abs() + self.sine.hypot(self.cosine)
     }
@@ -89,19 +87,16 @@ pub enum PlantError {
 
 impl Plant {
     /// Load and its slope at a position; in a chain, with the motion of the others.
-    #[must_use]
     pub fn load_at(&self, carried: Option<&Carried>, position: f64) -> (f64, f64) {
         carried.map_or_else(|| self.load.load_and_slope(position), |c| c.load_and_slope(position))
     }
 
     /// Inertia and its rate of change.
-    #[must_use]
     pub fn inertia_at(&self, carried: Option<&Carried>) -> (f64, f64) {
         carried.map_or((self.inertia, 0.0), |c| (c.inertia, c.inertia_rate))
     }
 
     /// An effort minus damping and load at a state, N m or N, without friction.
-    #[must_use]
     pub fn net_effort(&self, carried: Option<&Carried>, position: f64, velocity: f64, effort: f64) -> f64 {
         // A change of inertia due to the motion of a chain acts as damping.
         let rate = self.inertia_at(carried).1;

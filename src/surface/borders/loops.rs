@@ -5,7 +5,6 @@ use crate::{TriangleMesh, edges::sides_by_vertex};
 /// The border as closed loops, each with the surface on its left seen from outside; no loop passes a vertex
 /// twice. `None` where two triangles have the same side in the same direction: such a mesh has no clear
 /// border. Loops are in the order in which the walk, begun at the lowest vertex, closes them.
-#[must_use]
 pub(super) fn border_loops(mesh: &TriangleMesh) -> Option<Vec<Vec<u32>>> {
     let sides = sides_by_vertex(mesh);
     if sides.all().any(|(_, ends)| ends.windows(2).any(|w| w[0] == w[1])) {

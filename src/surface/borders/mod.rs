@@ -48,7 +48,6 @@ const ROUNDS: usize = 2;
 /// where the `readings` end. With `close`, small holes in flat faces are closed unless views saw through
 /// them. `voxel_m` is the spacing of the mesh's grid, meters. A mesh without a border, or without a clear
 /// one, is returned as it is.
-#[must_use]
 pub fn mend_borders(mesh: &TriangleMesh, voxel_m: f64, close: bool, readings: &Readings<'_>) -> Mended {
     if border_loops(mesh).is_none_or(|loops| loops.is_empty()) {
         return Mended { mesh: mesh.clone(), holes: 0, assumed_m2: 0.0 };

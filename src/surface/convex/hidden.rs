@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Point2, Point3, Vector3};
 
 use super::{Hidden, MIN_THICKNESS_M, pieces::Piece, raster::Raster};
 use crate::{TriangleMesh, outline::hull_2d, patches::Patch};
+use geometry::bounding_box;
 
 /// Largest number of samples along an edge of a face near a patch, across three patch sizes.
 const MAX_STEPS: usize = 300;
@@ -126,8 +127,7 @@ fn walls_across(
     range_m: [f64; 2],
     spacing_m: f64,
 ) -> Vec<Point2<f64>> {
-    let start = (hull[0], hull[0]);
-    let (lower, upper) = hull.iter().fold(start, |(lo, hi), p| (lo.inf(p), hi.sup(p)));
+    let Some((lower, upper)) = bounding_box(hull.iter().copied()) else { return Vec::new() };
     // A gap is never longer than the seen surface beside it.
     let (lower, upper) = (lower - (upper - lower), upper + (upper - lower));
     let spacing_m = spacing_m.max((upper - lower).max() / MAX_STEPS as f64);

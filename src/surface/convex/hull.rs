@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use nalgebra::{Point3, Vector3};
 
 use super::{ConvexSolid, Plane};
+use geometry::bounding_box;
 
 /// Least distance outside a face that counts, as a share of the extent. chosen: above the rounding of a
 /// double
@@ -31,10 +32,8 @@ impl HullFace {
 /// The convex hull; `None` for points in a plane, on a line or in a point. Faces are triangles; corners are
 /// given points, exact to a hundred-thousandth of their extent. Points are added one by one, the farthest
 /// first (quadratic in the corners of the hull).
-#[must_use]
 pub fn convex_hull(points: &[Point3<f64>]) -> Option<ConvexSolid> {
-    let first = points.first()?;
-    let (lower, upper) = points.iter().fold((*first, *first), |(lo, hi), p| (lo.inf(p), hi.sup(p)));
+    let (lower, upper) = bounding_box(points.iter().copied())?;
     let extent_m = (upper - lower).norm();
     if !(extent_m > 0.0 && extent_m.is_finite()) {
         return None;

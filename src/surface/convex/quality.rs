@@ -35,7 +35,6 @@ impl SolidFit {
     pub const MOST_DISTANCE_M: f64 = 0.003;
 
     /// Measures solids at places spread evenly over a surface; `None` without area or solids.
-    #[must_use]
     pub fn of_solids(mesh: &TriangleMesh, solids: &[ConvexSolid]) -> Option<Self> {
         let samples = sample_surface(mesh, SAMPLES, &mut stage_rng(0, "solid fit", 0));
         let planes: Vec<Vec<Plane>> = solids.iter().map(ConvexSolid::face_planes).collect();
@@ -70,7 +69,6 @@ impl SolidFit {
     }
 
     /// Whether both measures are within their limits.
-    #[must_use]
     pub fn is_sound(&self) -> bool {
         self.standing_off <= Self::MOST_STANDING_OFF && self.distance_m <= Self::MOST_DISTANCE_M
     }

@@ -4,6 +4,7 @@ use nalgebra::{Point2, Vector2};
 
 use super::rectangles::{Rectangle, covering_rectangles};
 use crate::outline::{polygon_area, rectangle_direction};
+use geometry::bounding_box;
 
 /// Cells along the longer side of a patch. chosen: time against detail
 const CELLS: f64 = 96.0;
@@ -43,9 +44,8 @@ impl Raster {
         min_cell_m: f64,
     ) -> Self {
         let direction = rectangle_direction(hull);
-        let start = (Point2::from([f64::INFINITY; 2]), Point2::from([f64::NEG_INFINITY; 2]));
         let all = hull.iter().chain(beside).map(|p| turned_point(&direction, p));
-        let (lower, upper) = all.fold(start, |(lo, hi), p| (lo.inf(&p), hi.sup(&p)));
+        let (lower, upper) = bounding_box(all).unwrap_or_default();
         let side = upper - lower;
         let cell_m = (side.max() / CELLS).max(min_cell_m);
         let [columns, rows] = [side.x, side.y].map(|length| ((length / cell_m).ceil() as usize).max(1));

@@ -24,7 +24,6 @@ const MIN_COMPONENT: f64 = 0.003;
 const FLAT: f64 = 0.6;
 
 /// A surface without loose fragments, with as few triangles as solids need.
-#[must_use]
 pub fn few_triangles(mesh: &TriangleMesh, config: &ConvexConfig) -> TriangleMesh {
     simplify(&keep_components(mesh, MIN_COMPONENT), TRIANGLES, 0.5 * config.tolerance_m)
 }
@@ -43,7 +42,6 @@ impl Walls {
     /// `others`: seen surfaces of other parts in the same frame. A flat wall continues through places known
     /// to be `hidden` to its next seen part or another wall, as the floor of a drawer does behind its front.
     /// Both meshes should come from [`few_triangles`]. See docs/method.md 10.1.
-    #[must_use]
     pub fn behind_surface(
         mesh: &TriangleMesh,
         others: &TriangleMesh,
@@ -64,14 +62,12 @@ impl Walls {
     }
 
     /// The faces of the assumed walls in hidden places, in the color of the seen part of the wall.
-    #[must_use]
     pub fn assumed_faces(&self) -> &TriangleMesh {
         &self.assumed
     }
 
     /// Convex solids: at least one for a surface with area, at most `max_solids`. Deterministic. See
     /// docs/method.md 10.1.
-    #[must_use]
     pub fn convex_solids(&self) -> Vec<ConvexSolid> {
         let ConvexConfig { max_solids, tolerance_m, .. } = self.config;
         let wanted = Wanted { solids: max_solids, tolerance_m, thin_m: MIN_THICKNESS_M, wall_m: self.wall_m };
@@ -86,14 +82,12 @@ impl Walls {
 
     /// Mass properties of the walls, as plates of one density and of their walls' thickness; of a wall seen
     /// from both sides, each side carries half. `None` without area. See docs/method.md 10.2.
-    #[must_use]
     pub fn shell_inertia(&self, density_kg_m3: f64) -> Option<ShellInertia> {
         let plates = self.seen.pieces.iter().flat_map(Piece::wall_plates);
         plates_inertia(plates, density_kg_m3)
     }
 
     /// Share of the mass in walls of assumed thickness (other side unseen); 0 without area.
-    #[must_use]
     pub fn assumed_share(&self) -> f64 {
         let all_m3 = self.volume_m3(|_| true);
         if all_m3 > 0.0 { self.volume_m3(|p| p.is_assumed) / all_m3 } else { 0.0 }

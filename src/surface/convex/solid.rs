@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::TriangleMesh;
-use geometry::Pose;
+use geometry::{Pose, bounding_box};
 
 /// Points nearer to a plane than this lie in it, meters. chosen: above rounding, below any reading
 const ON_PLANE_M: f64 = 1e-9;
@@ -22,7 +22,6 @@ pub struct Plane {
 
 impl Plane {
     /// Signed distance of a point, meters; positive outside.
-    #[must_use]
     pub fn distance_m(&self, p: &Point3<f64>) -> f64 {
         self.normal.dot(&p.coords) - self.offset_m
     }
@@ -40,7 +39,6 @@ pub struct ConvexSolid {
 impl ConvexSolid {
     /// A prism: a convex polygon (counter-clockwise seen from the tip of `normal`) swept from `low_m` to
     /// `high_m` along the unit normal.
-    #[must_use]
     pub fn prism(polygon: &[Point3<f64>], normal: &Vector3<f64>, low_m: f64, high_m: f64) -> Self {
         let n = polygon.len() as u32;
         let bottom = polygon.iter().map(|p| p + normal * low_m);
@@ -51,14 +49,12 @@ impl ConvexSolid {
     }
 
     /// An axis-aligned box.
-    #[must_use]
     pub fn cuboid(lower: &Point3<f64>, upper: &Point3<f64>) -> Self {
         let polygon = [(lower.x, lower.y), (upper.x, lower.y), (upper.x, upper.y), (lower.x, upper.y)];
         Self::prism(&polygon.map(|(x, y)| Point3::new(x, y, 0.0)), &Vector3::z(), lower.z, upper.z)
     }
 
     /// The planes of its faces; faces without area have none.
-    #[must_use]
     pub fn face_planes(&self) -> Vec<Plane> {
         self.faces.iter().filter_map(|f| self.face_plane(f)).collect()
     }
@@ -85,7 +81,6 @@ impl ConvexSolid {
     }
 
     /// The part inside a half space; `None` where there is none.
-    #[must_use]
     pub fn clipped_at(&self, plane: &Plane) -> Option<Self> {
         let side: Vec<f64> = self.vertices.iter().map(|p| plane.distance_m(p)).collect();
         // Corners within rounding of the plane lie on it, so no sliver is cut off.
@@ -133,7 +128,6 @@ impl ConvexSolid {
     }
 
     /// The part inside all half spaces; `None` where there is none.
-    #[must_use]
     pub fn clipped_by(&self, planes: &[Plane]) -> Option<Self> {
         planes.iter().try_fold(self.clone(), |solid, plane| solid.clipped_at(plane))
     }
@@ -166,13 +160,11 @@ impl ConvexSolid {
     }
 
     /// Volume, cubic meters.
-    #[must_use]
     pub fn volume_m3(&self) -> f64 {
         self.tetrahedra().map(|(v, _)| v).sum()
     }
 
     /// Smallest extent along the normal of a face, meters: how thin it is. 0 for a solid without faces.
-    #[must_use]
     pub fn thickness_m(&self) -> f64 {
         let planes = self.face_planes();
         let extents =
@@ -181,14 +173,11 @@ impl ConvexSolid {
     }
 
     /// Lower and upper corner of the axis-aligned bounding box.
-    #[must_use]
     pub fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
-        let start = (Point3::from([f64::INFINITY; 3]), Point3::from([f64::NEG_INFINITY; 3]));
-        self.vertices.iter().fold(start, |(lo, hi), p| (lo.inf(p), hi.sup(p)))
+        bounding_box(self.vertices.iter().copied()).unwrap_or_default()
     }
 
     /// Its axes: the normal of its largest face, the longest side of this face, and their cross product.
-    #[must_use]
     pub fn main_axes(&self) -> Matrix3<f64> {
         let largest =
             self.faces.iter().max_by(|a, b| self.twice_area(a).norm().total_cmp(&self.twice_area(b).norm()));
@@ -213,7 +202,6 @@ impl ConvexSolid {
 
     /// How far it reaches into another solid, meters: the shortest way to separate them along a face normal
     /// of either. `None` where they are apart or only touch.
-    #[must_use]
     pub fn penetration_m(&self, other: &Self) -> Option<f64> {
         let theirs = other.face_planes();
         let shortest = self.depth_behind_m(&theirs).min(other.depth_behind_m(&self.face_planes()));
@@ -230,7 +218,6 @@ impl ConvexSolid {
     }
 
     /// The surface as triangles.
-    #[must_use]
     pub fn to_mesh(&self) -> TriangleMesh {
         let triangles = self.faces.iter().flat_map(|f| (1..f.len() - 1).map(|k| [f[0], f[k], f[k + 1]]));
         TriangleMesh {

@@ -72,7 +72,6 @@ pub struct LiveMap {
 
 impl LiveMap {
     /// An empty map.
-    #[must_use]
     pub fn new(settings: LiveSettings) -> Self {
         Self { settings, now: None, before: None }
     }
@@ -141,14 +140,12 @@ impl LiveMap {
     }
 
     /// The surface as one mesh, as [`Self::refresh`] left it; its triangles are not joined across chunks.
-    #[must_use]
     pub fn mesh(&self) -> TriangleMesh {
         merged_mesh(&self.chunks().map(|c| &c.mesh).collect::<Vec<_>>())
     }
 
     /// The unseen part of the region of the views, and the next view if one is worth taking; `None` before
     /// the first view.
-    #[must_use]
     pub fn unseen_and_next(&self) -> Option<(Unseen, Option<NextView>)> {
         let map = self.now.as_ref()?;
         let region = Region::new(&map.eyes, &map.sight)?;
@@ -166,7 +163,6 @@ impl LiveMap {
 
     /// The surface that moved since the first state; `None` where there is no such state, or the present one
     /// has no view.
-    #[must_use]
     pub fn moved_surface(&self) -> Option<Moved> {
         let map = self.now.as_ref()?;
         let before = self.before.as_ref()?;
@@ -194,19 +190,16 @@ impl LiveMap {
     }
 
     /// Number of accepted views of the present state.
-    #[must_use]
     pub fn view_count(&self) -> usize {
         self.now.as_ref().map_or(0, |map| map.eyes.count)
     }
 
     /// Distance between the nodes of the surface, meters; 0 before the first view.
-    #[must_use]
     pub fn spacing_m(&self) -> f64 {
         self.now.as_ref().map_or(0.0, StateMap::spacing_m)
     }
 
     /// Memory of the maps, bytes.
-    #[must_use]
     pub fn bytes(&self) -> usize {
         let chunks: usize = self.chunks().map(|c| mesh_bytes(&c.mesh)).sum();
         let now = self.now.as_ref().map_or(0, |map| map.blocks.bytes() + map.sight.bytes());

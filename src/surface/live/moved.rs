@@ -28,7 +28,6 @@ pub struct Moved {
 
 impl Moved {
     /// Areas of the appeared and of the gone surface, square meters.
-    #[must_use]
     pub fn areas_m2(&self) -> [f64; 2] {
         [self.appeared.area_m2(), self.gone.area_m2()]
     }

@@ -7,7 +7,7 @@ use super::{
     region::{Cell, Region},
     sight_map::SightMap,
 };
-use geometry::Pose;
+use geometry::{Pose, lattice_directions};
 
 /// Number of places tried, all around.
 const PLACES: usize = 200;
@@ -30,7 +30,7 @@ pub struct NextView {
 pub(super) fn next_view(region: &Region, sight: &SightMap, all_m2: f64) -> Option<NextView> {
     let focus = &region.focus;
     let mut best: Option<NextView> = None;
-    for direction in lattice_directions() {
+    for direction in lattice_directions(PLACES) {
         // No lower than the lowest camera, less half the distance between two places: there may be a floor.
         let is_low = direction.dot(&focus.up) < focus.lowest - (std::f64::consts::PI / PLACES as f64).sqrt();
         let eye = focus.point + direction * focus.distance_m;
@@ -65,17 +65,6 @@ pub(super) fn gain_m2(region: &Region, world_from_camera: &Pose) -> f64 {
         }
     }
     area_m2
-}
-
-/// Evenly spread directions (a Fibonacci lattice).
-fn lattice_directions() -> impl Iterator<Item = Vector3<f64>> {
-    let turn_rad = std::f64::consts::PI * (3.0 - 5f64.sqrt());
-    (0..PLACES).map(move |i| {
-        let z = 1.0 - (2.0 * i as f64 + 1.0) / PLACES as f64;
-        let (sin, cos) = (turn_rad * i as f64).sin_cos();
-        let r = (1.0 - z * z).sqrt();
-        Vector3::new(r * cos, r * sin, z)
-    })
 }
 
 /// Whether no seen surface is at the camera's place or between it and the region.

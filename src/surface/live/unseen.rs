@@ -36,7 +36,6 @@ pub struct Unseen {
 
 impl Unseen {
     /// Unseen share of the surface: 1 where nothing was seen.
-    #[must_use]
     pub fn unseen_share(&self) -> f64 {
         let all_m2 = self.area_m2 + self.seen_m2;
         if all_m2 > 0.0 { self.area_m2 / all_m2 } else { 1.0 }

@@ -42,7 +42,6 @@ pub struct TakePoses {
 impl HandheldCamera {
     /// A random camera. Every effect draws from its own stream, so that switching one or changing the level
     /// does not change the others.
-    #[must_use]
     pub fn drawn(sensor: HandheldSensor, k: &Intrinsics, seed: u64) -> Self {
         let rng = |effect| effect_stream(seed, "camera", effect, 0);
         let mut warp = Vec::new();
@@ -77,7 +76,6 @@ impl HandheldCamera {
     }
 
     /// Objects on the floor around the box of an object, the same in all takes.
-    #[must_use]
     pub fn clutter_solids(&self, room: &[Point3<f64>; 2], floor_z_m: f64) -> Vec<Solid> {
         if !self.sensor.has(Effect::Clutter) {
             return Vec::new();
@@ -86,7 +84,6 @@ impl HandheldCamera {
     }
 
     /// The hand in front of the object in a view; empty in most views.
-    #[must_use]
     pub fn hand_solids(
         &self,
         take: usize,
@@ -105,7 +102,6 @@ impl HandheldCamera {
     }
 
     /// The illumination of a view, for an object with a bounding sphere; `lamp` is the direction in take 0.
-    #[must_use]
     pub fn light_of_view(
         &self,
         take: usize,
@@ -135,7 +131,6 @@ impl HandheldCamera {
     }
 
     /// Errors of the poses of a take with true poses `cameras`.
-    #[must_use]
     pub fn pose_errors(&self, take: usize, cameras: &[Pose]) -> TakePoses {
         let world = relocalization::drawn_relocalization(
             self.effect_level(Effect::Relocalization),
@@ -158,7 +153,6 @@ impl HandheldCamera {
     }
 
     /// Depth errors of a view.
-    #[must_use]
     pub fn depth_errors(&self, take: usize, i: usize, view: &View, k: &Intrinsics) -> DepthErrors {
         let at = |effect: Effect| (self.effect_level(effect), self.effect_rng(take, effect, i));
         let mut errors = DepthErrors::default();
@@ -183,7 +177,6 @@ impl HandheldCamera {
     }
 
     /// Factor on linear red, green and blue for a view.
-    #[must_use]
     pub fn color_gain(&self, take: usize, i: usize) -> Vector3<f64> {
         exposure::drawn_gain(
             self.effect_level(Effect::Exposure),
@@ -192,7 +185,6 @@ impl HandheldCamera {
     }
 
     /// Linear colors of a view at the imager; `velocity` is the camera's in its optical frame.
-    #[must_use]
     pub fn colors_of_view(
         &self,
         take: usize,

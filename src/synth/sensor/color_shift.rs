@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 use rand_core::Rng;
 
-use super::bilinear::bilinear_color;
+use geometry::bilinear;
 use numeric::random;
 
 /// Length of the shift, share of the image width (1.5 of 640 pixels); its direction is random for each
@@ -20,8 +20,9 @@ pub(super) fn drawn_shift_px(level: f64, width: usize, rng: &mut impl Rng) -> [f
 
 /// Colors shifted by a number of pixels; the border is repeated.
 pub(super) fn shifted_colors(colors: &[Vector3<f64>], width: usize, by_px: [f64; 2]) -> Vec<Vector3<f64>> {
+    let height = colors.len() / width;
     let places = (0..colors.len()).map(|i| [(i % width) as f64 - by_px[0], (i / width) as f64 - by_px[1]]);
-    places.map(|place| bilinear_color(colors, width, place)).collect()
+    places.map(|[u, v]| bilinear(|i| colors[i], width, height, u, v)).collect()
 }
 
 #[cfg(test)]

@@ -64,7 +64,6 @@ impl Effect {
     ];
 
     /// Name on the command line and in files.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::DepthScale => "depth_scale",

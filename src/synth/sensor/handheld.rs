@@ -19,13 +19,11 @@ impl HandheldSensor {
     pub const MAX_LEVEL: f64 = 5.0;
 
     /// All effects, at a level.
-    #[must_use]
     pub fn new(level: f64) -> Self {
         Self { level, on: [true; Effect::ALL.len()] }
     }
 
     /// No effects.
-    #[must_use]
     pub fn clean() -> Self {
         Self::new(1.0).only(&[])
     }
@@ -43,19 +41,16 @@ impl HandheldSensor {
     }
 
     /// Factor on the size of all effects.
-    #[must_use]
     pub fn level(&self) -> f64 {
         self.level
     }
 
     /// The active effects.
-    #[must_use]
     pub fn effects(&self) -> Vec<Effect> {
         Effect::ALL.into_iter().filter(|e| self.has(*e)).collect()
     }
 
     /// Whether an effect is active.
-    #[must_use]
     pub fn has(&self, effect: Effect) -> bool {
         Effect::ALL.iter().zip(self.on).any(|(e, on)| on && *e == effect)
     }

@@ -4,7 +4,6 @@
 //! percent, poses from odometry without loop closure, and surroundings without masks are usual in real
 //! recordings.
 
-mod bilinear;
 mod camera;
 mod clutter;
 mod color_shift;

@@ -3,9 +3,8 @@
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::bilinear::bilinear_color;
 use crate::View;
-use geometry::Intrinsics;
+use geometry::{Intrinsics, bilinear};
 
 /// Exposure, seconds: about half of librealsense's color setting without automatic exposure, 156 steps of 0.1
 /// ms. chosen: half of that default, rounded
@@ -24,14 +23,14 @@ pub(super) fn blurred_colors(
     k: &Intrinsics,
     velocity: &[Vector3<f64>; 2],
 ) -> Vec<Vector3<f64>> {
+    let at = |i: usize| colors[i];
     let blurred = (0..colors.len()).into_par_iter().with_min_len(k.width).map(|i| {
         let [u, v] = [(i % k.width) as f64, (i / k.width) as f64];
         let trace = trace_px(view.depth_m[i], k, [u, v], velocity).map(|s| s * level * EXPOSURE_S);
         let samples = (trace[0].hypot(trace[1]).ceil() + 1.0).min(MOST_SAMPLES);
         // Centered on the exposure, so that blur does not shift the image.
         let shares = (0..samples as usize).map(|s| (s as f64 + 0.5) / samples - 0.5);
-        let along =
-            shares.map(|share| bilinear_color(colors, k.width, [u + share * trace[0], v + share * trace[1]]));
+        let along = shares.map(|s| bilinear(at, k.width, k.height, u + s * trace[0], v + s * trace[1]));
         along.sum::<Vector3<f64>>() / samples
     });
     blurred.collect()

@@ -36,7 +36,6 @@ pub const CATALOGUE: [CameraEffect; 10] = [
 ];
 
 /// All trials of the catalogue's effects.
-#[must_use]
 pub fn all_trials(twin: &SeenTwin, runs: &[FrameRun], scales: &Scales) -> Vec<Trial> {
     let mut all = Vec::new();
     for (effect, spec) in CATALOGUE.iter().enumerate() {

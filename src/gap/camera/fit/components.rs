@@ -27,7 +27,6 @@ pub struct VarianceComponents {
 impl VarianceComponents {
     /// The searched grid. Each component runs from the twin's accuracy to a share of the gate in equal steps
     /// of its logarithm, since the evidence varies slowly over it.
-    #[must_use]
     pub fn search_grid(scales: &Scales) -> Vec<Self> {
         let [surface, frame, rest] = STEPS.map(|n| component_values(scales, n));
         let mut all = Vec::new();
@@ -40,7 +39,6 @@ impl VarianceComponents {
     }
 
     /// The middle of the grid, used while a hypothesis is being moved.
-    #[must_use]
     pub fn middle_of_grid(scales: &Scales) -> Self {
         // The geometric mean, since the grid is even on a logarithmic scale.
         let m = (scales.accuracy_m * largest_m(scales)).sqrt();
@@ -48,14 +46,12 @@ impl VarianceComponents {
     }
 
     /// Standard deviation of all three together, for a single reading.
-    #[must_use]
     pub fn total_m(&self) -> f64 {
         self.surface_m.hypot(self.frame_m).hypot(self.rest_m)
     }
 }
 
 /// The largest value of a component, meters.
-#[must_use]
 pub fn largest_m(scales: &Scales) -> f64 {
     // Where the twin's accuracy is worse than that, the grid has one value.
     (LARGEST * scales.gate_m()).max(scales.accuracy_m)

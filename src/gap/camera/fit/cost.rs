@@ -16,13 +16,11 @@ pub const SAME_COST: f64 = 1.05;
 
 /// Mean cost of all pixels; a conflict has a fixed cost, so hypotheses of different joint types are
 /// comparable.
-#[must_use]
 pub fn mean_cost(problem: &FrameProblem, hypothesis: &Hypothesis) -> f64 {
     mean_costs_by_part(problem, hypothesis).last().copied().unwrap_or(f64::INFINITY)
 }
 
 /// Mean cost of the pixels of each part, followed by the mean over all pixels.
-#[must_use]
 pub fn mean_costs_by_part(problem: &FrameProblem, hypothesis: &Hypothesis) -> Vec<f64> {
     let samples = problem.pixel_samples(hypothesis, problem.gate_m());
     let unnamed_m = VarianceComponents::middle_of_grid(&problem.scales).total_m();

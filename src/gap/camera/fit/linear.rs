@@ -46,7 +46,6 @@ pub struct Chosen {
 
 impl FrameProblem<'_> {
     /// Linearizes the residuals about a state.
-    #[must_use]
     pub fn linear_system(&self, state: &State, gate_m: f64) -> Linear {
         let samples = self.pixel_samples(&state.hypothesis, gate_m);
         let posed = PosedTwin::new(self.twin, self.runs, &state.hypothesis);
@@ -84,7 +83,6 @@ impl FrameProblem<'_> {
     }
 
     /// Columns of a set of trials, after the nuisance columns.
-    #[must_use]
     pub fn columns_of_set(&self, linear: &Linear, set: &[usize]) -> Vec<usize> {
         (0..self.nuisance.len()).chain(set.iter().flat_map(|&t| linear.of_trial[t].iter().copied())).collect()
     }
@@ -148,7 +146,6 @@ impl FrameProblem<'_> {
     }
 
     /// The reduced systems for all grid values of the unnamed errors.
-    #[must_use]
     pub fn reduce_all(&self, linear: &mut Linear, around: &[usize]) -> Vec<Reduced> {
         // Outliers are taken about the set known so far; otherwise the motion of an effect would count as
         // outliers.
@@ -168,7 +165,6 @@ impl FrameProblem<'_> {
     }
 
     /// Solution of a set with the most probable variance components.
-    #[must_use]
     pub fn chosen_of_set(&self, linear: &Linear, reduced: &[Reduced], set: &[usize]) -> Option<Chosen> {
         let subset = self.columns_of_set(linear, set);
         let (_, i) = best_evidence(reduced, &subset);
@@ -176,7 +172,6 @@ impl FrameProblem<'_> {
     }
 
     /// Evidence of a set, without its solution.
-    #[must_use]
     pub fn evidence_of_set(&self, linear: &Linear, reduced: &[Reduced], set: &[usize]) -> f64 {
         best_evidence(reduced, &self.columns_of_set(linear, set)).0 + self.log_odds(set)
     }

@@ -36,7 +36,6 @@ pub struct System {
 
 impl System {
     /// Builds the system from patches and their derivatives; `radius_m` is the object's radius.
-    #[must_use]
     pub fn new(
         mut means: Vec<(PatchMean, f64)>,
         patches: usize,
@@ -81,7 +80,6 @@ impl System {
     }
 
     /// Eliminates frames and patches.
-    #[must_use]
     pub fn reduced_system(&self, components: &VarianceComponents) -> Option<Reduced> {
         let frames = self.starts.len() - 1;
         let x = self.matrix.ncols();
@@ -146,7 +144,6 @@ impl System {
     }
 
     /// Residuals of the patches minus their part explained by the parameters.
-    #[must_use]
     pub fn residuals_left(&self, subset: &[usize], values: &DVector<f64>) -> Vec<f64> {
         let last = self.matrix.ncols() - 1;
         (0..self.matrix.nrows())

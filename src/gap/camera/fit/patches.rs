@@ -51,7 +51,6 @@ fn weighted_mean(kept: &[&PixelReading], weight: f64, of: &dyn Fn(&PixelReading)
 
 /// Averages samples over patches, in the frames accepted by `is_used`. Patches are cubes in the part's frame,
 /// split by the direction of the surface normal. Returns the means and the number of patches.
-#[must_use]
 pub fn patch_means(
     twin: &SeenTwin,
     world_from_parts: &[Vec<Pose>],

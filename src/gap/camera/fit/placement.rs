@@ -46,7 +46,6 @@ pub struct CoarseRun {
 
 impl CoarseRun {
     /// Some frames of a run, spread over it, at a coarse resolution.
-    #[must_use]
     pub fn of_run(run: &FrameRun, scales: &Scales) -> Self {
         let n = run.frames.len();
         let chosen: Vec<usize> = (0..FRAMES.min(n)).map(|i| i * n / FRAMES.min(n)).collect();
@@ -69,7 +68,6 @@ impl CoarseRun {
     }
 
     /// Mean cost of the pixels covered by the object or the twin, 0 to 1: docs/method.md (15.2).
-    #[must_use]
     pub fn mean_cost(&self, twin: &SeenTwin, hypothesis: &Hypothesis, run: usize) -> f64 {
         let poses = hypothesis.part_and_joint_poses(twin, run).0;
         let (sum, count) = (0..self.run.frames.len())

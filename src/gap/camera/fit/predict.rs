@@ -8,7 +8,6 @@ use geometry::Pose;
 use surface::{Paint, RenderItem, Rendered, render};
 
 /// Pose of the true camera of a frame, given the assumed camera errors.
-#[must_use]
 pub fn true_camera(run: &FrameRun, frame: usize, camera: &CameraErrors) -> Pose {
     let reported = run.frames[frame].world_from_camera;
     let moved =
@@ -18,7 +17,6 @@ pub fn true_camera(run: &FrameRun, frame: usize, camera: &CameraErrors) -> Pose 
 }
 
 /// Renders the twin as a frame's camera would see it.
-#[must_use]
 pub fn rendered_twin(
     twin: &SeenTwin,
     poses: &[Pose],

@@ -38,7 +38,6 @@ pub struct FrameProblem<'a> {
 
 impl<'a> FrameProblem<'a> {
     /// Prepares a diagnosis.
-    #[must_use]
     pub fn new(twin: &'a SeenTwin, runs: &'a [FrameRun], options: &FrameOptions) -> Self {
         let scales = Scales::of_twin(twin, runs, options.accuracy_m);
         Self {
@@ -54,7 +53,6 @@ impl<'a> FrameProblem<'a> {
     }
 
     /// The same problem for another twin.
-    #[must_use]
     pub fn for_twin<'b>(&'b self, twin: &'b SeenTwin) -> FrameProblem<'b> {
         FrameProblem {
             twin,
@@ -69,13 +67,11 @@ impl<'a> FrameProblem<'a> {
     }
 
     /// Residuals beyond this are conflicts, meters.
-    #[must_use]
     pub fn gate_m(&self) -> f64 {
         self.scales.gate_m()
     }
 
     /// Compares all runs with a hypothesis, without readings of known missing geometry.
-    #[must_use]
     pub fn pixel_samples(&self, hypothesis: &Hypothesis, gate_m: f64) -> Vec<PixelSample> {
         let mut samples = compared_pixels(self.twin, self.runs, &self.pixels, hypothesis, gate_m);
         if !self.lacks.is_empty() {
@@ -88,7 +84,6 @@ impl<'a> FrameProblem<'a> {
     }
 
     /// Whether a frame is held out for the proof.
-    #[must_use]
     pub fn is_held_out(&self, frame: usize) -> bool {
         let every = self.options.held_out_every;
         every > 0 && frame % every == every - 1

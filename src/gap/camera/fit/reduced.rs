@@ -29,7 +29,6 @@ pub struct Solution {
 
 impl Reduced {
     /// Solves for a set of columns; all others are zero.
-    #[must_use]
     pub fn solution_of(&self, subset: &[usize]) -> Option<Solution> {
         let n = subset.len();
         let prior = |i: usize| self.priors[subset[i]];
@@ -49,7 +48,6 @@ impl Reduced {
     }
 
     /// The evidence without the solution, for searches.
-    #[must_use]
     pub fn evidence_of(&self, subset: &[usize]) -> f64 {
         let n = subset.len();
         let prior = |i: usize| self.priors[subset[i]];
@@ -65,7 +63,6 @@ impl Reduced {
 }
 
 /// The best evidence of a set of columns over the variance components, and the index of its system.
-#[must_use]
 pub fn best_evidence(reduced: &[Reduced], subset: &[usize]) -> (f64, usize) {
     let all: Vec<f64> = reduced.iter().map(|r| r.evidence_of(subset)).collect();
     let i = (0..all.len()).max_by(|&a, &b| all[a].total_cmp(&all[b])).unwrap_or(0);

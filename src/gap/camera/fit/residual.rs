@@ -33,7 +33,6 @@ const PIXEL_SIGMA: f64 = 0.289;
 const ROUNDING_M: f64 = 0.000_289;
 
 /// Compares all runs with a hypothesis; residuals beyond `gate_m` are conflicts.
-#[must_use]
 pub fn compared_pixels(
     twin: &SeenTwin,
     runs: &[FrameRun],

@@ -41,7 +41,6 @@ pub enum Sample {
 
 impl Sample {
     /// Measured world point; the predicted one without a reading.
-    #[must_use]
     pub fn measured_point(&self) -> nalgebra::Point3<f64> {
         match self {
             Self::Match { measured, .. } => *measured,

@@ -18,7 +18,6 @@ pub enum Subject {
 
 impl Subject {
     /// Name in reports.
-    #[must_use]
     pub fn name(self, twin: &SeenTwin) -> &str {
         match self {
             Self::Joint(j) => &twin.joints[j].name,

@@ -4,11 +4,9 @@ use nalgebra::{Point3, Unit, Vector3};
 
 use crate::camera::{
     effects::screw_pitch::{LEAST_PITCH, PITCHES},
-    model::{
-        parameter::normals_of,
-        twin::{SeenMotion, SeenTwin},
-    },
+    model::{parameter::normals_of, twin::SeenTwin},
 };
+use geometry::AxisMotion;
 use surface::TriangleMesh;
 
 /// Sine below which two directions count as parallel, and have no common normal.
@@ -25,11 +23,11 @@ const SAME_DIRECTION: f64 = 0.98;
 const SQUARE: f64 = 0.2;
 
 /// Index of a type, 0 to 2.
-pub(super) fn type_rank(kind: SeenMotion) -> usize {
+pub(super) fn type_rank(kind: AxisMotion) -> usize {
     match kind {
-        SeenMotion::Revolute => 0,
-        SeenMotion::Prismatic => 1,
-        SeenMotion::Screw { .. } => 2,
+        AxisMotion::Revolute => 0,
+        AxisMotion::Prismatic => 1,
+        AxisMotion::Screw { .. } => 2,
     }
 }
 
@@ -37,7 +35,7 @@ pub(super) fn type_rank(kind: SeenMotion) -> usize {
 pub(super) fn laws_of_other_types(
     twin: &SeenTwin,
     joint: usize,
-) -> Vec<(SeenMotion, Unit<Vector3<f64>>, Point3<f64>)> {
+) -> Vec<(AxisMotion, Unit<Vector3<f64>>, Point3<f64>)> {
     let spec = &twin.joints[joint];
     let faces = face_directions(twin, spec.child);
     let mut directions: Vec<Unit<Vector3<f64>>> = vec![spec.axis];
@@ -47,15 +45,15 @@ pub(super) fn laws_of_other_types(
         }
     }
     if spec.kind.is_turning() {
-        let slides = directions.into_iter().map(|d| (SeenMotion::Prismatic, d, spec.point));
+        let slides = directions.into_iter().map(|d| (AxisMotion::Prismatic, d, spec.point));
         let size_m = twin.parts[spec.child].radius_m;
         let pitches = (0..PITCHES).map(|k| LEAST_PITCH * size_m * f64::from(1 << k)).flat_map(|p| [p, -p]);
         let screws =
-            pitches.map(|pitch_m_per_rad| (SeenMotion::Screw { pitch_m_per_rad }, spec.axis, spec.point));
+            pitches.map(|pitch_m_per_rad| (AxisMotion::Screw { pitch_m_per_rad }, spec.axis, spec.point));
         return slides.chain(screws).collect();
     }
     let mesh = &twin.parts[spec.child].mesh;
-    let mut all = vec![(SeenMotion::Revolute, spec.axis, spec.point)];
+    let mut all = vec![(AxisMotion::Revolute, spec.axis, spec.point)];
     for d in directions {
         let [u, v] = side_directions(&d, &faces);
         let ru = range_along(mesh, &u);
@@ -63,11 +61,11 @@ pub(super) fn laws_of_other_types(
         let along = twin.parts[spec.child].center.coords.dot(&d);
         // Hinges mostly lie at an edge of their part; the center is for a part turning in place.
         for (a, b) in [(ru.0, rv.0), (ru.0, rv.1), (ru.1, rv.0), (ru.1, rv.1)] {
-            all.push((SeenMotion::Revolute, d, Point3::from(u * a + v * b + d.into_inner() * along)));
+            all.push((AxisMotion::Revolute, d, Point3::from(u * a + v * b + d.into_inner() * along)));
         }
         let middle =
             Point3::from(u * (0.5 * (ru.0 + ru.1)) + v * (0.5 * (rv.0 + rv.1)) + d.into_inner() * along);
-        all.push((SeenMotion::Revolute, d, middle));
+        all.push((AxisMotion::Revolute, d, middle));
     }
     all
 }

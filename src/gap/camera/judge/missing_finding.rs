@@ -12,7 +12,6 @@ use crate::{
 const INDEX: usize = 101;
 
 /// The finding for a region of missing geometry.
-#[must_use]
 pub fn missing_finding(missing: &Missing, twin: &SeenTwin) -> CameraFinding {
     let mut parameters = vec![ParameterEstimate {
         name: "area".into(),

@@ -64,7 +64,6 @@ struct Reading {
 }
 
 /// Finds regions of missing geometry, largest first.
-#[must_use]
 pub fn missing_geometry(problem: &FrameProblem, hypothesis: &Hypothesis) -> Vec<Missing> {
     let posed = PosedTwin::new(problem.twin, problem.runs, hypothesis);
     let (mut readings, behind_m2) = readings_before(problem, hypothesis);

@@ -20,12 +20,9 @@ use crate::camera::{
         select::Selected,
         type_change::TypeChange,
     },
-    model::{
-        hypothesis::Hypothesis,
-        trial::free_joints,
-        twin::{SeenMotion, SeenTwin},
-    },
+    model::{hypothesis::Hypothesis, trial::free_joints, twin::SeenTwin},
 };
+use geometry::AxisMotion;
 
 /// Least mean cost of a part's pixels for its joints to be doubted.
 ///
@@ -47,7 +44,6 @@ const REFINED: usize = 3;
 
 /// Looks for a joint whose part another type brings to its place in the frames. Returns the change, the twin
 /// with the new type, and its state.
-#[must_use]
 pub fn other_types(problem: &FrameProblem, first: &Selected) -> Option<(TypeChange, SeenTwin, State)> {
     // A separate fit for every state may stand for a motion missing in the joint.
     let statewise = first.chosen.set.iter().any(|&t| problem.trials[t].log_odds < 0.0);
@@ -143,7 +139,7 @@ fn best_starts(
 fn refined_start(problem: &FrameProblem, joint: usize, start: LawStart) -> (SeenTwin, State) {
     let mut twin = start.twin;
     let own = problem.for_twin(&twin);
-    let screw = matches!(twin.joints[joint].kind, SeenMotion::Screw { .. });
+    let screw = matches!(twin.joints[joint].kind, AxisMotion::Screw { .. });
     let name = if screw { "wrong_joint_type" } else { "axis_offset" };
     let free = own.trials.iter().position(|t| t.joint == Some(joint) && t.name == name);
     let set: Vec<usize> = free.into_iter().collect();

@@ -73,7 +73,6 @@ impl Sums {
 }
 
 /// Gap of a twin and its hypothesis before and after; `missing` is part of the updated twin.
-#[must_use]
 pub fn frame_gap(
     problem: &FrameProblem,
     before: (&SeenTwin, &Hypothesis),
@@ -140,7 +139,6 @@ fn stride_squared(problem: &FrameProblem, s: &PixelSample) -> f64 {
 }
 
 /// Residuals of every part over all frames.
-#[must_use]
 pub fn by_part(problem: &FrameProblem, hypothesis: &Hypothesis) -> Vec<PartResidual> {
     let samples = compared_pixels(problem.twin, problem.runs, &problem.pixels, hypothesis, problem.gate_m());
     let posed = PosedTwin::new(problem.twin, problem.runs, hypothesis);
@@ -176,7 +174,6 @@ pub fn by_part(problem: &FrameProblem, hypothesis: &Hypothesis) -> Vec<PartResid
 }
 
 /// Box of the middle 90 % of the points along each axis.
-#[must_use]
 pub fn middle_box(points: &[Point3<f64>]) -> Option<[[f64; 3]; 2]> {
     (!points.is_empty()).then(|| {
         let mut sides = [[0.0; 3]; 2];

@@ -14,7 +14,6 @@ use crate::{
 };
 
 /// Content of `report.json`.
-#[must_use]
 pub fn report(twin: &SeenTwin, d: &FrameDiagnosis, exports: &[ExportNote]) -> Value {
     let runs = d.gap.runs.iter().map(|(run, before, after)| {
         json!({"run": run, "joint": CAMERA, "unit": "m", "before": before, "after": after})
@@ -82,7 +81,6 @@ fn positions_json(twin: &SeenTwin, d: &FrameDiagnosis, run: usize) -> Value {
 
 /// Merges a report from motion and one from frames: findings, places and exports of both; the frames' gap is
 /// under `frames_gap`.
-#[must_use]
 pub fn merged_reports(mut motion: Value, frames: &Value) -> Value {
     // In order of weight: findings first, agreement last, as among joints.
     const ORDER: [&str; 5] = ["unknown", "ambiguous", "named", "insufficient", "none"];
@@ -100,7 +98,6 @@ pub fn merged_reports(mut motion: Value, frames: &Value) -> Value {
 }
 
 /// The diagnosis in at most 15 lines.
-#[must_use]
 pub fn summary_of_frames(twin: &SeenTwin, d: &FrameDiagnosis) -> String {
     let mut lines = vec![format!("verdict: {}", d.verdict.name())];
     for f in &d.findings {

@@ -37,7 +37,6 @@ pub struct Selected {
 }
 
 /// Fits the twin without effects, then finds the set of effects with the highest evidence.
-#[must_use]
 pub fn selected_effects(problem: &FrameProblem, mut state: State) -> Option<Selected> {
     settle_without_effects(problem, &mut state);
     let null = state.clone();
@@ -112,7 +111,6 @@ fn selection_rounds(
 }
 
 /// The selection for another set of effects: stepped to its solution and judged there.
-#[must_use]
 pub fn with_set(problem: &FrameProblem, selected: &Selected, set: &[usize]) -> Option<Selected> {
     let mut state = selected.state.clone();
     follow_steps(problem, &mut state, set, &selected.chosen.solution.components, NEAR_STEPS);

@@ -12,11 +12,11 @@ use crate::{
         model::{
             interval::estimate_with_half_width,
             parameter::{HypothesisParameter, normals_of},
-            twin::SeenMotion,
         },
     },
     judge::finding::Finding,
 };
+use geometry::AxisMotion;
 use numeric::statistics::HALF_WIDTH_95;
 
 /// Index in reports, after the catalogue's effects.
@@ -28,9 +28,9 @@ pub struct TypeChange {
     /// Joint.
     pub joint: usize,
     /// Type in the twin.
-    pub from: SeenMotion,
+    pub from: AxisMotion,
     /// Type found in the frames.
-    pub to: SeenMotion,
+    pub to: AxisMotion,
     /// Axis in the joint frame.
     pub axis: Unit<Vector3<f64>>,
     /// A point of the axis in the joint frame, meters.
@@ -52,16 +52,14 @@ fn half_width(problem: &FrameProblem, freed: &Selected, weight: impl Fn(Hypothes
 
 impl TypeChange {
     /// Trials freeing the law of the joint: its axis, and the pitch of a screw.
-    #[must_use]
     pub fn freeing_trials(&self, problem: &FrameProblem) -> Vec<usize> {
         let of =
             |name: &str| problem.trials.iter().position(|t| t.joint == Some(self.joint) && t.name == name);
-        let pitch = if matches!(self.to, SeenMotion::Screw { .. }) { of("wrong_joint_type") } else { None };
+        let pitch = if matches!(self.to, AxisMotion::Screw { .. }) { of("wrong_joint_type") } else { None };
         of("axis_offset").into_iter().chain(pitch).collect()
     }
 
     /// The finding, with law and intervals from a selection with this law free.
-    #[must_use]
     pub fn as_finding(&self, problem: &FrameProblem, freed: &Selected) -> CameraFinding {
         let law = freed.state.hypothesis.laws[self.joint];
         let normals = normals_of(&law.axis);
@@ -87,7 +85,7 @@ impl TypeChange {
                 parameters.push(estimate_with_half_width(name, point[k], "m", half));
             }
         }
-        if let SeenMotion::Screw { pitch_m_per_rad } = law.kind {
+        if let AxisMotion::Screw { pitch_m_per_rad } = law.kind {
             let half =
                 half_width(problem, freed, |p| f64::from(u8::from(p == HypothesisParameter::Pitch(joint))));
             parameters.push(estimate_with_half_width("pitch", pitch_m_per_rad, "m/rad", half));

@@ -6,9 +6,9 @@ use crate::camera::model::{
     hypothesis::{Hypothesis, MotionLaw},
     parameter::{HypothesisParameter, normals_of, unit_component},
     small_motion::small_motion,
-    twin::{SeenMotion, SeenTwin},
+    twin::SeenTwin,
 };
-use geometry::Pose;
+use geometry::{AxisMotion, Pose};
 
 /// Adds parameter increments to a hypothesis. All are taken about its poses at the start.
 pub fn advance_hypothesis(
@@ -89,8 +89,8 @@ fn advance_law(
         }
         HypothesisParameter::Pitch(_) if law.kind.is_turning() => {
             let before =
-                if let SeenMotion::Screw { pitch_m_per_rad } = law.kind { pitch_m_per_rad } else { 0.0 };
-            law.kind = SeenMotion::Screw { pitch_m_per_rad: before + x };
+                if let AxisMotion::Screw { pitch_m_per_rad } = law.kind { pitch_m_per_rad } else { 0.0 };
+            law.kind = AxisMotion::Screw { pitch_m_per_rad: before + x };
         }
         _ => {}
     }

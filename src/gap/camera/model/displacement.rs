@@ -9,7 +9,6 @@ const SIGMAS: f64 = 3.0;
 
 /// Displacement of the surface due to the twin's own errors, meters: of the parts moved by a joint, or of all
 /// parts (`None`).
-#[must_use]
 pub fn made_m(twin: &SeenTwin, joint: Option<usize>) -> f64 {
     let Some(j) = joint else { return twin.own.surface_m };
     let e = twin.own.joints.get(j).copied().unwrap_or_default();
@@ -17,7 +16,6 @@ pub fn made_m(twin: &SeenTwin, joint: Option<usize>) -> f64 {
 }
 
 /// Largest displacement of a joint's child between two hypotheses, over the runs, meters.
-#[must_use]
 pub fn apart_m(joint: usize, one: (&SeenTwin, &Hypothesis), other: (&SeenTwin, &Hypothesis)) -> f64 {
     let child = one.0.joints[joint].child;
     let part = &one.0.parts[child];
@@ -32,7 +30,6 @@ pub fn apart_m(joint: usize, one: (&SeenTwin, &Hypothesis), other: (&SeenTwin, &
 }
 
 /// Joints moving their child by less than `least_m` over all runs, with this displacement, meters.
-#[must_use]
 pub fn joints_at_rest(twin: &SeenTwin, hypothesis: &Hypothesis, least_m: f64) -> Vec<(usize, f64)> {
     let mut still = Vec::new();
     for (j, joint) in twin.joints.iter().enumerate() {
@@ -55,9 +52,9 @@ mod tests {
     use crate::camera::model::{
         hypothesis::Hypothesis,
         own_error::{JointError, OwnErrors},
-        twin::{SeenJoint, SeenMotion, SeenPart},
+        twin::{SeenJoint, SeenPart},
     };
-    use geometry::Pose;
+    use geometry::{AxisMotion, Pose};
     use surface::TriangleMesh;
 
     fn door() -> SeenTwin {
@@ -73,7 +70,7 @@ mod tests {
             parent: 0,
             child: 1,
             parent_from_joint: Pose::identity(),
-            kind: SeenMotion::Revolute,
+            kind: AxisMotion::Revolute,
             axis: Vector3::z_axis(),
             point: Point3::origin(),
             limit: None,

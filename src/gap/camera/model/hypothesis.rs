@@ -2,14 +2,14 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
-use crate::camera::model::twin::{SeenJoint, SeenMotion, SeenTwin};
-use geometry::{Pose, Screw};
+use crate::camera::model::twin::{SeenJoint, SeenTwin};
+use geometry::{AxisMotion, Pose};
 
 /// The motion law of a joint under a hypothesis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotionLaw {
     /// How it moves.
-    pub kind: SeenMotion,
+    pub kind: AxisMotion,
     /// Direction in the joint frame.
     pub axis: Unit<Vector3<f64>>,
     /// A point of the axis in the joint frame, meters.
@@ -25,14 +25,8 @@ impl MotionLaw {
     }
 
     /// Motion of the child at a position, joint frame; the identity at 0.
-    #[must_use]
     pub fn motion_at(&self, position: f64) -> Pose {
-        let line = Screw { direction: self.axis, point: self.point, angle_rad: 0.0, advance_m: 0.0 };
-        match self.kind {
-            SeenMotion::Revolute => line.motion_by(position, 0.0),
-            SeenMotion::Prismatic => line.motion_by(0.0, position),
-            SeenMotion::Screw { pitch_m_per_rad } => line.motion_by(position, position * pitch_m_per_rad),
-        }
+        self.kind.motion_to(self.axis, self.point, position)
     }
 }
 
@@ -72,7 +66,6 @@ pub struct Hypothesis {
 
 impl Hypothesis {
     /// The twin as given, every joint at 0.
-    #[must_use]
     pub fn of_twin(twin: &SeenTwin, runs: usize) -> Self {
         Self {
             laws: twin.joints.iter().map(MotionLaw::of_joint).collect(),
@@ -84,7 +77,6 @@ impl Hypothesis {
     }
 
     /// Position of a joint in a run; that of a mimic joint follows from its leader.
-    #[must_use]
     pub fn joint_position(&self, twin: &SeenTwin, run: usize, joint: usize) -> f64 {
         match twin.joints[joint].mimic {
             Some((lead, factor, offset)) => factor * self.positions[run][lead] + offset,
@@ -93,7 +85,6 @@ impl Hypothesis {
     }
 
     /// World poses in a run: of every part, and of every joint's frame before its own motion.
-    #[must_use]
     pub fn part_and_joint_poses(&self, twin: &SeenTwin, run: usize) -> (Vec<Pose>, Vec<Pose>) {
         let mut parts = vec![self.world_from_root[run]; twin.parts.len()];
         let mut frames = Vec::with_capacity(twin.joints.len());

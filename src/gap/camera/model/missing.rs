@@ -29,7 +29,6 @@ pub struct Missing {
 
 impl Missing {
     /// Whether a world point belongs to the region, for given part poses.
-    #[must_use]
     pub fn covers(&self, world_from_parts: &[Pose], point: &Point3<f64>) -> bool {
         let [x, y, z] = voxel_of(&world_from_parts[self.part].inverse_transform_point(point), self.voxel_m);
         // Neighboring voxels count too: noise moves readings of the region past its border.
@@ -38,7 +37,6 @@ impl Missing {
 }
 
 /// Voxel of a point.
-#[must_use]
 pub fn voxel_of(p: &Point3<f64>, side_m: f64) -> Voxel {
     [0, 1, 2].map(|k| (p[k] / side_m).floor() as i32)
 }

@@ -20,7 +20,6 @@ pub struct JointError {
 
 impl OwnErrors {
     /// Whether the twin is taken as exact.
-    #[must_use]
     pub fn is_exact(&self) -> bool {
         *self == Self::default()
     }

@@ -40,14 +40,12 @@ pub enum HypothesisParameter {
 
 impl HypothesisParameter {
     /// Whether it is an angle of a joint's axis, frame or child.
-    #[must_use]
     pub fn is_turn(&self) -> bool {
         matches!(self, Self::AxisTurn(..) | Self::Frame(_, 3..) | Self::Extra(_, _, 3..))
     }
 }
 
 /// Two unit vectors normal to a third and to each other.
-#[must_use]
 pub fn normals_of(axis: &Unit<Vector3<f64>>) -> [Vector3<f64>; 2] {
     let a = axis.into_inner();
     // The unit vector least aligned with the axis keeps the cross product far from zero.

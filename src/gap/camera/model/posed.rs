@@ -6,11 +6,11 @@ use crate::camera::{
     model::{
         hypothesis::Hypothesis,
         parameter::{HypothesisParameter, normals_of, unit_component},
-        twin::{SeenMotion, SeenTwin},
+        twin::SeenTwin,
     },
     record::frames::FrameRun,
 };
-use geometry::Pose;
+use geometry::{AxisMotion, Pose};
 
 /// The twin posed under a hypothesis, for derivatives there.
 pub struct PosedTwin<'a> {
@@ -57,7 +57,6 @@ pub struct SurfacePoint {
 
 impl<'a> PosedTwin<'a> {
     /// Poses of all runs.
-    #[must_use]
     pub fn new(twin: &'a SeenTwin, runs: &'a [FrameRun], hypothesis: &'a Hypothesis) -> Self {
         let (parts, frames) = (0..runs.len()).map(|r| hypothesis.part_and_joint_poses(twin, r)).unzip();
         Self { twin, runs, hypothesis, parts, frames }
@@ -65,7 +64,6 @@ impl<'a> PosedTwin<'a> {
 
     /// Derivative of the predicted reading at a surface point, across the surface, in meters per unit of the
     /// parameter.
-    #[must_use]
     pub fn reading_derivative(&self, parameter: HypothesisParameter, seen: &SurfacePoint) -> f64 {
         // (15.7)
         match parameter {
@@ -170,9 +168,9 @@ impl<'a> PosedTwin<'a> {
             let around = axis.cross(&(seen.point - frame * law.point));
             sum += rate
                 * match law.kind {
-                    SeenMotion::Revolute => around,
-                    SeenMotion::Prismatic => axis,
-                    SeenMotion::Screw { pitch_m_per_rad } => around + axis * pitch_m_per_rad,
+                    AxisMotion::Revolute => around,
+                    AxisMotion::Prismatic => axis,
+                    AxisMotion::Screw { pitch_m_per_rad } => around + axis * pitch_m_per_rad,
                 };
         }
         sum

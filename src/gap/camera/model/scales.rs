@@ -39,7 +39,6 @@ pub struct Scales {
 
 impl Scales {
     /// Scales of a twin in its recordings. Camera poses are in the frame of the twin's root.
-    #[must_use]
     pub fn of_twin(twin: &SeenTwin, runs: &[FrameRun], accuracy_m: f64) -> Self {
         let center = twin.parts[0].center;
         let ranges_m: Vec<f64> = runs
@@ -54,19 +53,16 @@ impl Scales {
 
     /// Residuals beyond this are conflicts: twice the standard deviation of the displacement due to effects,
     /// meters.
-    #[must_use]
     pub fn gate_m(&self) -> f64 {
         GATE * (MISPLACED * self.radius_m).hypot(MISCALIBRATED * self.range_m)
     }
 
     /// Lever arm of a part's turn at its surface, meters.
-    #[must_use]
     pub fn lever_m(&self, twin: &SeenTwin, part: usize) -> f64 {
         twin.parts[part].radius_m.max(LEAST_LEVER * self.radius_m)
     }
 
     /// Lever arm of a joint's child, meters.
-    #[must_use]
     pub fn child_lever_m(&self, twin: &SeenTwin, joint: usize) -> f64 {
         self.lever_m(twin, twin.joints[joint].child)
     }

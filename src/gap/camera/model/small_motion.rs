@@ -6,7 +6,6 @@ use geometry::Pose;
 
 /// Motion at a constant twist for some seconds; the twist holds linear and angular velocity in the moving
 /// frame.
-#[must_use]
 pub fn twist_motion([t, w]: &[Vector3<f64>; 2], seconds: f64) -> Pose {
     let rate = w.norm();
     let turn = w * seconds;
@@ -25,7 +24,6 @@ pub fn twist_motion([t, w]: &[Vector3<f64>; 2], seconds: f64) -> Pose {
 }
 
 /// A small rigid motion: translation and rotation vector.
-#[must_use]
 pub fn small_motion(t: &Vector3<f64>, w: &Vector3<f64>) -> Pose {
     Pose::from_parts((*t).into(), UnitQuaternion::from_scaled_axis(*w))
 }

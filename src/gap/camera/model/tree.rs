@@ -6,9 +6,9 @@ use nalgebra::Point3;
 
 use crate::camera::model::{
     own_error::OwnErrors,
-    twin::{SeenJoint, SeenMotion, SeenPart, SeenTwin},
+    twin::{SeenJoint, SeenPart, SeenTwin},
 };
-use geometry::Pose;
+use geometry::{AxisMotion, Pose};
 use model::{JointType, Tree};
 use surface::{TriangleMesh, merged_mesh};
 
@@ -82,9 +82,9 @@ impl SeenTwin {
                     carriers.push(Some(joints.len()));
                     let own = facts.get(&joint.name).copied().unwrap_or_default();
                     let kind = match (joint.kind, own.pitch_m_per_rad) {
-                        (JointType::Prismatic, _) => SeenMotion::Prismatic,
-                        (_, Some(pitch_m_per_rad)) => SeenMotion::Screw { pitch_m_per_rad },
-                        _ => SeenMotion::Revolute,
+                        (JointType::Prismatic, _) => AxisMotion::Prismatic,
+                        (_, Some(pitch_m_per_rad)) => AxisMotion::Screw { pitch_m_per_rad },
+                        _ => AxisMotion::Revolute,
                     };
                     joints.push(SeenJoint {
                         name: joint.name.clone(),

@@ -24,7 +24,6 @@ pub struct Column {
 
 impl Column {
     /// Standard deviation of the prior for a twin with surface error `twin_m`, meters.
-    #[must_use]
     pub fn prior_deviation(&self, twin_m: f64) -> f64 {
         if self.of_twin { self.prior * twin_m } else { self.prior }
     }
@@ -66,7 +65,6 @@ pub struct Fitted<'a> {
 
 impl Fitted<'_> {
     /// A linear combination of the columns, with its 95 % interval.
-    #[must_use]
     pub fn linear_estimate(&self, name: &str, unit: &str, weights: &DVector<f64>) -> ParameterEstimate {
         let half = HALF_WIDTH_95 * weights.dot(&(self.covariance * weights)).max(0.0).sqrt();
         let value = weights.dot(self.values);
@@ -79,7 +77,6 @@ impl Fitted<'_> {
     }
 
     /// One column with its 95 % interval.
-    #[must_use]
     pub fn column_estimate(&self, name: &str, unit: &str, k: usize) -> ParameterEstimate {
         self.linear_estimate(
             name,
@@ -89,14 +86,12 @@ impl Fitted<'_> {
     }
 
     /// Indices of the columns of turns (`turns`) or of all others.
-    #[must_use]
     pub fn turn_columns(&self, turns: bool) -> Vec<usize> {
         let columns = self.trial.columns.iter().enumerate();
         columns.filter(|(_, c)| c.parameter.is_turn() == turns).map(|(k, _)| k).collect()
     }
 
     /// Length of the vector formed by some columns, with its 95 % interval.
-    #[must_use]
     pub fn length_estimate(&self, name: &str, unit: &str, columns: &[usize]) -> ParameterEstimate {
         let norm = columns.iter().map(|&k| self.values[k].powi(2)).sum::<f64>().sqrt();
         let mut weights = DVector::zeros(self.values.len());
@@ -135,13 +130,11 @@ pub struct CameraEffect {
 }
 
 /// A column with an absolute prior.
-#[must_use]
 pub fn prior_column(parameter: HypothesisParameter, prior: f64) -> Column {
     Column { parameter, prior, of_twin: false }
 }
 
 /// A column of an unnamed error, with a prior relative to the twin's surface error.
-#[must_use]
 pub fn twin_column(parameter: HypothesisParameter, share: f64) -> Column {
     Column { parameter, prior: share, of_twin: true }
 }

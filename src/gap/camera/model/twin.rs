@@ -3,40 +3,8 @@
 use nalgebra::{Point3, Unit, Vector3};
 
 use crate::camera::model::own_error::OwnErrors;
-use geometry::Pose;
+use geometry::{AxisMotion, Pose};
 use surface::TriangleMesh;
-
-/// How a joint moves its child.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum SeenMotion {
-    /// Rotation; positions in radians.
-    Revolute,
-    /// Translation; positions in meters.
-    Prismatic,
-    /// Rotation with proportional advance; positions in radians.
-    Screw {
-        /// Advance, meters per radian.
-        pitch_m_per_rad: f64,
-    },
-}
-
-impl SeenMotion {
-    /// Name in reports.
-    #[must_use]
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::Revolute => "revolute",
-            Self::Prismatic => "prismatic",
-            Self::Screw { .. } => "screw",
-        }
-    }
-
-    /// Whether its position is an angle.
-    #[must_use]
-    pub fn is_turning(&self) -> bool {
-        !matches!(self, Self::Prismatic)
-    }
-}
 
 /// A rigid part: links tied by fixed joints.
 #[derive(Clone, Debug)]
@@ -65,7 +33,7 @@ pub struct SeenJoint {
     /// Joint frame in the parent part's frame at position 0.
     pub parent_from_joint: Pose,
     /// How it moves.
-    pub kind: SeenMotion,
+    pub kind: AxisMotion,
     /// Direction in the joint frame.
     pub axis: Unit<Vector3<f64>>,
     /// A point of the axis in the joint frame, meters; the origin in every description file.
@@ -89,7 +57,6 @@ pub struct SeenTwin {
 
 impl SeenTwin {
     /// Whether a part moves with a joint.
-    #[must_use]
     pub fn carries(&self, joint: usize, part: usize) -> bool {
         let mut at = part;
         while let Some(j) = self.parts[at].joint {
@@ -102,7 +69,6 @@ impl SeenTwin {
     }
 
     /// Half the diagonal of the largest part, meters.
-    #[must_use]
     pub fn radius_m(&self) -> f64 {
         self.parts.iter().map(|p| p.radius_m).fold(f64::MIN_POSITIVE, f64::max)
     }

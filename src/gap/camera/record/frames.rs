@@ -24,7 +24,6 @@ pub struct FrameRun {
 }
 
 /// A frame at a coarser resolution: single pixels are taken, since a mean would blur edges.
-#[must_use]
 pub fn coarse_frame(frame: &RgbdFrame, step: usize) -> RgbdFrame {
     let k = &frame.intrinsics;
     let width = k.width / step;

@@ -22,7 +22,6 @@ pub struct Pixels {
 
 impl Pixels {
     /// Chooses pixels on a grid, away from depth edges and from the mask's border.
-    #[must_use]
     pub fn chosen_of(runs: &[FrameRun]) -> Self {
         let mut pixels = Self { object: Vec::new(), empty: Vec::new(), stride: Vec::new() };
         for run in runs {
@@ -43,7 +42,6 @@ impl Pixels {
     }
 
     /// Spacing of the sampling grid of a frame, pixels.
-    #[must_use]
     pub fn stride_of(&self, run: usize, frame: usize) -> usize {
         self.stride[run][frame]
     }

@@ -64,7 +64,6 @@ pub struct Inputs<'a> {
 
 impl<'a> Dynamics<'a> {
     /// Dynamics of models in the order of `joints`.
-    #[must_use]
     pub fn of_models(
         tree: &'a TwinTree,
         joints: &'a [usize],

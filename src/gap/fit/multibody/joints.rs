@@ -23,7 +23,6 @@ pub struct Joints<'t, 'c> {
 impl<'t, 'c> Joints<'t, 'c> {
     /// Prepares joints by their index in the tree, each with its runs; `None` if their stamps differ from
     /// those of the first.
-    #[must_use]
     pub fn new(tree: &'t TwinTree, joints: Vec<usize>, runs: &[&Problem<'c>]) -> Option<Self> {
         let length_s = runs.iter().map(|p| window_length_s(&p.plant)).fold(0.0, f64::max);
         let mut problems: Vec<Problem> = runs.iter().map(|p| p.predicting_over(length_s)).collect();
@@ -37,13 +36,11 @@ impl<'t, 'c> Joints<'t, 'c> {
     }
 
     /// Number of windows.
-    #[must_use]
     pub fn window_count(&self) -> usize {
         self.problems[0].windows.len()
     }
 
     /// Start states from the smoothed motion: by window, by joint.
-    #[must_use]
     pub fn smoothed_starts(&self, models: &[JointModel]) -> Vec<Vec<Start>> {
         let own: Vec<Vec<Start>> =
             self.problems.iter().zip(models).map(|(p, m)| p.smoothed_starts(m)).collect();
@@ -51,13 +48,11 @@ impl<'t, 'c> Joints<'t, 'c> {
     }
 
     /// Drive of each joint: by joint, by log.
-    #[must_use]
     pub fn joint_drives(&self, models: &[JointModel]) -> Vec<Vec<Drive>> {
         self.problems.iter().zip(models).map(|(p, m)| p.model_drives(m)).collect()
     }
 
     /// Residuals of a window, rad or m: sample by sample, each joint.
-    #[must_use]
     pub fn window_residuals(
         &self,
         models: &[JointModel],

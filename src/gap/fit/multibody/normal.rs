@@ -19,7 +19,6 @@ pub struct MultibodyBlock {
 impl MultibodyBlock {
     /// Sums residuals and their derivatives: columns by the start state (`states` of them), then by the
     /// parameters.
-    #[must_use]
     pub fn of_residuals(residual: &DVector<f64>, by: &DMatrix<f64>, states: usize) -> Self {
         let products = by.transpose() * by;
         let gradient = by.transpose() * residual;
@@ -58,7 +57,6 @@ pub struct MultibodyStep {
 }
 
 /// Gauss-Newton step damped after Marquardt; `frozen` parameters stay.
-#[must_use]
 pub fn multibody_step(blocks: &[MultibodyBlock], frozen: &[bool], damping: f64) -> Option<MultibodyStep> {
     let n = frozen.len();
     let mut known = DMatrix::zeros(n, n);
@@ -91,7 +89,6 @@ pub fn multibody_step(blocks: &[MultibodyBlock], frozen: &[bool], damping: f64) 
 /// Covariance of the parameters and the number of windows determining each. Only a `share` of a window's
 /// residuals counts as independent; where parameters vary more between windows than this predicts, the
 /// variation between windows is used (Liang and Zeger 1986).
-#[must_use]
 pub fn cluster_covariance(
     blocks: &[MultibodyBlock],
     frozen: &[bool],

@@ -65,7 +65,6 @@ pub struct MultibodyFit {
 }
 
 /// Fits the joints' models from given ones; `starts` come from a fit of similar models.
-#[must_use]
 pub fn multibody_fit(
     joints: &Joints,
     models: &[JointModel],
@@ -97,7 +96,6 @@ pub fn multibody_fit(
 }
 
 /// Root mean square residuals under models, by window and joint, with the best start states.
-#[must_use]
 pub fn window_sizes(joints: &Joints, models: &[JointModel]) -> Vec<Vec<f64>> {
     let fitted = multibody_fit(joints, models, None, Free::Starts, MultibodyPace::THOROUGH);
     let drives = joints.joint_drives(models);

@@ -26,7 +26,6 @@ mod viscous_friction;
 use super::effect::Effect;
 
 /// All effects searched at a joint recorded with `others` other moving joints.
-#[must_use]
 pub fn catalogue(others: usize) -> Vec<Box<dyn Effect>> {
     let mut effects: Vec<Box<dyn Effect>> = vec![
         Box::new(coulomb_friction::CoulombFriction),
