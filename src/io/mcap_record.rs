@@ -139,7 +139,10 @@ mod tests {
             definition: "string".into(),
         };
         assert_eq!(SchemaRecord::read(&schema), Ok(expected));
-        assert_eq!(SchemaRecord::read(&schema[..schema.len() - 1]), Err(RecordError::Fields(schema.len() - 1)));
+        assert_eq!(
+            SchemaRecord::read(&schema[..schema.len() - 1]),
+            Err(RecordError::Fields(schema.len() - 1))
+        );
         let huge = u32::MAX.to_le_bytes();
         for body in [
             [&[7, 0][..], &huge].concat(),

@@ -7,7 +7,7 @@ use mcap::records::{Channel, ChunkIndex, Footer, Statistics, op};
 use super::{
     file_ranges::FileRanges,
     mcap_file::RECORD_LIMIT,
-    mcap_record::{ChunkPlace, TAIL, front_fields, limited_name, schema_name, summary_start},
+    mcap_record::{ChunkPlace, SchemaRecord, TAIL, front_fields, limited_name, summary_start},
 };
 
 /// First read from the end, bytes: the summary of most recordings in one request.
@@ -80,8 +80,8 @@ impl McapSummary {
             let (opcode, body, behind) = record(rest)?;
             match opcode {
                 op::SCHEMA => {
-                    let (id, name) = schema_name(body).ok()?;
-                    types.insert(id, name);
+                    let schema = SchemaRecord::read(body).ok()?;
+                    types.insert(schema.id, schema.name);
                     found.names.extend_from_slice(&rest[..9 + body.len()]);
                 }
                 op::CHANNEL => {

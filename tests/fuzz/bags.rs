@@ -99,6 +99,7 @@ fn joint_logs() {
         poses: vec![("/door_pose".into(), "door".into())],
         commands: Vec::new(),
         links: tree.links.iter().map(|l| l.name.clone()).collect(),
+        joints: Vec::new(),
     };
     let seeds = vec![joint_log(0, 101), joint_log(3, 104)];
     let words = [&WORDS[..], &["hinge", "slide", "door", "base", "/wrench", "/door_pose"]].concat();

@@ -43,7 +43,6 @@ pub use self::{
     change::{CLEARLY, LEAST_PATCH},
     voxels::{cell_of_point, clusters_of_cells},
 };
-use super::config::IsolateConfig;
 use super::{At, Capture, CaptureConfig, CaptureError, RgbdFrame, common_focus, pixel_weights};
 use common::note::{Note, NoteCode};
 use common::stop::{Stop, Stopped};
