@@ -180,7 +180,7 @@ impl Views {
             }
         }
         let all = self.unposed.len();
-        self.warnings.retain(|w| !is_of_poses(w.code));
+        self.warnings.retain(|w| !is_of_poses(w));
         self.warnings.extend(chosen.warnings(state, all));
     }
 
@@ -209,7 +209,7 @@ impl Views {
         self.world_frame.clear();
         self.used = None;
         self.views.clone_from(&self.unposed);
-        self.warnings.retain(|w| !is_of_poses(w.code));
+        self.warnings.retain(|w| !is_of_poses(w));
     }
 
     /// `frames` frames, with their columns and rows.
@@ -310,9 +310,13 @@ impl Views {
     }
 }
 
-/// Whether a warning is about the poses of a source.
-fn is_of_poses(code: NoteCode) -> bool {
-    matches!(code, NoteCode::PosesMissing | NoteCode::TransformsInvalid | NoteCode::ClocksDiffer)
+/// Whether a warning is about the poses of a source; one on the clock of images is not.
+fn is_of_poses(warning: &Note) -> bool {
+    match warning.code {
+        NoteCode::PosesMissing | NoteCode::TransformsInvalid => true,
+        NoteCode::ClocksDiffer => warning.text.starts_with("state "),
+        _ => false,
+    }
 }
 
 /// Refuses an image with another size than its camera's.
