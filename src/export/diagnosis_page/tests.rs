@@ -110,6 +110,7 @@ fn joint(length: usize) -> JointReport {
         before: Vec::new(),
         model: JointModel::of_plant(&plant()).with_effect(index("coulomb_friction"), &[0.23]),
         left: 0.0,
+        score: 0.0,
         lacks: Vec::new(),
         noise: EffortNoise::default(),
         actuator: Vec::new(),
