@@ -83,7 +83,7 @@ impl Subscriber<'_> {
         &mut self,
         role: &'static str,
         topic: &str,
-        qos: &ros2_client::QosProfile,
+        qos: &rustdds::QosPolicies,
         wrap: impl Fn(M) -> Sample + Send + 'static,
     ) -> Result<(), NodeError> {
         let count = Arc::new(InputCount::default());
@@ -107,7 +107,7 @@ impl Subscriber<'_> {
         role: &'static str,
         topic: &str,
         raw: bool,
-        qos: &ros2_client::QosProfile,
+        qos: &rustdds::QosPolicies,
         wrap: fn(Picture) -> Sample,
     ) -> Result<(), NodeError> {
         match raw {
@@ -159,7 +159,6 @@ pub(crate) fn subscribe_topics(
         None => {}
     }
     let mut inputs = s.inputs;
-    // The library subscribes to /clock as builtin_interfaces/Time, which no ROS 2 publisher uses.
     if p.use_sim_time {
         let count = Arc::new(InputCount::default());
         let clock = Arc::clone(clock);

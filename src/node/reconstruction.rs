@@ -9,22 +9,19 @@ use super::{
     goal_error::GoalError,
     job::{Finished, Job, Work},
     last_results::note_twin,
+    live_parameters::LiveParameters,
     twin::Twin,
 };
 use crate::requests::{ReconstructFeedback, ReconstructGoal, ReconstructResult};
 use common::ahead::Ahead;
-use config::{Config, Origins};
+use config::Config;
 use io::read_run_summary;
 use run::{self, Outcome, ReconstructRequest, RunError, RunProgress};
 
 /// Runs reconstructions.
 pub(crate) struct Reconstructor {
-    /// Settings before those of a goal.
-    pub config: Config,
-    /// Origins of the settings.
-    pub origins: Origins,
-    /// Name of the twin if the goal gives none.
-    pub name: String,
+    /// Parameters and settings before those of a goal.
+    pub parameters: Arc<LiveParameters>,
     /// Data shared with the collection.
     pub shared: Arc<Shared>,
     /// Results computed during collection.
@@ -71,21 +68,22 @@ impl Reconstructor {
     fn request_of_goal(&self, goal: &ReconstructGoal) -> Result<ReconstructRequest, GoalError> {
         let snapshot = self.shared.snapshot();
         let recordings = snapshot.both_recordings()?;
-        let mut config = self.config.clone();
+        let current = self.parameters.current();
+        let mut config = current.resolved.config.clone();
         if goal.parts > 0 {
             // Messages have no optional fields: 0 means the parameter.
             config.run.parts = Some(goal.parts as usize);
         }
-        let name = if goal.name.is_empty() { self.name.clone() } else { goal.name.clone() };
+        let name = if goal.name.is_empty() { &current.parameters.twin_name } else { &goal.name };
         let out = snapshot.session;
         // Before the run, so that a failed one can be repeated from the command line, too.
         write_settings(&out, &config)?;
         Ok(ReconstructRequest {
             sources: recordings.into(),
             out,
-            name: Some(name),
+            name: Some(name.clone()),
             config,
-            origins: self.origins.clone(),
+            origins: current.resolved.origins.clone(),
             resume: false,
             keep: false,
             stages: None,

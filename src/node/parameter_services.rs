@@ -1,0 +1,183 @@
+//! ROS 2's services about a node's parameters and log level, and the topic that tells of changes.
+
+use std::sync::Arc;
+
+use super::{
+    clock::NodeClock,
+    error::NodeError,
+    live_parameters::LiveParameters,
+    logger,
+    parameter_messages::{
+        DescribeParametersResponse, GetParameterTypesResponse, GetParametersResponse, ListParametersRequest,
+        ListParametersResponse, LoggerLevel, LoggerLevels, NamesRequest, Parameter, ParameterEvent,
+        SetAtomicallyResponse, SetParametersRequest, SetResult, SetResultsResponse,
+    },
+    participant::{Participant, Publisher, reliable_profile},
+    services::serve_requests,
+};
+
+/// Queue length of `/parameter_events`.
+/// derived: that of rmw_qos_profile_parameter_events
+const EVENTS: usize = 1000;
+/// Names that one request is answered for.
+/// chosen: a node of ROS 2 has tens of parameters; a flood of names makes no larger answer
+const MOST_NAMES: usize = 1000;
+
+/// What the services need.
+struct ParameterServer {
+    parameters: Arc<LiveParameters>,
+    clock: Arc<NodeClock>,
+    node: String,
+    events: Publisher<ParameterEvent>,
+}
+
+/// Offers the services.
+///
+/// # Errors
+/// If the network reports an error.
+pub(crate) fn offer_parameters(
+    participant: &mut Participant,
+    parameters: &Arc<LiveParameters>,
+    clock: &Arc<NodeClock>,
+) -> Result<(), NodeError> {
+    let node = participant.identity.full_name();
+    let event_type = "rcl_interfaces/msg/ParameterEvent";
+    let events =
+        participant.create_publisher_of_type("/parameter_events", event_type, &reliable_profile(EVENTS))?;
+    let clock = Arc::clone(clock);
+    let server = Arc::new(ParameterServer { parameters: Arc::clone(parameters), clock, node, events });
+    offer_reading(participant, parameters)?;
+    let this = Arc::clone(&server);
+    serve_requests(
+        participant,
+        "~/set_parameters",
+        "rcl_interfaces/srv/SetParameters",
+        move |request: SetParametersRequest| {
+            let this = Arc::clone(&this);
+            async move { this.set_each(&request.parameters).await }
+        },
+    )?;
+    serve_requests(
+        participant,
+        "~/set_parameters_atomically",
+        "rcl_interfaces/srv/SetParametersAtomically",
+        move |request: SetParametersRequest| {
+            let this = Arc::clone(&server);
+            async move { SetAtomicallyResponse { result: this.set_all(&request.parameters).await } }
+        },
+    )?;
+    offer_log_level(participant)
+}
+
+/// Offers the services that change nothing.
+fn offer_reading(participant: &mut Participant, parameters: &Arc<LiveParameters>) -> Result<(), NodeError> {
+    let live = Arc::clone(parameters);
+    serve_requests(
+        participant,
+        "~/get_parameters",
+        "rcl_interfaces/srv/GetParameters",
+        move |request: NamesRequest| {
+            let names = request.names.iter().take(MOST_NAMES);
+            let values = names.map(|n| live.value(n)).collect();
+            async { GetParametersResponse { values } }
+        },
+    )?;
+    let live = Arc::clone(parameters);
+    serve_requests(
+        participant,
+        "~/get_parameter_types",
+        "rcl_interfaces/srv/GetParameterTypes",
+        move |request: NamesRequest| {
+            let names = request.names.iter().take(MOST_NAMES);
+            let types = names.map(|n| live.value(n).kind).collect();
+            async { GetParameterTypesResponse { types } }
+        },
+    )?;
+    let live = Arc::clone(parameters);
+    serve_requests(
+        participant,
+        "~/describe_parameters",
+        "rcl_interfaces/srv/DescribeParameters",
+        move |request: NamesRequest| {
+            let names = request.names.iter().take(MOST_NAMES);
+            let descriptors = names.map(|n| live.descriptor(n)).collect();
+            async { DescribeParametersResponse { descriptors } }
+        },
+    )?;
+    let live = Arc::clone(parameters);
+    serve_requests(
+        participant,
+        "~/list_parameters",
+        "rcl_interfaces/srv/ListParameters",
+        move |request: ListParametersRequest| {
+            // No name has a prefix, so that a prefix is the name itself.
+            let is_asked = |n: &String| request.prefixes.is_empty() || request.prefixes.contains(n);
+            let names = live.names().into_iter().filter(is_asked).collect();
+            async { ListParametersResponse { result: (names, Vec::new()) } }
+        },
+    )
+}
+
+/// Offers the services about the log level, as nodes with `enable_logger_service` do.
+fn offer_log_level(participant: &mut Participant) -> Result<(), NodeError> {
+    serve_requests(
+        participant,
+        "~/get_logger_levels",
+        "rcl_interfaces/srv/GetLoggerLevels",
+        |request: NamesRequest| {
+            let level = logger::level_number();
+            let names = request.names.into_iter().take(MOST_NAMES);
+            let levels = names.map(|name| LoggerLevel { name, level }).collect();
+            async { LoggerLevels { levels } }
+        },
+    )?;
+    serve_requests(
+        participant,
+        "~/set_logger_levels",
+        "rcl_interfaces/srv/SetLoggerLevels",
+        |request: LoggerLevels| {
+            let levels = request.levels.iter().take(MOST_NAMES);
+            let results = levels.map(|l| SetResult::from(logger::set_level(&l.name, l.level))).collect();
+            async { SetResultsResponse { results } }
+        },
+    )
+}
+
+impl ParameterServer {
+    async fn set_each(&self, asked: &[Parameter]) -> SetResultsResponse {
+        let mut results = Vec::new();
+        for parameter in asked.iter().take(MOST_NAMES) {
+            results.push(self.set_all(std::slice::from_ref(parameter)).await);
+        }
+        SetResultsResponse { results }
+    }
+
+    /// Sets all parameters or none, and tells of those that changed.
+    async fn set_all(&self, asked: &[Parameter]) -> SetResult {
+        match self.parameters.set_all(asked) {
+            Ok(changed) => {
+                self.tell_changes(changed).await;
+                SetResult::from(Ok(()))
+            }
+            Err(reason) => SetResult::from(Err(reason)),
+        }
+    }
+
+    async fn tell_changes(&self, changed_parameters: Vec<Parameter>) {
+        if changed_parameters.is_empty() {
+            return;
+        }
+        let names: Vec<&str> = changed_parameters.iter().map(|p| p.name.as_str()).collect();
+        log::info!("set: {}", names.join(", "));
+        let event = ParameterEvent {
+            stamp: self.clock.stamp_now(),
+            node: self.node.clone(),
+            new_parameters: Vec::new(),
+            changed_parameters,
+            deleted_parameters: Vec::new(),
+        };
+        if self.events.async_publish(event).await.is_err() {
+            log::debug!("/parameter_events could not be published");
+        }
+    }
+}
