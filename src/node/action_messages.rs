@@ -131,7 +131,8 @@ mod tests {
     fn goals_are_named_by_identifier_by_time_or_all() {
         let goal = GoalInfo { goal_id: [7; 16], stamp: Time { sec: 5, nanosec: 0 } };
         let ask = |goal_id, sec| {
-            CancelGoalRequest { goal_info: GoalInfo { goal_id, stamp: Time { sec, nanosec: 0 } } }.means(&goal)
+            CancelGoalRequest { goal_info: GoalInfo { goal_id, stamp: Time { sec, nanosec: 0 } } }
+                .means(&goal)
         };
         assert!(ask([0; 16], 0) && ask([7; 16], 0) && ask([0; 16], 5) && ask([1; 16], 6));
         assert!(!ask([1; 16], 0) && !ask([0; 16], 4) && !ask([1; 16], 4));

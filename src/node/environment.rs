@@ -76,8 +76,8 @@ impl Environment {
             (_, None | Some("SUBNET" | "SYSTEM_DEFAULT")) => Reach::Subnet,
             (_, Some(other)) => {
                 warnings.push(format!(
-                    "ROS_AUTOMATIC_DISCOVERY_RANGE is `{}`, none of SUBNET, LOCALHOST, OFF and SYSTEM_DEFAULT: \
-                     taken as SUBNET",
+                    "ROS_AUTOMATIC_DISCOVERY_RANGE is `{}`, none of SUBNET, LOCALHOST, OFF and \
+                     SYSTEM_DEFAULT: taken as SUBNET",
                     other.escape_debug()
                 ));
                 Reach::Subnet
@@ -85,7 +85,8 @@ impl Environment {
         };
         let mut peers = Vec::new();
         // With SYSTEM_DEFAULT the middleware decides alone; OFF is stronger than a list.
-        let listed = get("ROS_STATIC_PEERS").filter(|_| reach != Reach::Off && range.as_deref() != Some("SYSTEM_DEFAULT"));
+        let listed = get("ROS_STATIC_PEERS")
+            .filter(|_| reach != Reach::Off && range.as_deref() != Some("SYSTEM_DEFAULT"));
         for name in listed.iter().flat_map(|l| l.split(';')).map(str::trim).filter(|n| !n.is_empty()) {
             match addresses_of_peer(name) {
                 addresses if !addresses.is_empty() => peers.extend(addresses),
@@ -195,7 +196,8 @@ mod tests {
         let peers = read(&[local, ("ROS_STATIC_PEERS", "127.0.0.1; 192.0.2.7;;")]).unwrap();
         assert_eq!(peers.peers, ["127.0.0.1", "192.0.2.7"].map(|a| a.parse::<IpAddr>().unwrap()));
         assert!(!peers.is_closed());
-        let off = read(&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF"), ("ROS_STATIC_PEERS", "192.0.2.7")]).unwrap();
+        let off =
+            read(&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF"), ("ROS_STATIC_PEERS", "192.0.2.7")]).unwrap();
         assert!(off.is_closed() && off.is_alone() && off.peers.is_empty());
         assert_eq!(off.networks(), Some(Vec::new()));
         let unknown = read(&[("ROS_STATIC_PEERS", "no host")]).unwrap();

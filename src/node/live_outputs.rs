@@ -7,7 +7,6 @@ use std::{
     time::{Duration, Instant},
 };
 
-
 use super::{
     error::NodeError,
     live_map::{LiveProducts, LiveResults},

@@ -56,7 +56,8 @@ impl LiveParameters {
         let before = current.parameters.to_mapping();
         let mut parameters = current.parameters.clone();
         for Parameter { name, value } in asked {
-            let value = value.to_yaml().ok_or_else(|| format!("`{name}` cannot have a value of this type"))?;
+            let value =
+                value.to_yaml().ok_or_else(|| format!("`{name}` cannot have a value of this type"))?;
             let changed = parameters.with_value(name, value).map_err(|e| e.to_string())?;
             let is_same = changed == parameters;
             if let Some(reason) = why_fixed(name).filter(|_| !is_same) {
@@ -186,7 +187,9 @@ mod tests {
     fn some_parameters_can_be_set_and_others_give_the_reason() {
         let (live, mut inbox) = live();
         assert_eq!(live.set_all(&[parameter("tracking", "never")]).unwrap().len(), 1);
-        assert!(matches!(inbox.try_recv(), Ok(Command::Follow(f)) if f.tracking == capture::TrackCamera::Never));
+        assert!(
+            matches!(inbox.try_recv(), Ok(Command::Follow(f)) if f.tracking == capture::TrackCamera::Never)
+        );
         assert_eq!(live.current().resolved.config.capture.tracking, capture::TrackCamera::Never);
         for (name, value, words) in [
             ("color_topic", Value::from("/x"), "subscriptions"),
@@ -207,12 +210,12 @@ mod tests {
     fn every_parameter_is_described() {
         let (live, _inbox) = live();
         for name in live.names() {
-            let told = live.descriptor(&name);
-            assert!(!told.description.is_empty() && told.kind != 0, "{name}: {told:?}");
-            assert_eq!(told.read_only, !SETTABLE.contains(&name.as_str()), "{name}");
+            let found = live.descriptor(&name);
+            assert!(!found.description.is_empty() && found.kind != 0, "{name}: {found:?}");
+            assert_eq!(found.read_only, !SETTABLE.contains(&name.as_str()), "{name}");
         }
-        let told = live.descriptor("tracking");
-        assert!(told.description.ends_with("`map`.") && told.additional_constraints.contains("\"always\""));
+        let found = live.descriptor("tracking");
+        assert!(found.description.ends_with("`map`.") && found.additional_constraints.contains("\"always\""));
         assert_eq!(live.descriptor("parts").integer_range[0].to_value, 16);
         assert_eq!(live.descriptor("nope").kind, 0);
     }

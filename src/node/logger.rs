@@ -79,8 +79,7 @@ pub(crate) fn set_level(name: &str, number: u32) -> Result<(), String> {
 impl Log for Logger {
     fn enabled(&self, metadata: &Metadata) -> bool {
         // The middleware warns if there is only one network; only its errors are shown.
-        metadata.level()
-            <= if is_own(metadata) { self.level() } else { LevelFilter::Error }
+        metadata.level() <= if is_own(metadata) { self.level() } else { LevelFilter::Error }
     }
 
     fn log(&self, record: &Record) {

@@ -1,4 +1,4 @@
-//! ROS 2's services about a node's parameters and log level, and the topic that tells of changes.
+//! ROS 2's services about a node's parameters and log level, and the topic of their changes.
 
 use std::sync::Arc;
 
@@ -152,18 +152,18 @@ impl ParameterServer {
         SetResultsResponse { results }
     }
 
-    /// Sets all parameters or none, and tells of those that changed.
+    /// Sets all parameters or none, and publishes those that changed.
     async fn set_all(&self, asked: &[Parameter]) -> SetResult {
         match self.parameters.set_all(asked) {
             Ok(changed) => {
-                self.tell_changes(changed).await;
+                self.publish_changes(changed).await;
                 SetResult::from(Ok(()))
             }
             Err(reason) => SetResult::from(Err(reason)),
         }
     }
 
-    async fn tell_changes(&self, changed_parameters: Vec<Parameter>) {
+    async fn publish_changes(&self, changed_parameters: Vec<Parameter>) {
         if changed_parameters.is_empty() {
             return;
         }

@@ -168,6 +168,7 @@ pub(crate) const WHOLE_RANGES: &[(&str, i64, i64)] = &[
     ("receive_buffer_bytes", 1 << 16, 1 << 30),
 ];
 /// Least and largest values of real numbers.
+/// chosen: beyond them a value is a slip of the keyboard or of its unit
 pub(crate) const REAL_RANGES: &[(&str, f64, f64)] = &[
     ("keyframe_translation_m", 0.0, 10.0),
     ("keyframe_rotation_deg", 0.0, 180.0),

@@ -36,7 +36,7 @@ pub(crate) struct Participant {
     subscriber: rustdds::Subscriber,
     graph: GraphWriter,
     endpoints: Endpoints,
-    /// What discovery tells of others.
+    /// What discovery shows of others.
     pub peers: Arc<Peers>,
     /// Number of services offered so far.
     services: u32,
@@ -181,7 +181,8 @@ impl Participant {
     pub(crate) fn next_service_id(&mut self) -> String {
         self.services += 1;
         let participant = self.domain.guid().to_bytes();
-        let bytes = participant[..12].iter().chain(&self.services.to_be_bytes()).copied().collect::<Vec<u8>>();
+        let bytes =
+            participant[..12].iter().chain(&self.services.to_be_bytes()).copied().collect::<Vec<u8>>();
         bytes.iter().map(|b| format!("{b:x}")).collect::<Vec<_>>().join(".")
     }
 
@@ -298,7 +299,10 @@ impl Participant {
             while let Some(sample) = stream.next().await {
                 match sample {
                     Ok(sample) => {
-                        count.count_received(sample.writer_guid().to_bytes(), i64::from(sample.sequence_number));
+                        count.count_received(
+                            sample.writer_guid().to_bytes(),
+                            i64::from(sample.sequence_number),
+                        );
                         take(sample.into_value());
                     }
                     // A malformed message is counted and must not end the subscription.

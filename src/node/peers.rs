@@ -1,4 +1,4 @@
-//! What discovery tells of other participants: which endpoints are matched, and which cannot be.
+//! What discovery shows of other participants: which endpoints are matched, and which cannot be.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -21,7 +21,7 @@ use super::{
 /// An endpoint's identifier; the first 12 bytes are those of its participant.
 type Gid = [u8; 16];
 
-/// Other participants and their endpoints, as far as discovery has told.
+/// Other participants and their endpoints, as far as they were discovered.
 #[derive(Debug, Default)]
 pub(crate) struct Peers {
     known: Mutex<Known>,
@@ -118,20 +118,24 @@ impl Peers {
                 self.known().readers.entry(writer).or_default().insert(remote_reader.to_bytes());
                 self.matched.notify_waiters();
             }
-            Event::ReaderLost { guid, .. } | Event::WriterLost { guid, .. } => self.known().forget_endpoint(guid),
+            Event::ReaderLost { guid, .. } | Event::WriterLost { guid, .. } => {
+                self.known().forget_endpoint(guid)
+            }
             Event::RemoteReaderQosIncompatible { remote_reader, requested_qos, offered_qos, .. } => {
                 let policy = refused_policy(&offered_qos, &requested_qos);
                 let known = self.known();
                 let topic = known.topic_of(remote_reader);
-                log::warn!("{topic}: a subscriber gets nothing, as it asks for {policy}, which is not offered");
+                log::warn!(
+                    "{topic}: a subscriber gets nothing, as it asks for {policy}, which is not offered"
+                );
             }
             Event::RemoteWriterQosIncompatible { remote_writer, requested_qos, offered_qos, .. } => {
                 let policy = refused_policy(&offered_qos, &requested_qos);
                 let known = self.known();
                 let topic = known.topic_of(remote_writer);
                 log::warn!(
-                    "{topic}: a publisher is not heard, as it does not offer {policy}; where it is an image or \
-                     camera_info, set image_qos or info_qos to sensor_data"
+                    "{topic}: a publisher is not heard, as it does not offer {policy}; for images and \
+                     camera_info set image_qos and info_qos to sensor_data"
                 );
             }
             _ => {}
@@ -139,7 +143,12 @@ impl Peers {
     }
 
     /// Waits until the client's reader is matched to the writer of replies; `None` after `wait`.
-    pub(crate) async fn reply_reader(&self, reply_writer: GUID, client: &ReplyTo, wait: Duration) -> Option<GUID> {
+    pub(crate) async fn reply_reader(
+        &self,
+        reply_writer: GUID,
+        client: &ReplyTo,
+        wait: Duration,
+    ) -> Option<GUID> {
         let end = tokio::time::Instant::now() + wait;
         loop {
             let mut changed = std::pin::pin!(self.matched.notified());
@@ -172,7 +181,42 @@ fn unreachable_warning(peer: &ParticipantDescription, reach: Reach) -> Option<St
     }
     let addresses = addresses.into_iter().collect::<Vec<_>>().join(", ");
     Some(format!(
-        "a participant is on {addresses} only, while this node talks to 127.0.0.1 only: it will get nothing from \
-         this node; set ROS_AUTOMATIC_DISCOVERY_RANGE to LOCALHOST for it too, or to SUBNET for this node"
+        "a participant is on {addresses} only, while this node talks to 127.0.0.1 only: it will get nothing \
+         from this node; set ROS_AUTOMATIC_DISCOVERY_RANGE to LOCALHOST for it too, or to SUBNET for this \
+         node"
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn gid(participant: u8, entity: u8) -> Gid {
+        let mut bytes = [participant; 16];
+        bytes[12..].copy_from_slice(&[0, 0, entity, 4]);
+        bytes
+    }
+
+    #[test]
+    fn a_reply_goes_to_the_reader_of_its_client() {
+        let reply_writer = GUID::from_bytes(gid(9, 1));
+        let mut known = Known::default();
+        let client = |writer, reader: Option<Gid>| ReplyTo {
+            writer: GUID::from_bytes(writer),
+            reader: reader.map(GUID::from_bytes),
+        };
+        let found = |known: &Known, client| known.reader_of_client(reply_writer, &client);
+        assert_eq!(found(&known, client(gid(1, 1), None)), None);
+        known.readers.insert(reply_writer.to_bytes(), BTreeSet::from([gid(1, 2), gid(1, 3), gid(2, 2)]));
+        // By participant, by the reader that is named, by the client's number.
+        assert_eq!(found(&known, client(gid(2, 1), None)), Some(gid(2, 2)));
+        assert_eq!(found(&known, client(gid(1, 1), Some(gid(1, 3)))), Some(gid(1, 3)));
+        assert_eq!(found(&known, client(gid(1, 1), Some(gid(1, 4)))), None);
+        known.clients.insert(gid(1, 1), b"a".to_vec());
+        assert_eq!(found(&known, client(gid(1, 1), None)), None);
+        known.clients.insert(gid(1, 3), b"a".to_vec());
+        assert_eq!(found(&known, client(gid(1, 1), None)), Some(gid(1, 3)));
+        known.forget_endpoint(GUID::from_bytes(gid(1, 3)));
+        assert_eq!(found(&known, client(gid(1, 1), None)), None);
+    }
 }

@@ -31,14 +31,16 @@ fn reach_line(environment: &Environment, addresses: &[Ipv4Addr], sockets: &[Sock
         return "closed to all other nodes (ROS_AUTOMATIC_DISCOVERY_RANGE=OFF)".to_owned();
     }
     if environment.is_closed() {
-        return "open to this machine only; ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET opens it to the network".to_owned();
+        return "open to this machine only; ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET opens it to the network"
+            .to_owned();
     }
     let networks = environment.networks();
     let is_used = |a: &&Ipv4Addr| networks.as_ref().is_none_or(|n| n.contains(&IpAddr::V4(**a)));
     let used = addresses.iter().filter(is_used).map(ToString::to_string).collect();
     format!(
-        "open to the network: addresses {}, UDP ports {}; there is no authentication: whoever reaches them can \
-         call the services of this node and feed it images; ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST closes it",
+        "open to the network: addresses {}, UDP ports {}; there is no authentication: whoever reaches \
+         them can call the services of this node and feed it images; \
+         ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST closes it",
         list(used),
         list(sockets.iter().map(|s| s.port().to_string()).collect()),
     )
@@ -107,9 +109,8 @@ mod tests {
     #[test]
     fn what_is_open_is_said() {
         let line = |range: &str| {
-            let environment = Environment::read(|name| {
-                (name == "ROS_AUTOMATIC_DISCOVERY_RANGE").then(|| range.to_owned())
-            });
+            let environment =
+                Environment::read(|name| (name == "ROS_AUTOMATIC_DISCOVERY_RANGE").then(|| range.to_owned()));
             let sockets = ["0.0.0.0:7400".parse().unwrap(), "0.0.0.0:7410".parse().unwrap()];
             reach_line(&environment.unwrap(), &[Ipv4Addr::new(10, 9, 9, 1)], &sockets)
         };

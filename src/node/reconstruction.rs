@@ -16,7 +16,7 @@ use crate::requests::{ReconstructFeedback, ReconstructGoal, ReconstructResult};
 use common::ahead::Ahead;
 use config::Config;
 use io::read_run_summary;
-use run::{self, Outcome, ReconstructRequest, RunError, RunProgress};
+use run::{self, Event, Outcome, ReconstructRequest, RunError, RunProgress};
 
 /// Runs reconstructions.
 pub(crate) struct Reconstructor {
@@ -47,9 +47,7 @@ impl Job for Reconstructor {
         let this = Arc::clone(self);
         let mut progress = RunProgress::default();
         Ok(Work::start_thread(
-            move |event, elapsed| {
-                progress.take(event, elapsed).then(|| feedback_of_progress(&progress, elapsed))
-            },
+            move |event, elapsed| feedback_of_event(&mut progress, event, elapsed),
             move |monitor| {
                 let result = run::reconstruct(&request, monitor);
                 // The bags are read, so the next state may start while the result is processed.
@@ -142,16 +140,24 @@ impl Reconstructor {
     }
 }
 
-/// Feedback of a goal at a time since its start.
-fn feedback_of_progress(progress: &RunProgress, elapsed: Duration) -> ReconstructFeedback {
+/// Feedback of a goal after an event at a time since its start; `None` between two stages.
+fn feedback_of_event(
+    progress: &mut RunProgress,
+    event: &Event,
+    elapsed: Duration,
+) -> Option<ReconstructFeedback> {
+    if !progress.take(event, elapsed) {
+        return None;
+    }
+    let (stage, _) = progress.stage()?;
     let (fraction, left) = progress.at(elapsed).unzip();
-    ReconstructFeedback {
-        stage: progress.stage().map(|(stage, _)| stage.to_owned()).unwrap_or_default(),
+    Some(ReconstructFeedback {
+        stage: stage.to_owned(),
         fraction: fraction.unwrap_or_default() as f32,
         // Messages have no optional fields.
         loss: progress.loss().unwrap_or(f64::NAN),
         seconds_left: left.map_or(f64::NAN, |left| left.as_secs_f64()),
-    }
+    })
 }
 
 /// Writes the settings next to the recordings, so that `artitwin reconstruct --config` repeats the run.
@@ -172,6 +178,16 @@ fn write_settings(session: &Path, config: &Config) -> Result<(), GoalError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_feedback_names_its_stage() {
+        let mut progress = RunProgress::default();
+        let stage = "surface/state0".to_owned();
+        let mut at = |event| feedback_of_event(&mut progress, &event, Duration::from_secs(1));
+        let begun = at(Event::StageStarted { stage: stage.clone(), steps: None }).unwrap();
+        assert_eq!(begun.stage, stage);
+        assert!(at(Event::StageFinished { stage, secs: 1.0 }).is_none());
+    }
 
     #[test]
     fn settings_that_are_there_stay() {

@@ -5,12 +5,10 @@ use std::{marker::PhantomData, sync::Arc, time::Duration};
 
 use futures::{StreamExt as _, pin_mut};
 use rustdds::{
-    GUID, RTPSEntity as _, RepresentationIdentifier, SampleIdentity, SequenceNumber, Timestamp, WriteOptionsBuilder,
+    GUID, RTPSEntity as _, RepresentationIdentifier, SampleIdentity, SequenceNumber, Timestamp,
+    WriteOptionsBuilder,
     bytes::Bytes,
-    no_key::{
-        DataWriter, Decode, DefaultDecoder, DeserializedCacheChange, DeserializerAdapter, SerializerAdapter,
-        SimpleDataReader,
-    },
+    no_key::{DataWriter, Decode, DefaultDecoder, DeserializerAdapter, SerializerAdapter, SimpleDataReader},
     serialization::{deserialize_from_cdr_with_rep_id, to_writer_with_rep_id},
 };
 use serde::{Serialize, de::DeserializeOwned};
@@ -34,7 +32,7 @@ const CYCLONE_VENDOR: [u8; 2] = [1, 16];
 const READER_BIT: u8 = 0x04;
 
 /// A sample as it came from the network, or goes there.
-struct Sample {
+struct RawSample {
     encoding: RepresentationIdentifier,
     bytes: Bytes,
 }
@@ -50,9 +48,9 @@ struct BytesDecoder;
 #[error("the sample cannot be passed on")]
 struct NotPassedOn;
 
-impl DeserializerAdapter<Sample> for BytesAdapter {
+impl DeserializerAdapter<RawSample> for BytesAdapter {
     type Error = NotPassedOn;
-    type Decoded = Sample;
+    type Decoded = RawSample;
 
     fn supported_encodings() -> &'static [RepresentationIdentifier] {
         const ENCODINGS: [RepresentationIdentifier; 2] =
@@ -60,32 +58,36 @@ impl DeserializerAdapter<Sample> for BytesAdapter {
         &ENCODINGS
     }
 
-    fn transform_decoded(decoded: Sample) -> Sample {
+    fn transform_decoded(decoded: RawSample) -> RawSample {
         decoded
     }
 }
 
-impl DefaultDecoder<Sample> for BytesAdapter {
+impl DefaultDecoder<RawSample> for BytesAdapter {
     type Decoder = BytesDecoder;
     const DECODER: BytesDecoder = BytesDecoder;
 }
 
-impl Decode<'_, Sample> for BytesDecoder {
+impl Decode<'_, RawSample> for BytesDecoder {
     type Error = NotPassedOn;
 
-    fn decode_bytes(self, bytes: &[u8], encoding: RepresentationIdentifier) -> Result<Sample, NotPassedOn> {
-        Ok(Sample { encoding, bytes: Bytes::copy_from_slice(bytes) })
+    fn decode_bytes(
+        self,
+        bytes: &[u8],
+        encoding: RepresentationIdentifier,
+    ) -> Result<RawSample, NotPassedOn> {
+        Ok(RawSample { encoding, bytes: Bytes::copy_from_slice(bytes) })
     }
 }
 
-impl SerializerAdapter<Sample> for BytesAdapter {
+impl SerializerAdapter<RawSample> for BytesAdapter {
     type Error = NotPassedOn;
 
     fn output_encoding() -> RepresentationIdentifier {
         RepresentationIdentifier::CDR_LE
     }
 
-    fn to_bytes(sample: &Sample) -> Result<Bytes, NotPassedOn> {
+    fn to_bytes(sample: &RawSample) -> Result<Bytes, NotPassedOn> {
         Ok(sample.bytes.clone())
     }
 }
@@ -117,14 +119,14 @@ pub(crate) enum ServiceError {
 
 /// Receives requests of a service and sends the replies.
 pub(crate) struct ServiceServer<Q, A> {
-    requests: SimpleDataReader<Sample, BytesAdapter>,
+    requests: SimpleDataReader<RawSample, BytesAdapter>,
     replies: Arc<ReplyWriter>,
     types: PhantomData<fn(A) -> Q>,
 }
 
 struct ReplyWriter {
     name: String,
-    writer: DataWriter<Sample, BytesAdapter>,
+    writer: DataWriter<RawSample, BytesAdapter>,
     peers: Arc<Peers>,
 }
 
@@ -133,7 +135,11 @@ impl<Q: DeserializeOwned, A: Serialize> ServiceServer<Q, A> {
     ///
     /// # Errors
     /// If the name is invalid or the network reports an error.
-    pub(crate) fn offer(participant: &mut Participant, name: &str, ros_type: &str) -> Result<Self, NodeError> {
+    pub(crate) fn offer(
+        participant: &mut Participant,
+        name: &str,
+        ros_type: &str,
+    ) -> Result<Self, NodeError> {
         let full = participant.checked_name(name)?;
         let [request_name, reply_name] = service_dds_names(&full);
         let qos = reliable_profile(DEPTH);
@@ -161,11 +167,21 @@ impl<Q: DeserializeOwned, A: Serialize> ServiceServer<Q, A> {
         pin_mut!(samples);
         loop {
             match samples.next().await {
-                Some(Ok(sample)) => match read_request(&sample) {
-                    Ok(request) => return request,
-                    Err(error) => log::debug!("{}: a request could not be read: {error}", self.replies.name),
-                },
-                Some(Err(error)) => log::debug!("{}: a request could not be read: {error}", self.replies.name),
+                Some(Ok(sample)) => {
+                    let own = SampleIdentity {
+                        writer_guid: sample.writer_guid(),
+                        sequence_number: sample.sequence_number,
+                    };
+                    match read_request(&sample.sample, own, sample.related_sample_identity()) {
+                        Ok(request) => return request,
+                        Err(error) => {
+                            log::debug!("{}: a request could not be read: {error}", self.replies.name)
+                        }
+                    }
+                }
+                Some(Err(error)) => {
+                    log::debug!("{}: a request could not be read: {error}", self.replies.name)
+                }
                 // The stream ends with the participant only.
                 None => std::future::pending().await,
             }
@@ -189,7 +205,7 @@ impl<Q: DeserializeOwned, A: Serialize> ServiceServer<Q, A> {
 }
 
 impl ReplyWriter {
-    async fn send(&self, id: RequestId, sample: Sample) -> Result<(), ServiceError> {
+    async fn send(&self, id: RequestId, sample: RawSample) -> Result<(), ServiceError> {
         let matched = self.peers.reply_reader(self.writer.guid(), &id.client, READER_WAIT).await;
         let options = WriteOptionsBuilder::new()
             .source_timestamp(Timestamp::now())
@@ -204,32 +220,35 @@ impl ReplyWriter {
     }
 }
 
+/// Reads a request from its sample, the sample's identity and that which the sender gave with it.
 fn read_request<Q: DeserializeOwned>(
-    sample: &DeserializedCacheChange<Sample>,
+    sample: &RawSample,
+    own: SampleIdentity,
+    related: Option<SampleIdentity>,
 ) -> Result<(RequestId, Q), ServiceError> {
-    let writer = sample.writer_guid();
-    let own = SampleIdentity { writer_guid: writer, sequence_number: sample.sequence_number };
-    let Sample { encoding, bytes: body } = &sample.sample;
-    let encoding = *encoding;
+    let writer = own.writer_guid;
+    let body = &sample.bytes;
+    let encoding = sample.encoding;
     if writer.to_bytes()[..2] == CYCLONE_VENDOR {
         let (header, length) = deserialize_from_cdr_with_rep_id::<(u64, i64)>(body, encoding)?;
         // 16 bytes, so that the body is aligned as if it began there.
-        let (request, _) = deserialize_from_cdr_with_rep_id::<Q>(body.get(length..).unwrap_or_default(), encoding)?;
+        let (request, _) =
+            deserialize_from_cdr_with_rep_id::<Q>(body.get(length..).unwrap_or_default(), encoding)?;
         let client = ReplyTo { writer, reader: None };
         return Ok((RequestId { identity: own, header: Some(header), client }, request));
     }
     let (request, _) = deserialize_from_cdr_with_rep_id::<Q>(body, encoding)?;
-    let mut identity = sample.related_sample_identity().unwrap_or(own);
+    let mut identity = related.unwrap_or(own);
     // Fast DDS names its reader there and leaves the number to the sample.
     if identity.sequence_number == SequenceNumber::UNKNOWN {
-        identity.sequence_number = sample.sequence_number;
+        identity.sequence_number = own.sequence_number;
     }
     let is_reader = |guid: GUID| guid.to_bytes()[15] & READER_BIT != 0;
     let reader = Some(identity.writer_guid).filter(|guid| is_reader(*guid));
     Ok((RequestId { identity, header: None, client: ReplyTo { writer, reader } }, request))
 }
 
-fn reply_sample<A: Serialize>(id: &RequestId, reply: &A) -> Result<Sample, ServiceError> {
+fn reply_sample<A: Serialize>(id: &RequestId, reply: &A) -> Result<RawSample, ServiceError> {
     let encoding = RepresentationIdentifier::CDR_LE;
     let mut bytes = Vec::new();
     if let Some(header) = &id.header {
@@ -238,5 +257,63 @@ fn reply_sample<A: Serialize>(id: &RequestId, reply: &A) -> Result<Sample, Servi
     let mut body = Vec::new();
     to_writer_with_rep_id(&mut body, reply, encoding)?;
     bytes.extend(body);
-    Ok(Sample { encoding, bytes: bytes.into() })
+    Ok(RawSample { encoding, bytes: bytes.into() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An identifier of a vendor's participant, and an entity kind.
+    fn guid(vendor: u8, kind: u8) -> GUID {
+        let mut bytes = [7; 16];
+        bytes[..2].copy_from_slice(&[1, vendor]);
+        bytes[15] = kind;
+        GUID::from_bytes(bytes)
+    }
+
+    fn identity(writer_guid: GUID, number: i64) -> SampleIdentity {
+        SampleIdentity { writer_guid, sequence_number: SequenceNumber::from(number) }
+    }
+
+    fn sample(value: &impl Serialize) -> RawSample {
+        let encoding = RepresentationIdentifier::CDR_LE;
+        let mut bytes = Vec::new();
+        to_writer_with_rep_id(&mut bytes, value, encoding).unwrap();
+        RawSample { encoding, bytes: bytes.into() }
+    }
+
+    #[test]
+    fn cyclone_puts_client_and_number_before_the_body_and_gets_them_back() {
+        let own = identity(guid(16, 3), 5);
+        let sent = sample(&((11_u64, 12_i64), 9_u8, "text"));
+        let (id, request) = read_request::<(u8, String)>(&sent, own, None).unwrap();
+        assert_eq!(request, (9, "text".to_owned()));
+        let reply = reply_sample(&id, &(true, 1.5_f64)).unwrap();
+        assert_eq!(reply.bytes, sample(&((11_u64, 12_i64), true, 1.5_f64)).bytes);
+        assert_eq!(id.client, ReplyTo { writer: guid(16, 3), reader: None });
+    }
+
+    #[test]
+    fn fast_dds_names_its_reader_beside_the_body() {
+        let own = identity(guid(15, 3), 5);
+        let unnumbered =
+            SampleIdentity { writer_guid: guid(15, 4), sequence_number: SequenceNumber::UNKNOWN };
+        let (id, request) =
+            read_request::<(u8, String)>(&sample(&(9_u8, "text")), own, Some(unnumbered)).unwrap();
+        assert_eq!(request, (9, "text".to_owned()));
+        assert_eq!(id.identity, identity(guid(15, 4), 5));
+        assert_eq!(id.client, ReplyTo { writer: guid(15, 3), reader: Some(guid(15, 4)) });
+        assert_eq!(reply_sample(&id, &true).unwrap().bytes, sample(&true).bytes);
+        // Without it the request is identified by itself.
+        let (id, _) = read_request::<u8>(&sample(&1_u8), own, None).unwrap();
+        assert_eq!((id.identity, id.client.reader), (own, None));
+    }
+
+    #[test]
+    fn short_requests_are_refused() {
+        let own = identity(guid(16, 3), 5);
+        assert!(read_request::<u8>(&sample(&1_u32), own, None).is_err());
+        assert!(read_request::<String>(&sample(&(1_u64, 1_i64)), own, None).is_err());
+    }
 }

@@ -92,7 +92,10 @@ fn trigger_response(done: Result<String, CollectError>) -> TriggerResponse {
 ///
 /// # Errors
 /// If a name is invalid or the network reports an error.
-pub(crate) fn offer_services(participant: &mut Participant, context: &ServiceContext) -> Result<(), NodeError> {
+pub(crate) fn offer_services(
+    participant: &mut Participant,
+    context: &ServiceContext,
+) -> Result<(), NodeError> {
     for (name, begin) in [("~/start_state", true), ("~/finish_state", false)] {
         let context = context.clone();
         serve_requests(participant, name, "artitwin_msgs/srv/SetState", move |request: SetStateRequest| {

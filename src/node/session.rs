@@ -167,9 +167,8 @@ async fn run_live(start: &Start) -> Result<(), NodeError> {
     // The collection, the only owner of the collector, has its own thread, as decoding and writing block.
     let collector = Collector::new(settings::collector_settings(p, topics.clone(), &config), &first);
     let watch = settings::watch_rule(p).map(MotionWatch::new);
-    let (queue, tracked) =
-        live_tracking::start_thread(settings::track_settings(p, topics.clone(), &config))
-            .map_err(|source| NodeError::System { what: "starting the tracker", source })?;
+    let (queue, tracked) = live_tracking::start_thread(settings::track_settings(p, topics.clone(), &config))
+        .map_err(|source| NodeError::System { what: "starting the tracker", source })?;
     let live = start_live(p, &config, &shared)?;
     let shown = live.results();
     let (sender, poses) = mpsc::channel(POSE_QUEUE);
