@@ -170,7 +170,7 @@ mod tests {
 
     #[test]
     fn the_range_is_that_of_ros_2() {
-        let reach = |pairs| read(pairs).unwrap().reach;
+        let reach = |pairs: &[(&str, &str)]| read(pairs).unwrap().reach;
         assert_eq!(reach(&[]), Reach::Subnet);
         for (range, expected) in [
             ("SUBNET", Reach::Subnet),

@@ -76,7 +76,9 @@ impl LiveParameters {
         }
         let followed = Followed { tracking: resolved.config.capture.tracking, live_map: parameters.live_map };
         // A queue that is full means that the collection is stuck; then nothing is changed.
-        self.commands.try_send(Command::Follow(followed)).map_err(|_| "the collection is busy".to_owned())?;
+        if self.commands.try_send(Command::Follow(followed)).is_err() {
+            return Err("the collection is busy".to_owned());
+        }
         *current = Arc::new(CurrentParameters { parameters, resolved });
         Ok(changed)
     }

@@ -5,9 +5,8 @@ use serde_norway::Value;
 
 use io::ros2msg::Time;
 
-/// Values of `ParameterValue.type`.
+/// Values of `ParameterValue.type`; 0 is not set.
 mod kind {
-    pub(super) const NOT_SET: u8 = 0;
     pub(super) const BOOL: u8 = 1;
     pub(super) const INTEGER: u8 = 2;
     pub(super) const DOUBLE: u8 = 3;
@@ -63,7 +62,7 @@ impl ParameterValue {
             kind::STRING_ARRAY => {
                 Some(self.string_array_value.iter().map(|s| Value::from(s.as_str())).collect())
             }
-            kind::NOT_SET | _ => None,
+            _ => None,
         }
     }
 }

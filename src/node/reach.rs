@@ -31,7 +31,8 @@ fn reach_line(environment: &Environment, addresses: &[Ipv4Addr], sockets: &[Sock
         return "closed to all other nodes (ROS_AUTOMATIC_DISCOVERY_RANGE=OFF)".to_owned();
     }
     if environment.is_closed() {
-        return "open to this machine only; ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET opens it to the network"
+        return "open to this machine only: nodes at the defaults of ROS 2 may get nothing from it; set \
+                ROS_AUTOMATIC_DISCOVERY_RANGE to LOCALHOST for them too, or to SUBNET for this node"
             .to_owned();
     }
     let networks = environment.networks();

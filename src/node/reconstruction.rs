@@ -186,7 +186,7 @@ mod tests {
         let mut at = |event| feedback_of_event(&mut progress, &event, Duration::from_secs(1));
         let begun = at(Event::StageStarted { stage: stage.clone(), steps: None }).unwrap();
         assert_eq!(begun.stage, stage);
-        assert!(at(Event::StageFinished { stage, secs: 1.0 }).is_none());
+        assert!(at(Event::StageFinished { stage, seconds: 1.0 }).is_none());
     }
 
     #[test]

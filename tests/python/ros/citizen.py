@@ -18,6 +18,10 @@ import numpy  # noqa: E402
 from outside import run  # noqa: E402
 
 DOMAIN, HERE, CARD = 66, "10.9.9.1", "card"
+# As rmw_cyclonedds_cpp numbers participants: so that they can be found without multicast.
+NUMBERED = '<CycloneDDS><Domain Id="any"><Discovery><ParticipantIndex>auto</ParticipantIndex></Discovery></Domain></CycloneDDS>'
+ANNOUNCING = ('<CycloneDDS><Domain Id="any"><Discovery><ParticipantIndex>auto</ParticipantIndex><Peers><Peer Address="127.0.0.1"/></Peers>'
+              "</Discovery></Domain></CycloneDDS>")
 CALLS = 50
 
 
@@ -137,7 +141,7 @@ def services(program, folder):
         told["names"] = len(known)
         told["got"] = len(get.call(known).values)
         # Far more than a datagram holds.
-        long = describe.call(["tracking"] * 900, secs=20).descriptors
+        long = describe.call(["tracking"] * 1000, secs=20).descriptors
         told["long"] = sum(len(d.description) + len(d.additional_constraints) for d in long)
         described = describe.call(known).descriptors
         told["undescribed"] = [d.name for d in described if not d.description]
@@ -169,7 +173,8 @@ def hears(secs=6.0):
 
 
 def closed(program, folder):
-    """A default peer beside a node that is closed by choice, and beside one that is alone."""
+    """A peer on the Ethernet card, which announces itself to this machine, beside a node that is closed by choice and one that is alone."""
+    os.environ["CYCLONEDDS_URI"] = ANNOUNCING
     told = {}
     for reach in ("LOCALHOST", "OFF"):
         node, log = start(program, folder, ROS_AUTOMATIC_DISCOVERY_RANGE=reach)
@@ -179,14 +184,22 @@ def closed(program, folder):
 
 
 def unlisted(program, folder):
-    """A network without multicast: only a list of peers helps."""
-    run("ip", "link", "set", CARD, "multicast", "off")
+    """A peer on another machine, in a network without multicast: only a list of peers helps."""
+    from outside import THERE, second_machine
+
+    numbered = os.environ | {"CITIZEN_URI": NUMBERED}
+    holder, there = second_machine()
     told = {}
-    for listed in ("", HERE):
-        node, log = start(program, folder, **({"ROS_STATIC_PEERS": listed} if listed else {}))
-        done = subprocess.run([sys.executable, __file__, "hears"], stdout=subprocess.PIPE, text=True, check=False)
-        told[listed or "none"] = done.stdout.strip()
-        stop(node, log)
+    try:
+        run("ip", "link", "set", "here", "multicast", "off")
+        run(*there, "ip", "link", "set", "there", "multicast", "off")
+        for listed in ("", THERE):
+            node, log = start(program, folder, **({"ROS_STATIC_PEERS": listed} if listed else {}))
+            done = subprocess.run([*there, sys.executable, __file__, "hears"], env=numbered, stdout=subprocess.PIPE, text=True, check=False)
+            told[listed or "none"] = done.stdout.strip()
+            stop(node, log)
+    finally:
+        holder.kill()
     return told
 
 
@@ -204,10 +217,11 @@ def main():
         os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
         return first_call()
     if sys.argv[1] == "hears":
-        return print(hears())
+        return print(hears(25.0))
     program, folder, what, *more = sys.argv[1:]
     os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
-    network()
+    if what != "unlisted":
+        network()
     print(json.dumps(globals()[what](program, folder, *map(float, more))))
 
 

@@ -1937,10 +1937,6 @@ impl Writer {
             current: CountWithChange::new(self.readers.len() as i32, 1),
             reader: reader_proxy.remote_reader_guid,
           });
-          self.send_participant_status(DomainParticipantStatusEvent::RemoteReaderMatched {
-            local_writer: self.my_guid,
-            remote_reader: reader_proxy.remote_reader_guid,
-          });
           // Reliable: send an initial HEARTBEAT to the newly matched reader so it
           // can request the samples we already hold (repair/late-join). This runs
           // synchronously on the discovery-match event in the event loop, so it
@@ -1975,6 +1971,12 @@ impl Writer {
               );
             }
           }
+          // artitwin: only now, as a volatile reader takes all samples that its first
+          // HEARTBEAT names for history, also one that is written upon this event.
+          self.send_participant_status(DomainParticipantStatusEvent::RemoteReaderMatched {
+            local_writer: self.my_guid,
+            remote_reader: reader_proxy.remote_reader_guid,
+          });
           info!(
             "Matched new remote reader on topic={:?} reader={:?}",
             self.topic_name(),
