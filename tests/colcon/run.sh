@@ -26,7 +26,7 @@ printf 'macro(ament_package)\nendmacro()\n' > stub/ament_cmakeConfig.cmake
 {
     printf '%s, %s\n' "$(date -u +%F)" "$(python3 --version)"
     colcon --log-base log list
-    colcon --log-base log build --packages-select artitwin --cmake-args "-Dament_cmake_DIR=$work/stub" \
+    colcon --log-base log build --packages-ignore artitwin_msgs --cmake-args "-Dament_cmake_DIR=$work/stub" \
         ${ARTITWIN_TARGET:+"-DTARGET_FOLDER=$(realpath "$ARTITWIN_TARGET")"} 2>&1 | grep -E '^(Starting|Finished|Failed|Summary)' | sed 's/ \[.*//'
     for file in lib/artitwin/artitwin share/artitwin/launch_configs/ros/{node,view,replay}.launch.py share/artitwin/launch_configs/ros/node.yaml; do
         [ -e "install/artitwin/$file" ] && echo "there: $file" || { echo "MISSING: $file"; missing=yes; }
