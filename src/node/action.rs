@@ -4,8 +4,9 @@ use std::{collections::VecDeque, sync::Arc};
 
 use super::{
     action_messages::{
-        CancelGoalRequest, CancelGoalResponse, FeedbackMessage, GetResultRequest, GetResultResponse, GoalId,
-        GoalInfo, GoalStatus, GoalStatusArray, SendGoalRequest, SendGoalResponse, cancel, status,
+        CancelGoalRequest, CancelGoalResponse, CancelGoalResponseEnum, FeedbackMessage, GetResultRequest,
+        GetResultResponse, GoalId, GoalInfo, GoalStatus, GoalStatusArray, GoalStatusEnum, SendGoalRequest,
+        SendGoalResponse,
     },
     clock::NodeClock,
     error::NodeError,
@@ -51,7 +52,7 @@ struct Running<J: Job> {
 /// A goal whose result can be asked for.
 struct Ended<J: Job> {
     goal: GoalInfo,
-    status: i8,
+    status: GoalStatusEnum,
     result: J::Result,
 }
 
@@ -113,7 +114,7 @@ impl<J: Job> ActionServer<J> {
     }
 
     async fn take_goal(&mut self, id: RequestId, request: &SendGoalRequest<J::Goal>) {
-        let goal = GoalInfo { goal_id: request.goal_id, stamp: self.clock.stamp_now() };
+        let goal = GoalInfo { goal_id: request.goal_id, stamp: self.clock.message_stamp_now() };
         let is_known = self.ended.iter().any(|e| e.goal.goal_id == goal.goal_id);
         if self.running.is_some() || is_known {
             log::warn!("{}: a goal was rejected, as another runs or had its identifier", J::NAME);
@@ -135,14 +136,16 @@ impl<J: Job> ActionServer<J> {
             // The work ends after its current step.
             running.work.cancel();
             running.is_canceling = true;
-            goals_canceling.push(running.goal);
+            goals_canceling.push(running.goal.clone());
         }
         let asked = request.goal_info.goal_id;
         let return_code = match () {
-            () if !goals_canceling.is_empty() => cancel::NONE,
-            () if self.ended.iter().any(|e| e.goal.goal_id == asked) => cancel::GOAL_ENDED,
-            () if asked != GoalId::default() => cancel::UNKNOWN_GOAL,
-            () => cancel::REJECTED,
+            () if !goals_canceling.is_empty() => CancelGoalResponseEnum::None,
+            () if self.ended.iter().any(|e| e.goal.goal_id == asked) => {
+                CancelGoalResponseEnum::GoalTerminated
+            }
+            () if asked != GoalId::ZERO => CancelGoalResponseEnum::UnknownGoal,
+            () => CancelGoalResponseEnum::Rejected,
         };
         self.cancels.send_reply(id, &CancelGoalResponse { return_code, goals_canceling });
         self.publish_status().await;
@@ -159,16 +162,17 @@ impl<J: Job> ActionServer<J> {
         let ended = self.ended.iter().find(|e| e.goal.goal_id == goal_id);
         let response = match ended {
             Some(ended) => GetResultResponse { status: ended.status, result: ended.result.clone() },
-            None => GetResultResponse { status: status::UNKNOWN, result: J::Result::default() },
+            None => GetResultResponse { status: GoalStatusEnum::Unknown, result: J::Result::default() },
         };
         self.results.send_reply(id, &response);
     }
 
     async fn end_goal(&mut self, finished: Finished<J::Result>) {
         let Some(running) = self.running.take() else { return };
+        let goal_id = running.goal.goal_id;
         self.remember_end(running.goal, finished);
         for id in running.waiting {
-            self.tell_result(id, running.goal.goal_id);
+            self.tell_result(id, goal_id);
         }
         self.publish_status().await;
     }
@@ -191,10 +195,11 @@ impl<J: Job> ActionServer<J> {
 
     async fn publish_status(&self) {
         let mut status_list: Vec<GoalStatus> =
-            self.ended.iter().map(|e| GoalStatus { goal_info: e.goal, status: e.status }).collect();
+            self.ended.iter().map(|e| GoalStatus { goal_info: e.goal.clone(), status: e.status }).collect();
         if let Some(running) = &self.running {
-            let status = if running.is_canceling { status::CANCELING } else { status::EXECUTING };
-            status_list.push(GoalStatus { goal_info: running.goal, status });
+            let status =
+                if running.is_canceling { GoalStatusEnum::Canceling } else { GoalStatusEnum::Executing };
+            status_list.push(GoalStatus { goal_info: running.goal.clone(), status });
         }
         if self.status.async_publish(GoalStatusArray { status_list }).await.is_err() {
             log::debug!("{}: the status could not be published", J::NAME);
@@ -202,16 +207,16 @@ impl<J: Job> ActionServer<J> {
     }
 }
 
-fn goal_outcome<J: Job>(finished: Finished<J::Result>) -> (i8, J::Result) {
+fn goal_outcome<J: Job>(finished: Finished<J::Result>) -> (GoalStatusEnum, J::Result) {
     match finished {
-        Finished::Done(result) => (status::SUCCEEDED, result),
+        Finished::Done(result) => (GoalStatusEnum::Succeeded, result),
         Finished::Canceled => {
             log::info!("{}: canceled", J::NAME);
-            (status::CANCELED, J::failed_result("canceled".to_owned()))
+            (GoalStatusEnum::Canceled, J::failed_result("canceled".to_owned()))
         }
         Finished::Failed(message) => {
             log::warn!("{}: {message}", J::NAME);
-            (status::ABORTED, J::failed_result(message))
+            (GoalStatusEnum::Aborted, J::failed_result(message))
         }
     }
 }

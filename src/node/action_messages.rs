@@ -1,112 +1,21 @@
-//! The messages of a ROS 2 action: its three services, its feedback and its status (`action_msgs`).
+//! The messages of a ROS 2 action, those of ros2-client, with what they lack.
 
 use serde::{Deserialize, Serialize};
 
-use io::ros2msg::Time;
+pub(crate) use ros2_client::{
+    action::{FeedbackMessage, GetResultRequest, GetResultResponse, SendGoalRequest, SendGoalResponse},
+    action_msgs::{
+        CancelGoalResponse, CancelGoalResponseEnum, GoalId, GoalInfo, GoalStatus, GoalStatusArray,
+        GoalStatusEnum,
+    },
+    builtin_interfaces::Time as ActionTime,
+};
 
-/// Identifier of a goal (`unique_identifier_msgs/msg/UUID`); all zero where none is meant.
-pub(crate) type GoalId = [u8; 16];
-
-/// `action_msgs/msg/GoalInfo`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct GoalInfo {
-    /// The goal.
-    pub goal_id: GoalId,
-    /// When it was accepted.
-    pub stamp: Time,
-}
-
-/// `action_msgs/msg/GoalStatus`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct GoalStatus {
-    /// The goal.
-    pub goal_info: GoalInfo,
-    /// One of [`status`].
-    pub status: i8,
-}
-
-/// Values of `GoalStatus.status`.
-pub(crate) mod status {
-    pub(crate) const UNKNOWN: i8 = 0;
-    pub(crate) const EXECUTING: i8 = 2;
-    pub(crate) const CANCELING: i8 = 3;
-    pub(crate) const SUCCEEDED: i8 = 4;
-    pub(crate) const CANCELED: i8 = 5;
-    pub(crate) const ABORTED: i8 = 6;
-}
-
-/// `action_msgs/msg/GoalStatusArray`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct GoalStatusArray {
-    /// All goals that are remembered.
-    pub status_list: Vec<GoalStatus>,
-}
-
-/// Request of the service `send_goal`.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-pub(crate) struct SendGoalRequest<G> {
-    /// The goal's identifier, chosen by the client.
-    pub goal_id: GoalId,
-    /// What is asked for.
-    pub goal: G,
-}
-
-/// Response of the service `send_goal`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(crate) struct SendGoalResponse {
-    /// Whether the goal runs.
-    pub accepted: bool,
-    /// When it was accepted.
-    pub stamp: Time,
-}
-
-/// Request of the service `get_result`.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-pub(crate) struct GetResultRequest {
-    /// The goal.
-    pub goal_id: GoalId,
-}
-
-/// Response of the service `get_result`.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct GetResultResponse<R> {
-    /// How it ended, one of [`status`].
-    pub status: i8,
-    /// The result.
-    pub result: R,
-}
-
-/// Message of the topic `feedback`.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct FeedbackMessage<F> {
-    /// The goal.
-    pub goal_id: GoalId,
-    /// How far it is.
-    pub feedback: F,
-}
-
-/// Request of the service `cancel_goal`.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+/// Request of the service `cancel_goal`; that of ros2-client has a private field.
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct CancelGoalRequest {
     /// A goal, or all goals accepted until a time, or, all zero, every goal.
     pub goal_info: GoalInfo,
-}
-
-/// Response of the service `cancel_goal`.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct CancelGoalResponse {
-    /// One of [`cancel`].
-    pub return_code: i8,
-    /// Goals that will be canceled.
-    pub goals_canceling: Vec<GoalInfo>,
-}
-
-/// Values of `CancelGoalResponse.return_code`.
-pub(crate) mod cancel {
-    pub(crate) const NONE: i8 = 0;
-    pub(crate) const REJECTED: i8 = 1;
-    pub(crate) const UNKNOWN_GOAL: i8 = 2;
-    pub(crate) const GOAL_ENDED: i8 = 3;
 }
 
 impl CancelGoalRequest {
@@ -114,9 +23,9 @@ impl CancelGoalRequest {
     #[must_use]
     pub(crate) fn means(&self, goal: &GoalInfo) -> bool {
         let asked = &self.goal_info;
-        let is_timed = asked.stamp != Time::default();
-        let until = (goal.stamp.sec, goal.stamp.nanosec) <= (asked.stamp.sec, asked.stamp.nanosec);
-        match asked.goal_id == GoalId::default() {
+        let is_timed = asked.stamp != ActionTime::ZERO;
+        let until = goal.stamp <= asked.stamp;
+        match asked.goal_id == GoalId::ZERO {
             true => !is_timed || until,
             false => asked.goal_id == goal.goal_id || (is_timed && until),
         }
@@ -126,15 +35,55 @@ impl CancelGoalRequest {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rustdds::{
+        RepresentationIdentifier, serialization::deserialize_from_cdr_with_rep_id,
+        serialization::to_writer_with_rep_id,
+    };
+
+    const ENCODING: RepresentationIdentifier = RepresentationIdentifier::CDR_LE;
+
+    fn cdr(message: &impl Serialize) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        to_writer_with_rep_id(&mut bytes, message, ENCODING).unwrap();
+        bytes
+    }
+
+    /// The identifier of 16 equal bytes, read as from a client.
+    fn goal_id(byte: u8) -> GoalId {
+        deserialize_from_cdr_with_rep_id(&[byte; 16], ENCODING).unwrap().0
+    }
 
     #[test]
     fn goals_are_named_by_identifier_by_time_or_all() {
-        let goal = GoalInfo { goal_id: [7; 16], stamp: Time { sec: 5, nanosec: 0 } };
-        let ask = |goal_id, sec| {
-            CancelGoalRequest { goal_info: GoalInfo { goal_id, stamp: Time { sec, nanosec: 0 } } }
-                .means(&goal)
+        let goal = GoalInfo { goal_id: goal_id(7), stamp: ActionTime::new(5, 0) };
+        let ask = |id, sec| {
+            let goal_info = GoalInfo { goal_id: goal_id(id), stamp: ActionTime::new(sec, 0) };
+            CancelGoalRequest { goal_info }.means(&goal)
         };
-        assert!(ask([0; 16], 0) && ask([7; 16], 0) && ask([0; 16], 5) && ask([1; 16], 6));
-        assert!(!ask([1; 16], 0) && !ask([0; 16], 4) && !ask([1; 16], 4));
+        assert!(ask(0, 0) && ask(7, 0) && ask(0, 5) && ask(1, 6));
+        assert!(!ask(1, 0) && !ask(0, 4) && !ask(1, 4));
+    }
+
+    #[test]
+    fn messages_have_the_bytes_of_their_definitions() {
+        // An identifier is 16 bytes without a length, a status one byte, a code one byte.
+        assert_eq!(cdr(&goal_id(7)), [7; 16]);
+        let goal_info = GoalInfo { goal_id: goal_id(7), stamp: ActionTime::new(5, 6) };
+        let info = ([7_u8; 16], 5_i32, 6_u32);
+        assert_eq!(cdr(&goal_info), cdr(&info));
+        let status = GoalStatus { goal_info: goal_info.clone(), status: GoalStatusEnum::Canceling };
+        assert_eq!(cdr(&GoalStatusArray { status_list: vec![status] }), cdr(&vec![(info, 3_i8)]));
+        let return_code = CancelGoalResponseEnum::UnknownGoal;
+        let canceled = CancelGoalResponse { return_code, goals_canceling: vec![goal_info.clone()] };
+        assert_eq!(cdr(&canceled), cdr(&(2_i8, vec![info])));
+        let (asked, _) =
+            deserialize_from_cdr_with_rep_id::<CancelGoalRequest>(&cdr(&info), ENCODING).unwrap();
+        assert_eq!(cdr(&asked), cdr(&info));
+        let accepted = SendGoalResponse { accepted: true, stamp: goal_info.stamp };
+        assert_eq!(cdr(&accepted), cdr(&(true, 5_i32, 6_u32)));
+        let result = GetResultResponse { status: GoalStatusEnum::Succeeded, result: 9_u32 };
+        assert_eq!(cdr(&result), cdr(&(4_i8, 9_u32)));
+        let feedback = FeedbackMessage { goal_id: goal_id(7), feedback: 9_u32 };
+        assert_eq!(cdr(&feedback), cdr(&([7_u8; 16], 9_u32)));
     }
 }

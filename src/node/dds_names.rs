@@ -1,18 +1,20 @@
 //! How ROS 2 names topics, services and their types in DDS, and what it says of an endpoint in USER_DATA.
 
+use ros2_client::{Name, NodeName};
+
 /// Types with their REP-2016 hashes, written by `tests/python/ros/definitions.py`.
 const HASHES: &str = include_str!("type_hashes.txt");
 
 /// DDS name of the topic with a full ROS name.
 #[must_use]
-pub(crate) fn topic_dds_name(full: &str) -> String {
-    format!("rt{full}")
+pub(crate) fn topic_dds_name(full: &Name, node: &NodeName) -> String {
+    full.to_dds_name("rt", node, "")
 }
 
 /// DDS names of a service's topics for requests and replies.
 #[must_use]
-pub(crate) fn service_dds_names(full: &str) -> [String; 2] {
-    [format!("rq{full}Request"), format!("rr{full}Reply")]
+pub(crate) fn service_dds_names(full: &Name, node: &NodeName) -> [String; 2] {
+    [full.to_dds_name("rq", node, "Request"), full.to_dds_name("rr", node, "Reply")]
 }
 
 /// The ROS name of a DDS topic, or the DDS name where it has none.
@@ -25,6 +27,9 @@ pub(crate) fn ros_name_of_topic(dds_name: &str) -> &str {
 }
 
 /// DDS name of a ROS type: `sensor_msgs/msg/Image` is `sensor_msgs::msg::dds_::Image_`.
+///
+/// `ros2_client::MessageTypeName` knows the folder `msg` only, and its names of requests, replies and actions
+/// are private.
 #[must_use]
 pub(crate) fn type_dds_name(ros_type: &str) -> String {
     match ros_type.rsplit_once('/') {
@@ -54,8 +59,12 @@ mod tests {
     #[test]
     fn names_are_those_of_rmw() {
         assert_eq!(type_dds_name("sensor_msgs/msg/Image"), "sensor_msgs::msg::dds_::Image_");
-        assert_eq!(service_dds_names("/a/b"), ["rq/a/bRequest", "rr/a/bReply"]);
-        assert_eq!(ros_name_of_topic(&topic_dds_name("/a")), "/a");
+        assert_eq!(type_dds_name("a/srv/B_Request"), "a::srv::dds_::B_Request_");
+        let node = NodeName::new("/lab", "twin").unwrap();
+        let service = Name::parse("/a/b").unwrap();
+        assert_eq!(service_dds_names(&service, &node), ["rq/a/bRequest", "rr/a/bReply"]);
+        let topic = topic_dds_name(&Name::parse("/a").unwrap(), &node);
+        assert_eq!((topic.as_str(), ros_name_of_topic(&topic)), ("rt/a", "/a"));
         assert_eq!(ros_name_of_topic("ros_discovery_info"), "ros_discovery_info");
     }
 

@@ -7,7 +7,10 @@ use tokio::sync::mpsc;
 
 use super::{
     collection::{Command, Followed},
-    parameter_messages::{FloatingPointRange, IntegerRange, Parameter, ParameterDescriptor, ParameterValue},
+    parameter_messages::{
+        FloatingPointRange, IntegerRange, Parameter, ParameterDescriptor, ParameterType, ParameterValue,
+        value_from_yaml, value_to_yaml,
+    },
     parameters::{CHOICES, Parameters, REAL_RANGES, WHOLE_RANGES},
     settings,
     state_bag::Topics,
@@ -57,7 +60,7 @@ impl LiveParameters {
         let mut parameters = current.parameters.clone();
         for Parameter { name, value } in asked {
             let value =
-                value.to_yaml().ok_or_else(|| format!("`{name}` cannot have a value of this type"))?;
+                value_to_yaml(value).ok_or_else(|| format!("`{name}` cannot have a value of this type"))?;
             let changed = parameters.with_value(name, value).map_err(|e| e.to_string())?;
             let is_same = changed == parameters;
             if let Some(reason) = why_fixed(name).filter(|_| !is_same) {
@@ -71,7 +74,7 @@ impl LiveParameters {
         for (name, value) in parameters.to_mapping() {
             if before.get(&name) != Some(&value) {
                 let name = name.as_str().unwrap_or_default().to_owned();
-                changed.push(Parameter { name, value: ParameterValue::from_yaml(&value) });
+                changed.push(Parameter { name, value: value_from_yaml(&value) });
             }
         }
         let followed = Followed { tracking: resolved.config.capture.tracking, live_map: parameters.live_map };
@@ -94,15 +97,15 @@ impl LiveParameters {
     #[must_use]
     pub(crate) fn value(&self, name: &str) -> ParameterValue {
         let value = self.current().parameters.to_mapping().get(name).cloned();
-        ParameterValue::from_yaml(&value.unwrap_or(Value::Null))
+        value_from_yaml(&value.unwrap_or(Value::Null))
     }
 
     /// What a parameter means and allows.
     #[must_use]
     pub(crate) fn descriptor(&self, name: &str) -> ParameterDescriptor {
-        let kind = self.value(name).kind;
-        if kind == 0 {
-            return ParameterDescriptor { name: name.to_owned(), ..ParameterDescriptor::default() };
+        let value_type = self.value(name).ptype;
+        if value_type == ParameterType::NOT_SET {
+            return empty_descriptor(name);
         }
         let mut constraints = Vec::new();
         if let Some((_, allowed)) = CHOICES.iter().find(|(n, _)| *n == name) {
@@ -115,7 +118,7 @@ impl LiveParameters {
         let real = REAL_RANGES.iter().filter(|(n, ..)| *n == name);
         ParameterDescriptor {
             name: name.to_owned(),
-            kind,
+            r#type: value_type,
             description: description(name),
             additional_constraints: constraints.join("; "),
             read_only: fixed.is_some(),
@@ -127,6 +130,20 @@ impl LiveParameters {
                 .map(|&(_, from_value, to_value)| IntegerRange { from_value, to_value, step: 1 })
                 .collect(),
         }
+    }
+}
+
+/// The descriptor of a parameter that is not there.
+fn empty_descriptor(name: &str) -> ParameterDescriptor {
+    ParameterDescriptor {
+        name: name.to_owned(),
+        r#type: ParameterType::NOT_SET,
+        description: String::new(),
+        additional_constraints: String::new(),
+        read_only: false,
+        dynamic_typing: false,
+        floating_point_range: Vec::new(),
+        integer_range: Vec::new(),
     }
 }
 
@@ -182,7 +199,7 @@ mod tests {
     }
 
     fn parameter(name: &str, value: impl Into<Value>) -> Parameter {
-        Parameter { name: name.to_owned(), value: ParameterValue::from_yaml(&value.into()) }
+        Parameter { name: name.to_owned(), value: value_from_yaml(&value.into()) }
     }
 
     #[test]
@@ -205,7 +222,7 @@ mod tests {
         }
         assert_eq!(live.current().parameters.parts, 0);
         // The present value is no change.
-        assert_eq!(live.set_all(&[parameter("queue_depth", 10)]), Ok(Vec::new()));
+        assert!(live.set_all(&[parameter("queue_depth", 10)]).unwrap().is_empty());
     }
 
     #[test]
@@ -213,12 +230,15 @@ mod tests {
         let (live, _inbox) = live();
         for name in live.names() {
             let found = live.descriptor(&name);
-            assert!(!found.description.is_empty() && found.kind != 0, "{name}: {found:?}");
+            assert!(
+                !found.description.is_empty() && found.r#type != ParameterType::NOT_SET,
+                "{name}: {found:?}"
+            );
             assert_eq!(found.read_only, !SETTABLE.contains(&name.as_str()), "{name}");
         }
         let found = live.descriptor("tracking");
         assert!(found.description.ends_with("`map`.") && found.additional_constraints.contains("\"always\""));
         assert_eq!(live.descriptor("parts").integer_range[0].to_value, 16);
-        assert_eq!(live.descriptor("nope").kind, 0);
+        assert_eq!(live.descriptor("nope").r#type, ParameterType::NOT_SET);
     }
 }

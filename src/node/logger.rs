@@ -8,10 +8,8 @@ use std::{
 };
 
 use log::{Level, LevelFilter, Log, Metadata, Record};
+use ros2_client::{Log as LogMessage, builtin_interfaces};
 use tokio::sync::mpsc;
-
-use super::rosout::LogLine;
-use io::ros2msg::Time;
 
 /// Target of this crate's log records.
 const OWN: &str = env!("CARGO_CRATE_NAME");
@@ -30,10 +28,10 @@ struct Logger {
 /// The log of this process.
 static LOGGER: OnceLock<Logger> = OnceLock::new();
 /// Where the node's own lines go, too.
-static COPIES: OnceLock<mpsc::Sender<LogLine>> = OnceLock::new();
+static COPIES: OnceLock<mpsc::Sender<LogMessage>> = OnceLock::new();
 
 /// Copies the node's own lines to a queue from now on.
-pub(crate) fn copy_lines(queue: mpsc::Sender<LogLine>) {
+pub(crate) fn copy_lines(queue: mpsc::Sender<LogMessage>) {
     COPIES.set(queue).ok();
 }
 
@@ -89,10 +87,10 @@ impl Log for Logger {
         let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64();
         let name = if is_own(record.metadata()) { self.name.as_str() } else { record.target() };
         let (level, number) = match record.level() {
-            Level::Error => ("ERROR", 40),
-            Level::Warn => ("WARN", 30),
-            Level::Info => ("INFO", 20),
-            Level::Debug | Level::Trace => ("DEBUG", 10),
+            Level::Error => ("ERROR", LogMessage::ERROR),
+            Level::Warn => ("WARN", LogMessage::WARN),
+            Level::Info => ("INFO", LogMessage::INFO),
+            Level::Debug | Level::Trace => ("DEBUG", LogMessage::DEBUG),
         };
         // Names may come from the network, and terminals execute control characters.
         let text: String =
@@ -100,8 +98,8 @@ impl Log for Logger {
         writeln!(std::io::stderr(), "[{level}] [{seconds:.6}] [{name}]: {text}").ok();
         // Not the middleware's lines: publishing may make them.
         if let Some(queue) = COPIES.get().filter(|_| is_own(record.metadata())) {
-            let line = LogLine {
-                stamp: Time::from_nanos((seconds * 1e9) as i64),
+            let line = LogMessage {
+                stamp: builtin_interfaces::Time::from_nanos((seconds * 1e9) as i64),
                 level: number,
                 name: name.to_owned(),
                 msg: text,

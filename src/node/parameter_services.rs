@@ -8,9 +8,11 @@ use super::{
     live_parameters::LiveParameters,
     logger,
     parameter_messages::{
-        DescribeParametersResponse, GetParameterTypesResponse, GetParametersResponse, ListParametersRequest,
-        ListParametersResponse, LoggerLevel, LoggerLevels, NamesRequest, Parameter, ParameterEvent,
-        SetAtomicallyResponse, SetParametersRequest, SetResult, SetResultsResponse,
+        DescribeParametersRequest, DescribeParametersResponse, GetLoggerLevelsRequest,
+        GetParameterTypesRequest, GetParameterTypesResponse, GetParametersRequest, GetParametersResponse,
+        ListParametersRequest, ListParametersResponse, ListParametersResult, LoggerLevel, LoggerLevels,
+        Parameter, ParameterEvent, SetLoggerLevelsResponse, SetParametersAtomicallyResponse,
+        SetParametersRequest, SetParametersResponse, SetParametersResult,
     },
     participant::{Participant, Publisher, reliable_profile},
     services::serve_requests,
@@ -40,7 +42,7 @@ pub(crate) fn offer_parameters(
     parameters: &Arc<LiveParameters>,
     clock: &Arc<NodeClock>,
 ) -> Result<(), NodeError> {
-    let node = participant.identity.full_name();
+    let node = participant.identity.fully_qualified_name();
     let event_type = "rcl_interfaces/msg/ParameterEvent";
     let events =
         participant.create_publisher_of_type("/parameter_events", event_type, &reliable_profile(EVENTS))?;
@@ -54,7 +56,7 @@ pub(crate) fn offer_parameters(
         "rcl_interfaces/srv/SetParameters",
         move |request: SetParametersRequest| {
             let this = Arc::clone(&this);
-            async move { this.set_each(&request.parameters).await }
+            async move { this.set_each(&request.parameter).await }
         },
     )?;
     serve_requests(
@@ -63,7 +65,7 @@ pub(crate) fn offer_parameters(
         "rcl_interfaces/srv/SetParametersAtomically",
         move |request: SetParametersRequest| {
             let this = Arc::clone(&server);
-            async move { SetAtomicallyResponse { result: this.set_all(&request.parameters).await } }
+            async move { SetParametersAtomicallyResponse { result: this.set_all(&request.parameter).await } }
         },
     )?;
     offer_log_level(participant)
@@ -76,7 +78,7 @@ fn offer_reading(participant: &mut Participant, parameters: &Arc<LiveParameters>
         participant,
         "~/get_parameters",
         "rcl_interfaces/srv/GetParameters",
-        move |request: NamesRequest| {
+        move |request: GetParametersRequest| {
             let names = request.names.iter().take(MOST_NAMES);
             let values = names.map(|n| live.value(n)).collect();
             async { GetParametersResponse { values } }
@@ -87,10 +89,10 @@ fn offer_reading(participant: &mut Participant, parameters: &Arc<LiveParameters>
         participant,
         "~/get_parameter_types",
         "rcl_interfaces/srv/GetParameterTypes",
-        move |request: NamesRequest| {
+        move |request: GetParameterTypesRequest| {
             let names = request.names.iter().take(MOST_NAMES);
-            let types = names.map(|n| live.value(n).kind).collect();
-            async { GetParameterTypesResponse { types } }
+            let values = names.map(|n| live.value(n).ptype).collect();
+            async { GetParameterTypesResponse { values } }
         },
     )?;
     let live = Arc::clone(parameters);
@@ -98,10 +100,10 @@ fn offer_reading(participant: &mut Participant, parameters: &Arc<LiveParameters>
         participant,
         "~/describe_parameters",
         "rcl_interfaces/srv/DescribeParameters",
-        move |request: NamesRequest| {
+        move |request: DescribeParametersRequest| {
             let names = request.names.iter().take(MOST_NAMES);
-            let descriptors = names.map(|n| live.descriptor(n)).collect();
-            async { DescribeParametersResponse { descriptors } }
+            let values = names.map(|n| live.descriptor(n)).collect();
+            async { DescribeParametersResponse { values } }
         },
     )?;
     let live = Arc::clone(parameters);
@@ -113,7 +115,8 @@ fn offer_reading(participant: &mut Participant, parameters: &Arc<LiveParameters>
             // No name has a prefix, so that a prefix is the name itself.
             let is_asked = |n: &String| request.prefixes.is_empty() || request.prefixes.contains(n);
             let names = live.names().into_iter().filter(is_asked).collect();
-            async { ListParametersResponse { result: (names, Vec::new()) } }
+            let result = ListParametersResult { names, prefixes: Vec::new() };
+            async { ListParametersResponse { result } }
         },
     )
 }
@@ -124,7 +127,7 @@ fn offer_log_level(participant: &mut Participant) -> Result<(), NodeError> {
         participant,
         "~/get_logger_levels",
         "rcl_interfaces/srv/GetLoggerLevels",
-        |request: NamesRequest| {
+        |request: GetLoggerLevelsRequest| {
             let level = logger::level_number();
             let names = request.names.into_iter().take(MOST_NAMES);
             let levels = names.map(|name| LoggerLevel { name, level }).collect();
@@ -137,29 +140,30 @@ fn offer_log_level(participant: &mut Participant) -> Result<(), NodeError> {
         "rcl_interfaces/srv/SetLoggerLevels",
         |request: LoggerLevels| {
             let levels = request.levels.iter().take(MOST_NAMES);
-            let results = levels.map(|l| SetResult::from(logger::set_level(&l.name, l.level))).collect();
-            async { SetResultsResponse { results } }
+            let results =
+                levels.map(|l| SetParametersResult::from(logger::set_level(&l.name, l.level))).collect();
+            async { SetLoggerLevelsResponse { results } }
         },
     )
 }
 
 impl ParameterServer {
-    async fn set_each(&self, asked: &[Parameter]) -> SetResultsResponse {
+    async fn set_each(&self, asked: &[Parameter]) -> SetParametersResponse {
         let mut results = Vec::new();
         for parameter in asked.iter().take(MOST_NAMES) {
             results.push(self.set_all(std::slice::from_ref(parameter)).await);
         }
-        SetResultsResponse { results }
+        SetParametersResponse { results }
     }
 
     /// Sets all parameters or none, and publishes those that changed.
-    async fn set_all(&self, asked: &[Parameter]) -> SetResult {
+    async fn set_all(&self, asked: &[Parameter]) -> SetParametersResult {
         match self.parameters.set_all(asked) {
             Ok(changed) => {
                 self.publish_changes(changed).await;
-                SetResult::from(Ok(()))
+                SetParametersResult::from(Ok(()))
             }
-            Err(reason) => SetResult::from(Err(reason)),
+            Err(reason) => SetParametersResult::from(Err(reason)),
         }
     }
 
@@ -170,7 +174,7 @@ impl ParameterServer {
         let names: Vec<&str> = changed_parameters.iter().map(|p| p.name.as_str()).collect();
         log::info!("set: {}", names.join(", "));
         let event = ParameterEvent {
-            stamp: self.clock.stamp_now(),
+            stamp: self.clock.message_stamp_now(),
             node: self.node.clone(),
             new_parameters: Vec::new(),
             changed_parameters,

@@ -1,12 +1,12 @@
 //! Parameters of the node from defaults, files and the command line (later ones win), read at the start.
 
+use ros2_client::NodeName;
 use serde::{Deserialize, Serialize};
 use serde_norway::{Mapping, Value};
 
 use super::{
     parameter_file::{ParameterFileError, parameters_of_file},
     ros_args::{ParameterSource, RosArgs},
-    ros_names::NodeIdentity,
 };
 
 /// All parameters with their defaults. Empty text means not given.
@@ -214,7 +214,7 @@ impl Parameters {
     ///
     /// # Errors
     /// If a file cannot be read, or a value is invalid or has the wrong type.
-    pub(crate) fn load(arguments: &RosArgs, node: &NodeIdentity) -> Result<Loaded, ParameterError> {
+    pub(crate) fn load(arguments: &RosArgs, node: &NodeName) -> Result<Loaded, ParameterError> {
         // As YAML, so that the default gives the type of each value.
         let mut merged = Self::default().to_mapping();
         let mut unknown = Vec::new();
@@ -222,7 +222,7 @@ impl Parameters {
             let found = match source {
                 ParameterSource::File(path) => parameters_of_file(path, node)?,
                 ParameterSource::Value { node: Some(n), .. }
-                    if n.trim_start_matches('/') != node.name && *n != node.full_name() =>
+                    if n.trim_start_matches('/') != node.base_name() && *n != node.fully_qualified_name() =>
                 {
                     continue;
                 }

@@ -3,6 +3,7 @@
 use std::{sync::Arc, time::Duration};
 
 use futures::{StreamExt as _, pin_mut};
+use ros2_client::{Name, NodeName};
 use rustdds::{
     CDRDeserializerAdapter, DomainParticipant, DomainParticipantBuilder, QosPolicies, QosPolicyBuilder,
     RTPSEntity as _, Timestamp, Topic, TopicKind,
@@ -20,7 +21,7 @@ use super::{
     parameters::Parameters,
     peers::Peers,
     ros_args::RosArgs,
-    ros_names::{NodeIdentity, check_full_name},
+    ros_names::checked_full_name,
 };
 use io::ros2msg::definitions::RosMessage;
 
@@ -43,7 +44,7 @@ pub(crate) struct Participant {
     /// Remappings and other ROS arguments.
     arguments: RosArgs,
     /// Name and namespace of the node.
-    pub identity: NodeIdentity,
+    pub identity: NodeName,
 }
 
 /// Publishes messages of one topic.
@@ -131,7 +132,7 @@ impl Participant {
     pub(crate) fn join_domain(
         environment: &Environment,
         arguments: &RosArgs,
-        identity: &NodeIdentity,
+        identity: &NodeName,
         parameters: &Parameters,
     ) -> Result<Self, NodeError> {
         let failed = |e: rustdds::dds::result::CreateError| NodeError::network_error("joining the domain", e);
@@ -158,7 +159,7 @@ impl Participant {
             publisher,
             subscriber,
             graph,
-            endpoints: Endpoints::default(),
+            endpoints: Endpoints::new(identity),
             peers,
             services: 0,
             arguments: arguments.clone(),
@@ -171,7 +172,7 @@ impl Participant {
     /// # Errors
     /// If the network reports an error.
     pub(crate) fn announce_node(&self) -> Result<(), NodeError> {
-        let message = self.endpoints.message(self.domain.guid(), &self.identity);
+        let message = self.endpoints.message(self.domain.guid());
         self.graph
             .write(message, Some(Timestamp::now()))
             .map_err(|e| NodeError::network_error("announcing the node", e))
@@ -196,12 +197,9 @@ impl Participant {
     ///
     /// # Errors
     /// If the name is invalid.
-    pub(crate) fn checked_name(&self, name: &str) -> Result<String, NodeError> {
+    pub(crate) fn checked_name(&self, name: &str) -> Result<Name, NodeError> {
         let full = self.resolved_name(name);
-        match check_full_name(&full) {
-            Ok(()) => Ok(full),
-            Err(reason) => Err(NodeError::Name { name: full, reason }),
-        }
+        checked_full_name(&full).map_err(|reason| NodeError::Name { name: full, reason })
     }
 
     /// Creates the topic of an endpoint, with the endpoint's quality of service.
@@ -260,7 +258,7 @@ impl Participant {
         ros_type: &str,
         qos: &QosPolicies,
     ) -> Result<Publisher<M>, NodeError> {
-        let dds_name = topic_dds_name(&self.checked_name(name)?);
+        let dds_name = topic_dds_name(&self.checked_name(name)?, &self.identity);
         let options = EndpointOptions { dds_name: &dds_name, ros_type, qos, user_data: "" };
         Ok(Publisher { writer: self.create_writer(&options)? })
     }
@@ -289,7 +287,7 @@ impl Participant {
         count: Arc<InputCount>,
         mut take: impl FnMut(M) + Send + 'static,
     ) -> Result<(), NodeError> {
-        let dds_name = topic_dds_name(&self.checked_name(name)?);
+        let dds_name = topic_dds_name(&self.checked_name(name)?, &self.identity);
         let options = EndpointOptions { dds_name: &dds_name, ros_type: M::TYPE, qos, user_data: "" };
         let reader = self.create_reader::<M, CDRDeserializerAdapter<M>>(&options)?;
         let name = name.to_owned();

@@ -141,7 +141,7 @@ impl<Q: DeserializeOwned, A: Serialize> ServiceServer<Q, A> {
         ros_type: &str,
     ) -> Result<Self, NodeError> {
         let full = participant.checked_name(name)?;
-        let [request_name, reply_name] = service_dds_names(&full);
+        let [request_name, reply_name] = service_dds_names(&full, &participant.identity);
         let qos = reliable_profile(DEPTH);
         // A client of rmw_cyclonedds sends its first request when it has matched both endpoints with this ID.
         let user_data = format!("serviceid={};", participant.next_service_id());
@@ -157,7 +157,7 @@ impl<Q: DeserializeOwned, A: Serialize> ServiceServer<Q, A> {
         options = EndpointOptions { dds_name: &request_name, ros_type: &request_type, ..options };
         let requests = participant.create_reader(&options)?;
         let peers = Arc::clone(&participant.peers);
-        let replies = Arc::new(ReplyWriter { name: full, writer, peers });
+        let replies = Arc::new(ReplyWriter { name: full.to_string(), writer, peers });
         Ok(Self { requests, replies, types: PhantomData })
     }
 

@@ -6,6 +6,7 @@ use std::{
     time::Duration,
 };
 
+use ros2_client::NodeName;
 use tokio::sync::{mpsc, oneshot, watch};
 
 use super::{
@@ -31,7 +32,6 @@ use super::{
     reach,
     reconstruction::Reconstructor,
     ros_args::RosArgs,
-    ros_names::NodeIdentity,
     rosout,
     services::{self, ServiceContext},
     session_folder::free_folder,
@@ -84,7 +84,7 @@ pub(super) struct Start {
     /// ROS arguments, such as remappings.
     pub arguments: RosArgs,
     /// Name and namespace of the node.
-    pub identity: NodeIdentity,
+    pub identity: NodeName,
     /// Domain and reach.
     pub environment: Environment,
     /// Parameters.
@@ -97,7 +97,7 @@ impl Start {
         let arguments = without_stray(arguments)?;
         let identity = arguments.node_identity(name)?;
         // Before reading the environment, so that its warnings are logged.
-        logger::start_log(&identity.name, arguments.log_level.as_deref(), arguments.no_stdout);
+        logger::start_log(identity.base_name(), arguments.log_level.as_deref(), arguments.no_stdout);
         arguments.unknown.iter().for_each(|a| log::warn!("`{a}` is not known here and is left out"));
         let environment = Environment::read(|name| std::env::var(name).ok())?;
         environment.warnings.iter().for_each(|w| log::warn!("{w}"));
@@ -207,12 +207,17 @@ async fn run_live(start: &Start) -> Result<(), NodeError> {
     action::offer_action(&mut participant, &clock, Arc::clone(&diagnoser))?;
     // Subscriptions come last, when all receivers exist.
     let inputs = inputs::subscribe_topics(&mut participant, p, &topics, &outbox, &clock)?;
-    let diagnostics = Diagnostics::new(&identity.full_name(), inputs);
+    let diagnostics = Diagnostics::new(&identity.fully_qualified_name(), inputs);
     participant.announce_node()?;
     publish_again(&first, &reconstructor, &diagnoser);
     tokio::spawn(outputs.run(OutputSources { twin, report, poses }, shared, diagnostics));
     tokio::spawn(live_outputs);
-    log::info!("{} in domain {}, session {}", identity.full_name(), environment.domain, first.display());
+    log::info!(
+        "{} in domain {}, session {}",
+        identity.fully_qualified_name(),
+        environment.domain,
+        first.display()
+    );
 
     end_requested().await?;
     log::info!("ending");
