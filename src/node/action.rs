@@ -1,25 +1,60 @@
 //! Actions of the node: each runs one goal at a time, with feedback and cancellation.
 
-use std::{sync::Arc, time::Duration};
-
-use ros2_client::{
-    ActionTypeName, ServiceMapping,
-    action::{ActionServerQosPolicies, AsyncActionServer, ExecutingGoalHandle, GoalEndStatus, NewGoalHandle},
-};
+use std::{collections::VecDeque, sync::Arc};
 
 use super::{
+    action_messages::{
+        CancelGoalRequest, CancelGoalResponse, CancelGoalResponseEnum, FeedbackMessage, GetResultRequest,
+        GetResultResponse, GoalId, GoalInfo, GoalStatus, GoalStatusArray, GoalStatusEnum, SendGoalRequest,
+        SendGoalResponse,
+    },
+    clock::NodeClock,
     error::NodeError,
-    job::{Finished, Job, News},
-    participant::{Participant, latched_profile, reliable_profile},
+    job::{Finished, Job, News, Work},
+    participant::{Participant, Publisher, latched_profile, reliable_profile},
+    service_server::{RequestId, ServiceServer},
 };
 
-/// Queue length for requests.
+/// Queue length for feedback.
 const DEPTH: usize = 10;
-/// Longest time for a client to fetch its result.
-const RESULT_WAIT: Duration = Duration::from_secs(900);
+/// Ended goals whose results can be asked for.
+/// chosen: a goal takes minutes, so they cover hours
+const REMEMBERED: usize = 16;
+/// Requests for the result of one goal that wait for its end.
+/// chosen: one client asks once; the bound is against floods
+const WAITING: usize = 64;
 
-type Server<J> = AsyncActionServer<<J as Job>::Goal, <J as Job>::Result, <J as Job>::Feedback>;
-type Goal<J> = ExecutingGoalHandle<<J as Job>::Goal>;
+type Goals<J> = ServiceServer<SendGoalRequest<<J as Job>::Goal>, SendGoalResponse>;
+type Results<J> = ServiceServer<GetResultRequest, GetResultResponse<<J as Job>::Result>>;
+type Cancels = ServiceServer<CancelGoalRequest, CancelGoalResponse>;
+
+/// An action as clients see it.
+struct ActionServer<J: Job> {
+    job: Arc<J>,
+    clock: Arc<NodeClock>,
+    goals: Goals<J>,
+    cancels: Cancels,
+    results: Results<J>,
+    feedback: Publisher<FeedbackMessage<J::Feedback>>,
+    status: Publisher<GoalStatusArray>,
+    running: Option<Running<J>>,
+    ended: VecDeque<Ended<J>>,
+}
+
+/// A goal whose work is not done.
+struct Running<J: Job> {
+    goal: GoalInfo,
+    is_canceling: bool,
+    work: Work<J::Result, J::Feedback>,
+    waiting: Vec<RequestId>,
+}
+
+/// A goal whose result can be asked for.
+struct Ended<J: Job> {
+    goal: GoalInfo,
+    status: GoalStatusEnum,
+    result: J::Result,
+}
 
 /// Offers an action.
 ///
@@ -27,148 +62,161 @@ type Goal<J> = ExecutingGoalHandle<<J as Job>::Goal>;
 /// If the name is invalid or the network reports an error.
 pub(crate) fn offer_action<J: Job>(
     participant: &mut Participant,
-    mapping: ServiceMapping,
+    clock: &Arc<NodeClock>,
     job: Arc<J>,
 ) -> Result<(), NodeError> {
-    let name = participant.library_name(J::NAME)?;
-    let qos = ActionServerQosPolicies {
-        goal_service: reliable_profile(DEPTH),
-        result_service: reliable_profile(DEPTH),
-        cancel_service: reliable_profile(DEPTH),
-        feedback_publisher: reliable_profile(DEPTH),
-        // rcl_action latches the status as well, so that later clients see the goal.
-        status_publisher: latched_profile(1),
+    let name = |part: &str| format!("{}/_action/{part}", J::NAME);
+    let part_type = |part: &str| format!("artitwin_msgs/action/{}_{part}", J::TYPE);
+    // A client waits for the services; the topics must be there by then.
+    let feedback_type = part_type("FeedbackMessage");
+    let feedback = reliable_profile(DEPTH);
+    let feedback = participant.create_publisher_of_type(&name("feedback"), &feedback_type, &feedback)?;
+    // rcl_action latches the status as well, so that later clients see the goal.
+    let latched = latched_profile(1);
+    let status =
+        participant.create_publisher_of_type(&name("status"), "action_msgs/msg/GoalStatusArray", &latched)?;
+    let server = ActionServer {
+        results: ServiceServer::offer(participant, &name("get_result"), &part_type("GetResult"))?,
+        cancels: ServiceServer::offer(participant, &name("cancel_goal"), "action_msgs/srv/CancelGoal")?,
+        goals: ServiceServer::offer(participant, &name("send_goal"), &part_type("SendGoal"))?,
+        job,
+        clock: Arc::clone(clock),
+        feedback,
+        status,
+        running: None,
+        ended: VecDeque::new(),
     };
-    let server = participant
-        .node()
-        .create_action_server(mapping, &name, &ActionTypeName::new("artitwin_msgs", J::TYPE), qos)
-        .map_err(|e| NodeError::network_error(&format!("offering {}", J::NAME), e))?;
-    // Not in the spinner: a goal takes minutes, while parameters and discovery must go on.
-    tokio::spawn(serve_goals(AsyncActionServer::new(server), job));
+    tokio::spawn(server.serve_goals());
     Ok(())
 }
 
-/// A finished goal whose result waits for the client's request.
-struct Ended<J: Job> {
-    goal: Goal<J>,
-    status: GoalEndStatus,
-    result: J::Result,
-    until: tokio::time::Instant,
+/// The next report of the work, if there is any.
+async fn next_news<J: Job>(running: &mut Option<Running<J>>) -> News<J::Result, J::Feedback> {
+    match running {
+        Some(running) => running.work.next().await,
+        None => std::future::pending().await,
+    }
 }
 
-async fn serve_goals<J: Job>(server: Server<J>, job: Arc<J>) {
-    let mut ended: Option<Ended<J>> = None;
-    loop {
-        tokio::select! {
-            new = server.receive_new_goal() => match new {
-                Ok(new) => {
-                    // Only one result waits; a client that sends a new goal no longer wants the old result.
-                    if let Some(old) = ended.take() {
-                        // Nobody requested it; otherwise the server would wait forever.
-                        server.abort_executing_goal(old.goal).await.ok();
-                    }
-                    // Copied, since accepting consumes the handle.
-                    let Some(request) = server.get_new_goal(new.clone()) else { continue };
-                    match accept_new_goal::<J>(&server, new).await {
-                        Ok(goal) => {
-                            let (status, result) = execute_goal(&server, &job, &goal, request).await;
-                            let until = tokio::time::Instant::now() + RESULT_WAIT;
-                            ended = Some(Ended { goal, status, result, until });
-                        }
-                        Err(error) => log::warn!("{}: the goal was not accepted: {error}", J::NAME),
-                    }
-                }
-                Err(error) => log::debug!("{}: a goal could not be read: {error}", J::NAME),
-            },
-            cancel = server.receive_cancel_request() => {
-                // Nothing is running, so nothing is canceled.
-                if let Ok(cancel) = cancel {
-                    server.respond_to_cancel_requests(&cancel, std::iter::empty()).await.ok();
-                }
+impl<J: Job> ActionServer<J> {
+    async fn serve_goals(mut self) {
+        loop {
+            tokio::select! {
+                (id, request) = self.goals.next_request() => self.take_goal(id, &request).await,
+                (id, request) = self.cancels.next_request() => self.cancel_goals(id, request).await,
+                (id, request) = self.results.next_request() => self.tell_result(id, request.goal_id),
+                news = next_news(&mut self.running) => match news {
+                    News::Feedback(feedback) => self.publish_feedback(feedback).await,
+                    News::Ended(finished) => self.end_goal(finished).await,
+                },
             }
-            () = deliver_result(&server, ended.as_ref()), if ended.is_some() => ended = None,
+        }
+    }
+
+    async fn take_goal(&mut self, id: RequestId, request: &SendGoalRequest<J::Goal>) {
+        let goal = GoalInfo { goal_id: request.goal_id, stamp: self.clock.message_stamp_now() };
+        let is_known = self.ended.iter().any(|e| e.goal.goal_id == goal.goal_id);
+        if self.running.is_some() || is_known {
+            log::warn!("{}: a goal was rejected, as another runs or had its identifier", J::NAME);
+            self.goals.send_reply(id, &SendGoalResponse { accepted: false, stamp: goal.stamp });
+            return;
+        }
+        self.goals.send_reply(id, &SendGoalResponse { accepted: true, stamp: goal.stamp });
+        match self.job.begin_work(&request.goal) {
+            Ok(work) => self.running = Some(Running { goal, is_canceling: false, work, waiting: Vec::new() }),
+            // The goal is already accepted, so an error must reach the client as a result.
+            Err(error) => self.remember_end(goal, Finished::Failed(error.to_string())),
+        }
+        self.publish_status().await;
+    }
+
+    async fn cancel_goals(&mut self, id: RequestId, request: CancelGoalRequest) {
+        let mut goals_canceling = Vec::new();
+        if let Some(running) = self.running.as_mut().filter(|r| request.means(&r.goal)) {
+            // The work ends after its current step.
+            running.work.cancel();
+            running.is_canceling = true;
+            goals_canceling.push(running.goal.clone());
+        }
+        let asked = request.goal_info.goal_id;
+        let return_code = match () {
+            () if !goals_canceling.is_empty() => CancelGoalResponseEnum::None,
+            () if self.ended.iter().any(|e| e.goal.goal_id == asked) => {
+                CancelGoalResponseEnum::GoalTerminated
+            }
+            () if asked != GoalId::ZERO => CancelGoalResponseEnum::UnknownGoal,
+            () => CancelGoalResponseEnum::Rejected,
+        };
+        self.cancels.send_reply(id, &CancelGoalResponse { return_code, goals_canceling });
+        self.publish_status().await;
+    }
+
+    /// Replies with the result of a goal, or notes who waits for it.
+    fn tell_result(&mut self, id: RequestId, goal_id: GoalId) {
+        if let Some(running) = self.running.as_mut().filter(|r| r.goal.goal_id == goal_id) {
+            if running.waiting.len() < WAITING {
+                running.waiting.push(id);
+            }
+            return;
+        }
+        let ended = self.ended.iter().find(|e| e.goal.goal_id == goal_id);
+        let response = match ended {
+            Some(ended) => GetResultResponse { status: ended.status, result: ended.result.clone() },
+            None => GetResultResponse { status: GoalStatusEnum::Unknown, result: J::Result::default() },
+        };
+        self.results.send_reply(id, &response);
+    }
+
+    async fn end_goal(&mut self, finished: Finished<J::Result>) {
+        let Some(running) = self.running.take() else { return };
+        let goal_id = running.goal.goal_id;
+        self.remember_end(running.goal, finished);
+        for id in running.waiting {
+            self.tell_result(id, goal_id);
+        }
+        self.publish_status().await;
+    }
+
+    fn remember_end(&mut self, goal: GoalInfo, finished: Finished<J::Result>) {
+        let (status, result) = goal_outcome::<J>(finished);
+        self.ended.push_back(Ended { goal, status, result });
+        if self.ended.len() > REMEMBERED {
+            self.ended.pop_front();
+        }
+    }
+
+    async fn publish_feedback(&self, feedback: J::Feedback) {
+        let Some(running) = &self.running else { return };
+        let message = FeedbackMessage { goal_id: running.goal.goal_id, feedback };
+        if self.feedback.async_publish(message).await.is_err() {
+            log::debug!("{}: feedback could not be published", J::NAME);
+        }
+    }
+
+    async fn publish_status(&self) {
+        let mut status_list: Vec<GoalStatus> =
+            self.ended.iter().map(|e| GoalStatus { goal_info: e.goal.clone(), status: e.status }).collect();
+        if let Some(running) = &self.running {
+            let status =
+                if running.is_canceling { GoalStatusEnum::Canceling } else { GoalStatusEnum::Executing };
+            status_list.push(GoalStatus { goal_info: running.goal.clone(), status });
+        }
+        if self.status.async_publish(GoalStatusArray { status_list }).await.is_err() {
+            log::debug!("{}: the status could not be published", J::NAME);
         }
     }
 }
 
-/// The middleware's error when a goal could not be accepted.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-struct NotAccepted(String);
-
-async fn accept_new_goal<J: Job>(
-    server: &Server<J>,
-    new: NewGoalHandle<J::Goal>,
-) -> Result<Goal<J>, NotAccepted> {
-    let accepted = server.accept_goal(new).await.map_err(|e| NotAccepted(format!("{e:?}")))?;
-    server.start_executing_goal(accepted).await.map_err(|e| NotAccepted(format!("{e:?}")))
-}
-
-/// Waits until the client requests the result, and sends it.
-async fn deliver_result<J: Job>(server: &Server<J>, ended: Option<&Ended<J>>) {
-    let Some(Ended { goal, status, result, until }) = ended else { return };
-    match tokio::time::timeout_at(*until, server.send_result_response(goal.clone(), *status, result.clone()))
-        .await
-    {
-        Ok(Ok(())) => {}
-        Ok(Err(error)) => log::warn!("{}: the result was not sent: {error:?}", J::NAME),
-        Err(_) => {
-            log::warn!("{}: nobody asked for the result", J::NAME);
-            server.abort_executing_goal(goal.clone()).await.ok();
-        }
-    }
-}
-
-/// Runs a goal to its end; in the meantime rejects other goals and handles cancel requests.
-async fn execute_goal<J: Job>(
-    server: &Server<J>,
-    job: &Arc<J>,
-    goal: &Goal<J>,
-    request: J::Goal,
-) -> (GoalEndStatus, J::Result) {
-    let mut work = match job.begin_work(&request) {
-        Ok(work) => work,
-        // The goal is already accepted, so an error must reach the client as a result.
-        Err(error) => return goal_outcome::<J>(Finished::Failed(error.to_string())),
-    };
-    loop {
-        tokio::select! {
-            news = work.next() => match news {
-                News::Feedback(feedback) => _ = server.publish_feedback(goal.clone(), feedback).await,
-                // `deliver_result` sends the result when the client requests it.
-                News::Ended(finished) => return goal_outcome::<J>(finished),
-            },
-            cancel = server.receive_cancel_request() => {
-                let Ok(cancel) = cancel else { continue };
-                // A cancel request may name other goals, or all; only this one can be confirmed. The work
-                // ends after its current step.
-                let ours = cancel.contains_goal(&goal.goal_id());
-                if ours {
-                    work.cancel();
-                }
-                let canceled = cancel.goals().filter(|id| *id == goal.goal_id());
-                server.respond_to_cancel_requests(&cancel, canceled).await.ok();
-            }
-            other = server.receive_new_goal() => {
-                if let Ok(other) = other {
-                    log::warn!("{}: a goal was rejected, as another runs", J::NAME);
-                    server.reject_goal(other).await.ok();
-                }
-            }
-        }
-    }
-}
-
-fn goal_outcome<J: Job>(finished: Finished<J::Result>) -> (GoalEndStatus, J::Result) {
+fn goal_outcome<J: Job>(finished: Finished<J::Result>) -> (GoalStatusEnum, J::Result) {
     match finished {
-        Finished::Done(result) => (GoalEndStatus::Succeeded, result),
+        Finished::Done(result) => (GoalStatusEnum::Succeeded, result),
         Finished::Canceled => {
             log::info!("{}: canceled", J::NAME);
-            (GoalEndStatus::Canceled, J::failed_result("canceled".to_owned()))
+            (GoalStatusEnum::Canceled, J::failed_result("canceled".to_owned()))
         }
         Finished::Failed(message) => {
             log::warn!("{}: {message}", J::NAME);
-            (GoalEndStatus::Aborted, J::failed_result(message))
+            (GoalStatusEnum::Aborted, J::failed_result(message))
         }
     }
 }

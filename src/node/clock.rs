@@ -5,6 +5,8 @@ use std::{
     time::{SystemTime, UNIX_EPOCH},
 };
 
+use ros2_client::builtin_interfaces;
+
 use io::ros2msg::Time;
 
 /// Least backward step of simulated time that counts as a jump, nanoseconds.
@@ -43,6 +45,12 @@ impl NodeClock {
     #[must_use]
     pub(crate) fn stamp_now(&self) -> Time {
         Time::from_nanos(self.now_nanos())
+    }
+
+    /// The current time as a stamp of ros2-client's messages.
+    #[must_use]
+    pub(crate) fn message_stamp_now(&self) -> builtin_interfaces::Time {
+        builtin_interfaces::Time::from_nanos(self.now_nanos())
     }
 
     /// Sets the simulated time; returns whether it jumped back.

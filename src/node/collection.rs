@@ -23,6 +23,7 @@ use super::{
     track_status::{TrackStatus, TrackWatch},
     view::Pixels,
 };
+use capture::TrackCamera;
 use io::ros2msg::TransformStamped;
 
 /// Queue length for images.
@@ -44,8 +45,19 @@ pub(crate) enum Command {
     Flush(oneshot::Sender<Result<(), CollectError>>),
     /// Time jumped back.
     TimeJump,
+    /// Parameters were set that the collection follows.
+    Follow(Followed),
     /// Stops the thread and closes open recordings.
     Stop(oneshot::Sender<()>),
+}
+
+/// Parameters that the collection follows while it runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Followed {
+    /// Whether the camera is tracked by its images.
+    pub tracking: TrackCamera,
+    /// Whether kept views go into the live map.
+    pub live_map: bool,
 }
 
 /// State of the collection, readable by other threads at any time.
@@ -170,7 +182,8 @@ pub(crate) struct Core {
     flushed: Instant,
     tracking: Tracking,
     track_watch: TrackWatch,
-    live: Option<LiveQueue>,
+    live: LiveQueue,
+    maps_live: bool,
     live_key: MapKey,
 }
 
@@ -205,7 +218,7 @@ impl Core {
         clock: Arc<NodeClock>,
         shared: Arc<Shared>,
         tracking: Tracking,
-        live: Option<LiveQueue>,
+        (live, maps_live): (LiveQueue, bool),
     ) -> Self {
         let cloud = PreviewCloud::new(cloud_points);
         Self {
@@ -222,6 +235,7 @@ impl Core {
             tracking,
             track_watch: TrackWatch::default(),
             live,
+            maps_live,
             live_key: MapKey::default(),
         }
     }
@@ -287,6 +301,10 @@ impl Core {
                 self.track_watch.begin_map();
                 self.watch = self.watch.take().map(MotionWatch::renewed);
             }
+            Command::Follow(followed) => {
+                self.collector.set_tracking(followed.tracking);
+                self.maps_live = followed.live_map;
+            }
             Command::Stop(_) => {}
         }
     }
@@ -330,15 +348,13 @@ impl Core {
 
     /// The map so far belongs to an earlier state or session.
     fn begin_live(&mut self, state: usize) {
-        if let Some(live) = &self.live {
-            self.live_key = MapKey { begun: live.begin_map(), state, ..self.live_key };
-        }
+        self.live_key = MapKey { begun: self.live.begin_map(), state, ..self.live_key };
     }
 
     /// Sends a kept view to the live map, unless a reconstruction needs the CPU.
     fn map_live(&self, seen: &Seen, pixels: &Pixels) {
-        if let Some(live) = self.live.as_ref().filter(|_| !self.shared.is_read()) {
-            live.offer_view(KeptView {
+        if self.maps_live && !self.shared.is_read() {
+            self.live.offer_view(KeptView {
                 key: MapKey { tracked: self.collector.tracked_map(), ..self.live_key },
                 stamp_nanos: seen.stamp_nanos,
                 kept: Instant::now(),
@@ -470,7 +486,7 @@ impl Core {
             tracking,
             problem: c.problem.clone(),
             cloud_version: self.cloud_version,
-            live: self.live.as_ref().map(LiveQueue::status),
+            live: self.maps_live.then(|| self.live.status()),
         };
     }
 }

@@ -1,18 +1,28 @@
 //! Environment variables of a ROS 2 program: domain, network, middleware, security.
 
-use std::net::{IpAddr, Ipv4Addr};
+use std::net::{IpAddr, Ipv4Addr, ToSocketAddrs as _, UdpSocket};
 
-use ros2_client::ServiceMapping;
+/// How far the node is found by itself (`ROS_AUTOMATIC_DISCOVERY_RANGE`).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Reach {
+    /// Not at all.
+    Off,
+    /// On this machine.
+    Localhost,
+    /// In the networks of this machine.
+    #[default]
+    Subnet,
+}
 
 /// Settings from environment variables.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Environment {
     /// DDS domain ID.
     pub domain: u16,
-    /// Whether communication is limited to this machine.
-    pub localhost: bool,
-    /// Middleware of the other nodes, if known.
-    pub middleware: Option<String>,
+    /// How far the node is found by itself.
+    pub reach: Reach,
+    /// Machines that are asked for other nodes (`ROS_STATIC_PEERS`).
+    pub peers: Vec<IpAddr>,
     /// Warnings to log.
     pub warnings: Vec<String>,
 }
@@ -58,20 +68,34 @@ impl Environment {
                     .into(),
             );
         }
-        let localhost =
-            match (get("ROS_AUTOMATIC_DISCOVERY_RANGE").as_deref(), get("ROS_LOCALHOST_ONLY").as_deref()) {
-                (_, Some("1")) | (Some("LOCALHOST"), _) => true,
-                (Some("SUBNET" | "SYSTEM_DEFAULT"), _) | (None, Some("0")) => false,
-                // ROS 2 would use the subnet. DDS here has no authentication, so the network is used only on
-                // request.
-                (None, _) => true,
-                (Some(other), _) => {
-                    warnings.push(format!(
-                    "ROS_AUTOMATIC_DISCOVERY_RANGE={other} is not supported: only this machine is talked to"
+        let range = get("ROS_AUTOMATIC_DISCOVERY_RANGE");
+        // As rmw_dds_common: the older variable wins, and anything else is the default of ROS 2.
+        let reach = match (get("ROS_LOCALHOST_ONLY").as_deref(), range.as_deref()) {
+            (Some("1"), _) | (_, Some("LOCALHOST")) => Reach::Localhost,
+            (_, Some("OFF")) => Reach::Off,
+            (_, None | Some("SUBNET" | "SYSTEM_DEFAULT")) => Reach::Subnet,
+            (_, Some(other)) => {
+                warnings.push(format!(
+                    "ROS_AUTOMATIC_DISCOVERY_RANGE is `{}`, none of SUBNET, LOCALHOST, OFF and \
+                     SYSTEM_DEFAULT: taken as SUBNET",
+                    other.escape_debug()
                 ));
-                    true
-                }
-            };
+                Reach::Subnet
+            }
+        };
+        let mut peers = Vec::new();
+        // With SYSTEM_DEFAULT the middleware decides alone; OFF is stronger than a list.
+        let listed = get("ROS_STATIC_PEERS")
+            .filter(|_| reach != Reach::Off && range.as_deref() != Some("SYSTEM_DEFAULT"));
+        for name in listed.iter().flat_map(|l| l.split(';')).map(str::trim).filter(|n| !n.is_empty()) {
+            match addresses_of_peer(name) {
+                addresses if !addresses.is_empty() => peers.extend(addresses),
+                _ => warnings.push(format!(
+                    "ROS_STATIC_PEERS names `{}`, which has no IPv4 address",
+                    name.escape_debug()
+                )),
+            }
+        }
         let middleware = get("RMW_IMPLEMENTATION");
         if middleware.as_deref().is_some_and(|m| m.contains("zenoh")) {
             warnings.push(
@@ -79,27 +103,61 @@ impl Environment {
                     .into(),
             );
         }
-        Ok(Self { domain, localhost, middleware, warnings })
+        Ok(Self { domain, reach, peers, warnings })
+    }
+
+    /// Whether nobody is to be heard.
+    #[must_use]
+    pub(crate) fn is_alone(&self) -> bool {
+        self.reach == Reach::Off
+    }
+
+    /// Whether only this machine can reach the node.
+    #[must_use]
+    pub(crate) fn is_closed(&self) -> bool {
+        self.reach != Reach::Subnet && self.peers.iter().all(IpAddr::is_loopback)
+    }
+
+    /// Machines to which the node announces itself by unicast.
+    #[must_use]
+    pub(crate) fn discovery_peers(&self) -> Vec<IpAddr> {
+        let mut peers = self.peers.clone();
+        // Other nodes on this machine, without multicast.
+        if self.reach == Reach::Localhost {
+            peers.push(IpAddr::V4(Ipv4Addr::LOCALHOST));
+        }
+        peers
     }
 
     /// Addresses of the networks to use; `None` for all.
     #[must_use]
-    pub(crate) fn networks(&self) -> Option<[IpAddr; 1]> {
-        self.localhost.then_some([IpAddr::V4(Ipv4Addr::LOCALHOST)])
-    }
-
-    /// Format of service requests on the wire for the middleware.
-    #[must_use]
-    pub(crate) fn service_mapping(&self, parameter: &str) -> ServiceMapping {
-        let cyclone = self.middleware.as_deref().is_some_and(|m| m.contains("cyclonedds"));
-        match parameter {
-            "cyclone" => ServiceMapping::Cyclone,
-            // rmw_cyclonedds puts the request's identity before the body, Fast DDS into the sample's
-            // metadata.
-            "auto" if cyclone => ServiceMapping::Cyclone,
-            _ => ServiceMapping::Enhanced,
+    pub(crate) fn networks(&self) -> Option<Vec<IpAddr>> {
+        match self.reach {
+            Reach::Subnet => None,
+            Reach::Off => Some(Vec::new()),
+            Reach::Localhost => {
+                let mut networks = vec![IpAddr::V4(Ipv4Addr::LOCALHOST)];
+                for peer in &self.peers {
+                    networks.extend(own_address_towards(*peer).filter(|a| !networks.contains(a)));
+                }
+                Some(networks)
+            }
         }
     }
+}
+
+/// IPv4 addresses of a host.
+fn addresses_of_peer(name: &str) -> Vec<IpAddr> {
+    let found = (name, 0).to_socket_addrs().map(|all| all.map(|a| a.ip()).filter(IpAddr::is_ipv4).collect());
+    found.unwrap_or_default()
+}
+
+/// The address of this machine from which a host is reached.
+fn own_address_towards(peer: IpAddr) -> Option<IpAddr> {
+    // No datagram is sent: the system looks up the route.
+    let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).ok()?;
+    socket.connect((peer, 9)).ok()?;
+    Some(socket.local_addr().ok()?.ip())
 }
 
 #[cfg(test)]
@@ -111,17 +169,39 @@ mod tests {
     }
 
     #[test]
-    fn only_this_machine_unless_it_is_opened() {
-        assert!(read(&[]).unwrap().localhost);
-        assert!(!read(&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")]).unwrap().localhost);
-        assert!(!read(&[("ROS_LOCALHOST_ONLY", "0")]).unwrap().localhost);
-        assert!(
-            read(&[("ROS_LOCALHOST_ONLY", "1"), ("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")])
-                .unwrap()
-                .localhost
-        );
-        let off = read(&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")]).unwrap();
-        assert!(off.localhost && off.warnings[0].contains("OFF"));
+    fn the_range_is_that_of_ros_2() {
+        let reach = |pairs: &[(&str, &str)]| read(pairs).unwrap().reach;
+        assert_eq!(reach(&[]), Reach::Subnet);
+        for (range, expected) in [
+            ("SUBNET", Reach::Subnet),
+            ("SYSTEM_DEFAULT", Reach::Subnet),
+            ("LOCALHOST", Reach::Localhost),
+            ("OFF", Reach::Off),
+        ] {
+            assert_eq!(reach(&[("ROS_AUTOMATIC_DISCOVERY_RANGE", range)]), expected);
+        }
+        assert_eq!(reach(&[("ROS_LOCALHOST_ONLY", "0")]), Reach::Subnet);
+        let both = [("ROS_LOCALHOST_ONLY", "1"), ("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")];
+        assert_eq!(reach(&both), Reach::Localhost);
+        let strange = read(&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "localhost")]).unwrap();
+        assert!(strange.reach == Reach::Subnet && strange.warnings[0].contains("`localhost`"));
+    }
+
+    #[test]
+    fn peers_open_the_networks_by_which_they_are_reached() {
+        let local = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST");
+        let alone = read(&[local]).unwrap();
+        assert!(alone.is_closed());
+        assert_eq!(alone.networks().unwrap(), alone.discovery_peers());
+        let peers = read(&[local, ("ROS_STATIC_PEERS", "127.0.0.1; 192.0.2.7;;")]).unwrap();
+        assert_eq!(peers.peers, ["127.0.0.1", "192.0.2.7"].map(|a| a.parse::<IpAddr>().unwrap()));
+        assert!(!peers.is_closed());
+        let off =
+            read(&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF"), ("ROS_STATIC_PEERS", "192.0.2.7")]).unwrap();
+        assert!(off.is_closed() && off.is_alone() && off.peers.is_empty());
+        assert_eq!(off.networks(), Some(Vec::new()));
+        let unknown = read(&[("ROS_STATIC_PEERS", "no host")]).unwrap();
+        assert!(unknown.peers.is_empty() && unknown.warnings[0].contains("`no host`"));
     }
 
     #[test]
@@ -133,13 +213,5 @@ mod tests {
         for wrong in ["-1", "233", "x"] {
             assert!(matches!(read(&[("ROS_DOMAIN_ID", wrong)]), Err(EnvironmentError::Domain(_))), "{wrong}");
         }
-    }
-
-    #[test]
-    fn the_mapping_follows_the_middleware() {
-        let cyclone = read(&[("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")]).unwrap();
-        assert_eq!(cyclone.service_mapping("auto"), ServiceMapping::Cyclone);
-        assert_eq!(cyclone.service_mapping("fastdds"), ServiceMapping::Enhanced);
-        assert_eq!(read(&[]).unwrap().service_mapping("auto"), ServiceMapping::Enhanced);
     }
 }

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use ros2_client::NodeName;
 use tokio::sync::mpsc::{self, error::TrySendError};
 
 use super::{
@@ -12,7 +13,6 @@ use super::{
     parameters::Parameters,
     participant::{Participant, latched_profile, profile_by_name, reliable_profile, sensor_data},
     ros_args::RosArgs,
-    ros_names::NodeIdentity,
     sample::{Picture, Sample},
     state_bag::Topics,
 };
@@ -48,7 +48,7 @@ pub(crate) struct Outbox {
 
 /// Names of the subscribed topics after remapping.
 #[must_use]
-pub(crate) fn topic_names(arguments: &RosArgs, node: &NodeIdentity, p: &Parameters) -> Topics {
+pub(crate) fn topic_names(arguments: &RosArgs, node: &NodeName, p: &Parameters) -> Topics {
     let resolve = |name: &str| arguments.resolved_name(name, node);
     // An empty parameter means not given, as ROS parameters have no null.
     let given = |name: &str| (!name.is_empty()).then(|| resolve(name));
@@ -83,7 +83,7 @@ impl Subscriber<'_> {
         &mut self,
         role: &'static str,
         topic: &str,
-        qos: &ros2_client::QosProfile,
+        qos: &rustdds::QosPolicies,
         wrap: impl Fn(M) -> Sample + Send + 'static,
     ) -> Result<(), NodeError> {
         let count = Arc::new(InputCount::default());
@@ -107,7 +107,7 @@ impl Subscriber<'_> {
         role: &'static str,
         topic: &str,
         raw: bool,
-        qos: &ros2_client::QosProfile,
+        qos: &rustdds::QosPolicies,
         wrap: fn(Picture) -> Sample,
     ) -> Result<(), NodeError> {
         match raw {
@@ -159,7 +159,6 @@ pub(crate) fn subscribe_topics(
         None => {}
     }
     let mut inputs = s.inputs;
-    // The library subscribes to /clock as builtin_interfaces/Time, which no ROS 2 publisher uses.
     if p.use_sim_time {
         let count = Arc::new(InputCount::default());
         let clock = Arc::clone(clock);

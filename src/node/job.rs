@@ -8,7 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use ros2_client::Message;
+use serde::{Serialize, de::DeserializeOwned};
 use tokio::sync::mpsc;
 
 use super::goal_error::GoalError;
@@ -22,11 +22,11 @@ const FEEDBACK_EVERY: Duration = Duration::from_millis(100);
 /// The work of an action.
 pub(crate) trait Job: Send + Sync + 'static {
     /// Goal message.
-    type Goal: Message + Clone + Send + Sync + 'static;
+    type Goal: DeserializeOwned + Send + Sync + 'static;
     /// Result message.
-    type Result: Message + Clone + Send + Sync + 'static;
+    type Result: Serialize + Clone + Default + Send + Sync + 'static;
     /// Feedback message.
-    type Feedback: Message + Send + Sync + 'static;
+    type Feedback: Serialize + Send + Sync + 'static;
     /// Name of the action below the node's name.
     const NAME: &'static str;
     /// Type of the action in `artitwin_msgs`.

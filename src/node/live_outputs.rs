@@ -7,15 +7,13 @@ use std::{
     time::{Duration, Instant},
 };
 
-use ros2_client::Publisher;
-
 use super::{
     error::NodeError,
     live_map::{LiveProducts, LiveResults},
     live_messages::{
         chunk_bytes, chunk_marker, clear_markers, gone_chunk, moved_markers, next_view, unseen_markers,
     },
-    participant::{Participant, reliable_profile},
+    participant::{Participant, Publisher, reliable_profile},
 };
 use io::ros2msg::{Header, PoseStamped, Time, markers::MarkerArray};
 use surface::MeshChunk;

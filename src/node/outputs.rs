@@ -6,7 +6,6 @@ use std::{
     time::{Duration, Instant},
 };
 
-use ros2_client::Publisher;
 use tokio::sync::{mpsc, watch};
 
 use super::{
@@ -15,7 +14,7 @@ use super::{
     diagnostics::Diagnostics,
     error::NodeError,
     parameters::Parameters,
-    participant::{Participant, latched_profile, reliable_profile, sensor_data},
+    participant::{Participant, Publisher, latched_profile, reliable_profile},
     twin::Twin,
     twin_messages::{joint_markers, joint_state, link_transforms, root_transform},
 };
@@ -82,7 +81,7 @@ impl Outputs {
             tf: participant.create_publisher("/tf", &reliable_profile(100))?,
             tf_static: participant.create_publisher("/tf_static", &latched_profile(1))?,
             markers: participant.create_publisher("~/joint_markers", &latched_profile(1))?,
-            cloud: participant.create_publisher("~/points", &sensor_data(1))?,
+            cloud: participant.create_publisher("~/points", &latched_profile(1))?,
             diagnostics: participant.create_publisher("/diagnostics", &reliable_profile(10))?,
             status: participant.create_publisher("~/status", &latched_profile(1))?,
             gap_report: participant.create_publisher("~/gap_report", &latched_profile(1))?,

@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
+use ros2_client::NodeName;
 use serde_norway::{Mapping, Value};
 
-use super::ros_names::NodeIdentity;
 use common::files;
 use common::limits::{PARAMETERS, YamlError, parse_yaml};
 
@@ -41,7 +41,7 @@ pub(crate) enum ParameterFileFault {
 /// If the file cannot be read or is no parameter file.
 pub(crate) fn parameters_of_file(
     path: &Path,
-    node: &NodeIdentity,
+    node: &NodeName,
 ) -> Result<Vec<(String, Value)>, ParameterFileError> {
     files::read_text(path, PARAMETERS)
         .map_err(ParameterFileFault::Read)
@@ -49,7 +49,7 @@ pub(crate) fn parameters_of_file(
         .map_err(|fault| ParameterFileError { path: path.to_owned(), fault })
 }
 
-fn parameters_of_text(text: &str, node: &NodeIdentity) -> Result<Vec<(String, Value)>, ParameterFileFault> {
+fn parameters_of_text(text: &str, node: &NodeName) -> Result<Vec<(String, Value)>, ParameterFileFault> {
     match parse_yaml(text)? {
         Value::Mapping(map) => {
             let mut found = Vec::new();
@@ -64,7 +64,7 @@ fn parameters_of_text(text: &str, node: &NodeIdentity) -> Result<Vec<(String, Va
 fn parameters_of_nodes(
     map: &Mapping,
     path: &str,
-    node: &NodeIdentity,
+    node: &NodeName,
     found: &mut Vec<(String, Value)>,
 ) -> Result<(), ParameterFileFault> {
     for (key, value) in map {
@@ -96,13 +96,13 @@ fn flatten_names(map: &Mapping, prefix: &str, found: &mut Vec<(String, Value)>) 
 }
 
 /// Whether a path of names and wildcards matches the node: `*` is one name, `**` any number.
-fn is_for(path: &str, node: &NodeIdentity) -> bool {
+fn is_for(path: &str, node: &NodeName) -> bool {
     let tokens =
         |text: &str| text.split('/').filter(|t| !t.is_empty()).map(str::to_owned).collect::<Vec<_>>();
     let pattern = tokens(path);
-    let name = tokens(&node.full_name());
+    let name = tokens(&node.fully_qualified_name());
     // A name without namespace matches the node in the root namespace, or wherever `__ns` has put it.
-    fits_pattern(&pattern, &name) || matches!(pattern.as_slice(), [only] if *only == node.name)
+    fits_pattern(&pattern, &name) || matches!(pattern.as_slice(), [only] if *only == node.base_name())
 }
 
 fn fits_pattern(pattern: &[String], name: &[String]) -> bool {
@@ -119,10 +119,10 @@ fn fits_pattern(pattern: &[String], name: &[String]) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{super::ros_names::checked_node_name, *};
 
     fn names(text: &str) -> Vec<String> {
-        let node = NodeIdentity::new("/lab/arm", "artitwin").unwrap();
+        let node = checked_node_name("/lab/arm", "artitwin").unwrap();
         parameters_of_text(text, &node).unwrap().into_iter().map(|(name, _)| name).collect()
     }
 
@@ -147,7 +147,7 @@ mod tests {
 
     #[test]
     fn what_is_no_parameter_file_is_refused() {
-        let node = NodeIdentity::new("/", "n").unwrap();
+        let node = checked_node_name("/", "n").unwrap();
         for text in ["[1]", "a: 1", "a: {b: 1}", "{"] {
             assert!(parameters_of_text(text, &node).is_err(), "{text}");
         }

@@ -1,12 +1,12 @@
 //! Parameters of the node from defaults, files and the command line (later ones win), read at the start.
 
+use ros2_client::NodeName;
 use serde::{Deserialize, Serialize};
 use serde_norway::{Mapping, Value};
 
 use super::{
     parameter_file::{ParameterFileError, parameters_of_file},
     ros_args::{ParameterSource, RosArgs},
-    ros_names::NodeIdentity,
 };
 
 /// All parameters with their defaults. Empty text means not given.
@@ -93,8 +93,6 @@ pub(crate) struct Parameters {
     pub publish_tf: bool,
     /// How the URDF names its meshes: `file` or `package`.
     pub mesh_uri: String,
-    /// `auto` (by RMW_IMPLEMENTATION), `fastdds` or `cyclone`.
-    pub service_mapping: String,
     /// Receive buffer size requested from the system, bytes.
     pub receive_buffer_bytes: i64,
 }
@@ -141,11 +139,42 @@ impl Default for Parameters {
             frame_prefix: String::new(),
             publish_tf: true,
             mesh_uri: "file".into(),
-            service_mapping: "auto".into(),
             receive_buffer_bytes: 8 << 20,
         }
     }
 }
+
+/// Allowed values of the parameters that are a choice.
+pub(crate) const CHOICES: &[(&str, &[&str])] = &[
+    ("color_transport", &["raw", "compressed"]),
+    ("depth_transport", &["raw", "compressedDepth"]),
+    ("mask_transport", &["raw", "compressed"]),
+    ("pose_type", &["pose", "odometry"]),
+    ("tracking", &["", "auto", "always", "never"]),
+    ("image_qos", &["sensor_data", "default"]),
+    ("info_qos", &["sensor_data", "default"]),
+    ("mesh_uri", &["file", "package"]),
+];
+/// Least and largest values of whole numbers.
+pub(crate) const WHOLE_RANGES: &[(&str, i64, i64)] = &[
+    ("queue_depth", 1, 1000),
+    ("sync_queue", 2, 300),
+    ("parts", 0, 16),
+    ("max_keyframes", 1, 5000),
+    ("min_keyframes", 1, 5000),
+    ("enough_keyframes", 1, 5000),
+    ("cloud_points", 0, 100_000),
+    ("live_map_megabytes", 8, 1024),
+    ("receive_buffer_bytes", 1 << 16, 1 << 30),
+];
+/// Least and largest values of real numbers.
+/// chosen: beyond them a value is a slip of the keyboard or of its unit
+pub(crate) const REAL_RANGES: &[(&str, f64, f64)] = &[
+    ("keyframe_translation_m", 0.0, 10.0),
+    ("keyframe_rotation_deg", 0.0, 180.0),
+    ("still_secs", 0.1, 600.0),
+    ("joint_state_rate_hz", 0.1, 200.0),
+];
 
 /// Why the parameters cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -185,7 +214,7 @@ impl Parameters {
     ///
     /// # Errors
     /// If a file cannot be read, or a value is invalid or has the wrong type.
-    pub(crate) fn load(arguments: &RosArgs, node: &NodeIdentity) -> Result<Loaded, ParameterError> {
+    pub(crate) fn load(arguments: &RosArgs, node: &NodeName) -> Result<Loaded, ParameterError> {
         // As YAML, so that the default gives the type of each value.
         let mut merged = Self::default().to_mapping();
         let mut unknown = Vec::new();
@@ -193,7 +222,7 @@ impl Parameters {
             let found = match source {
                 ParameterSource::File(path) => parameters_of_file(path, node)?,
                 ParameterSource::Value { node: Some(n), .. }
-                    if n.trim_start_matches('/') != node.name && *n != node.full_name() =>
+                    if n.trim_start_matches('/') != node.base_name() && *n != node.fully_qualified_name() =>
                 {
                     continue;
                 }
@@ -229,49 +258,41 @@ impl Parameters {
         }
     }
 
+    /// The parameters with another value of one of them.
+    ///
+    /// # Errors
+    /// If the name is unknown, or the value is invalid or has the wrong type.
+    pub(crate) fn with_value(&self, name: &str, value: Value) -> Result<Self, ParameterError> {
+        let refuse = |reason: String| ParameterError::Value { name: name.to_owned(), reason };
+        let mut values = self.to_mapping();
+        let present = values.get(name).ok_or_else(|| refuse("is not a parameter of this node".to_owned()))?;
+        let value = coerced_value(present, value).map_err(|e| refuse(e.to_string()))?;
+        values.insert(name.into(), value);
+        let changed: Self =
+            serde_norway::from_value(Value::Mapping(values)).map_err(|e| refuse(e.to_string()))?;
+        changed.check()?;
+        Ok(changed)
+    }
+
     fn check(&self) -> Result<(), ParameterError> {
         let refuse =
             |name: &str, reason: String| Err(ParameterError::Value { name: name.to_owned(), reason });
-        let choices: [(&str, &String, &[&str]); 9] = [
-            ("color_transport", &self.color_transport, &["raw", "compressed"]),
-            ("depth_transport", &self.depth_transport, &["raw", "compressedDepth"]),
-            ("mask_transport", &self.mask_transport, &["raw", "compressed"]),
-            ("pose_type", &self.pose_type, &["pose", "odometry"]),
-            ("tracking", &self.tracking, &["", "auto", "always", "never"]),
-            ("image_qos", &self.image_qos, &["sensor_data", "default"]),
-            ("info_qos", &self.info_qos, &["sensor_data", "default"]),
-            ("mesh_uri", &self.mesh_uri, &["file", "package"]),
-            ("service_mapping", &self.service_mapping, &["auto", "fastdds", "cyclone"]),
-        ];
-        for (name, value, allowed) in choices {
-            if !allowed.contains(&value.as_str()) {
+        let values = self.to_mapping();
+        for (name, allowed) in CHOICES {
+            let value = values.get(*name).and_then(Value::as_str).unwrap_or_default();
+            if !allowed.contains(&value) {
                 return refuse(name, format!("`{value}` is not one of {}", allowed.join(", ")));
             }
         }
-        let ranges = [
-            ("queue_depth", self.queue_depth, 1, 1000),
-            ("sync_queue", self.sync_queue, 2, 300),
-            ("parts", self.parts, 0, 16),
-            ("max_keyframes", self.max_keyframes, 1, 5000),
-            ("min_keyframes", self.min_keyframes, 1, 5000),
-            ("enough_keyframes", self.enough_keyframes, 1, 5000),
-            ("cloud_points", self.cloud_points, 0, 100_000),
-            ("live_map_megabytes", self.live_map_megabytes, 8, 1024),
-            ("receive_buffer_bytes", self.receive_buffer_bytes, 1 << 16, 1 << 30),
-        ];
-        for (name, value, low, high) in ranges {
-            if !(low..=high).contains(&value) {
+        for (name, low, high) in WHOLE_RANGES {
+            let value = values.get(*name).and_then(Value::as_i64).unwrap_or(i64::MIN);
+            if !(*low..=*high).contains(&value) {
                 return refuse(name, format!("{value} does not lie in {low} to {high}"));
             }
         }
-        let reals = [
-            ("keyframe_translation_m", self.keyframe_translation_m, 0.0, 10.0),
-            ("keyframe_rotation_deg", self.keyframe_rotation_deg, 0.0, 180.0),
-            ("still_secs", self.still_secs, 0.1, 600.0),
-            ("joint_state_rate_hz", self.joint_state_rate_hz, 0.1, 200.0),
-        ];
-        for (name, value, low, high) in reals {
-            if !(low..=high).contains(&value) {
+        for (name, low, high) in REAL_RANGES {
+            let value = values.get(*name).and_then(Value::as_f64).unwrap_or(f64::NAN);
+            if !(*low..=*high).contains(&value) {
                 return refuse(name, format!("{value} does not lie in {low} to {high}"));
             }
         }

@@ -2,37 +2,47 @@
 
 use std::{
     collections::BTreeSet,
-    net::{Ipv4Addr, SocketAddr, SocketAddrV4},
+    net::{IpAddr, Ipv4Addr, SocketAddr, SocketAddrV4},
 };
 
 use super::{environment::Environment, error::NodeError};
 
-/// Logs the sockets open to the network, and checks that none is open if only this machine is allowed.
+/// Logs from where the node can be reached, and checks that no socket is open if only this machine may
+/// reach it.
 ///
 /// # Errors
 /// [`NodeError`] if a socket is open that must not be.
 pub(crate) fn check_sockets(environment: &Environment) -> Result<(), NodeError> {
     // From the kernel's table, as the released RustDDS binds to all addresses regardless of its settings.
     let sockets = own_sockets();
-    if environment.localhost {
+    if environment.is_closed() {
         // A socket bound to a multicast group receives only on the loopback interface.
-        return match sockets.iter().find(|s| !s.ip().is_loopback() && !s.ip().is_multicast()) {
-            Some(open) => Err(NodeError::Open(SocketAddr::V4(*open))),
-            None => Ok(()),
-        };
+        if let Some(open) = sockets.iter().find(|s| !s.ip().is_loopback() && !s.ip().is_multicast()) {
+            return Err(NodeError::Open(SocketAddr::V4(*open)));
+        }
     }
-    log::warn!("{}", reach_warning(&addresses(), &sockets));
+    log::info!("{}", reach_line(environment, &addresses(), &sockets));
     Ok(())
 }
 
-fn reach_warning(addresses: &[Ipv4Addr], sockets: &[SocketAddrV4]) -> String {
+fn reach_line(environment: &Environment, addresses: &[Ipv4Addr], sockets: &[SocketAddrV4]) -> String {
     let list = |items: BTreeSet<String>| items.into_iter().collect::<Vec<_>>().join(", ");
+    if environment.is_alone() {
+        return "closed to all other nodes (ROS_AUTOMATIC_DISCOVERY_RANGE=OFF)".to_owned();
+    }
+    if environment.is_closed() {
+        return "open to this machine only: nodes at the defaults of ROS 2 may get nothing from it; set \
+                ROS_AUTOMATIC_DISCOVERY_RANGE to LOCALHOST for them too, or to SUBNET for this node"
+            .to_owned();
+    }
+    let networks = environment.networks();
+    let is_used = |a: &&Ipv4Addr| networks.as_ref().is_none_or(|n| n.contains(&IpAddr::V4(**a)));
+    let used = addresses.iter().filter(is_used).map(ToString::to_string).collect();
     format!(
-        "open to the network: addresses {}, UDP ports {}; there is no authentication: whoever reaches them \
-         can call the services of \
-         this node and feed it images; unset ROS_AUTOMATIC_DISCOVERY_RANGE and ROS_LOCALHOST_ONLY to talk \
-         to this machine only",
-        list(addresses.iter().map(ToString::to_string).collect()),
+        "open to the network: addresses {}, UDP ports {}; there is no authentication: whoever reaches \
+         them can call the services of this node and feed it images; \
+         ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST closes it",
+        list(used),
         list(sockets.iter().map(|s| s.port().to_string()).collect()),
     )
 }
@@ -99,13 +109,17 @@ mod tests {
 
     #[test]
     fn what_is_open_is_said() {
-        let said = reach_warning(
-            &[Ipv4Addr::new(10, 9, 9, 1)],
-            &["0.0.0.0:7400".parse().unwrap(), "0.0.0.0:7410".parse().unwrap()],
-        );
+        let line = |range: &str| {
+            let environment =
+                Environment::read(|name| (name == "ROS_AUTOMATIC_DISCOVERY_RANGE").then(|| range.to_owned()));
+            let sockets = ["0.0.0.0:7400".parse().unwrap(), "0.0.0.0:7410".parse().unwrap()];
+            reach_line(&environment.unwrap(), &[Ipv4Addr::new(10, 9, 9, 1)], &sockets)
+        };
+        let open = line("SUBNET");
         assert!(
-            said.contains("10.9.9.1") && said.contains("7400, 7410") && said.contains("no authentication"),
-            "{said}"
+            open.contains("10.9.9.1") && open.contains("7400, 7410") && open.contains("no authentication"),
+            "{open}"
         );
+        assert!(line("LOCALHOST").contains("this machine only") && line("OFF").contains("closed to all"));
     }
 }

@@ -9,22 +9,19 @@ use super::{
     goal_error::GoalError,
     job::{Finished, Job, Work},
     last_results::note_twin,
+    live_parameters::LiveParameters,
     twin::Twin,
 };
 use crate::requests::{ReconstructFeedback, ReconstructGoal, ReconstructResult};
 use common::ahead::Ahead;
-use config::{Config, Origins};
+use config::Config;
 use io::read_run_summary;
-use run::{self, Outcome, ReconstructRequest, RunError, RunProgress};
+use run::{self, Event, Outcome, ReconstructRequest, RunError, RunProgress};
 
 /// Runs reconstructions.
 pub(crate) struct Reconstructor {
-    /// Settings before those of a goal.
-    pub config: Config,
-    /// Origins of the settings.
-    pub origins: Origins,
-    /// Name of the twin if the goal gives none.
-    pub name: String,
+    /// Parameters and settings before those of a goal.
+    pub parameters: Arc<LiveParameters>,
     /// Data shared with the collection.
     pub shared: Arc<Shared>,
     /// Results computed during collection.
@@ -50,9 +47,7 @@ impl Job for Reconstructor {
         let this = Arc::clone(self);
         let mut progress = RunProgress::default();
         Ok(Work::start_thread(
-            move |event, elapsed| {
-                progress.take(event, elapsed).then(|| feedback_of_progress(&progress, elapsed))
-            },
+            move |event, elapsed| feedback_of_event(&mut progress, event, elapsed),
             move |monitor| {
                 let result = run::reconstruct(&request, monitor);
                 // The bags are read, so the next state may start while the result is processed.
@@ -71,21 +66,22 @@ impl Reconstructor {
     fn request_of_goal(&self, goal: &ReconstructGoal) -> Result<ReconstructRequest, GoalError> {
         let snapshot = self.shared.snapshot();
         let recordings = snapshot.both_recordings()?;
-        let mut config = self.config.clone();
+        let current = self.parameters.current();
+        let mut config = current.resolved.config.clone();
         if goal.parts > 0 {
             // Messages have no optional fields: 0 means the parameter.
             config.run.parts = Some(goal.parts as usize);
         }
-        let name = if goal.name.is_empty() { self.name.clone() } else { goal.name.clone() };
+        let name = if goal.name.is_empty() { &current.parameters.twin_name } else { &goal.name };
         let out = snapshot.session;
         // Before the run, so that a failed one can be repeated from the command line, too.
         write_settings(&out, &config)?;
         Ok(ReconstructRequest {
             sources: recordings.into(),
             out,
-            name: Some(name),
+            name: Some(name.clone()),
             config,
-            origins: self.origins.clone(),
+            origins: current.resolved.origins.clone(),
             resume: false,
             keep: false,
             stages: None,
@@ -144,16 +140,24 @@ impl Reconstructor {
     }
 }
 
-/// Feedback of a goal at a time since its start.
-fn feedback_of_progress(progress: &RunProgress, elapsed: Duration) -> ReconstructFeedback {
+/// Feedback of a goal after an event at a time since its start; `None` between two stages.
+fn feedback_of_event(
+    progress: &mut RunProgress,
+    event: &Event,
+    elapsed: Duration,
+) -> Option<ReconstructFeedback> {
+    if !progress.take(event, elapsed) {
+        return None;
+    }
+    let (stage, _) = progress.stage()?;
     let (fraction, left) = progress.at(elapsed).unzip();
-    ReconstructFeedback {
-        stage: progress.stage().map(|(stage, _)| stage.to_owned()).unwrap_or_default(),
+    Some(ReconstructFeedback {
+        stage: stage.to_owned(),
         fraction: fraction.unwrap_or_default() as f32,
         // Messages have no optional fields.
         loss: progress.loss().unwrap_or(f64::NAN),
         seconds_left: left.map_or(f64::NAN, |left| left.as_secs_f64()),
-    }
+    })
 }
 
 /// Writes the settings next to the recordings, so that `artitwin reconstruct --config` repeats the run.
@@ -174,6 +178,16 @@ fn write_settings(session: &Path, config: &Config) -> Result<(), GoalError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_feedback_names_its_stage() {
+        let mut progress = RunProgress::default();
+        let stage = "surface/state0".to_owned();
+        let mut at = |event| feedback_of_event(&mut progress, &event, Duration::from_secs(1));
+        let begun = at(Event::StageStarted { stage: stage.clone(), steps: None }).unwrap();
+        assert_eq!(begun.stage, stage);
+        assert!(at(Event::StageFinished { stage, seconds: 1.0 }).is_none());
+    }
 
     #[test]
     fn settings_that_are_there_stay() {

@@ -55,7 +55,7 @@ async fn record_live(folder: &Path, start: &Start) -> Result<Recorded, NodeError
     let clock = std::sync::Arc::new(NodeClock::new(p.use_sim_time));
     let (outbox, mut inbox) = core_queues(IMAGE_QUEUE);
     let inputs = inputs::subscribe_topics(&mut participant, p, &topics, &outbox, &clock)?;
-    participant.start_spinner()?;
+    participant.announce_node()?;
     log::info!("recording to {}", folder.display());
     let end = end_requested();
     tokio::pin!(end);

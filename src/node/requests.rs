@@ -1,6 +1,5 @@
 //! Messages of the services and actions, as defined in `msg/`.
 
-use ros2_client::Message;
 use serde::{Deserialize, Serialize};
 
 /// Request of `artitwin_msgs/srv/SetState`.
@@ -114,14 +113,3 @@ pub struct DiagnoseFeedback {
     /// Estimated time to the end; NaN until a joint is done.
     pub seconds_left: f64,
 }
-
-impl Message for SetStateRequest {}
-impl Message for SetStateResponse {}
-impl Message for ReconstructGoal {}
-impl Message for ReconstructResult {}
-impl Message for ReconstructFeedback {}
-impl Message for TriggerRequest {}
-impl Message for TriggerResponse {}
-impl Message for DiagnoseGoal {}
-impl Message for DiagnoseResult {}
-impl Message for DiagnoseFeedback {}

@@ -4,7 +4,9 @@ use std::path::PathBuf;
 
 use serde_norway::Value;
 
-use super::ros_names::{NodeIdentity, expanded_name, strip_transport};
+use ros2_client::NodeName;
+
+use super::ros_names::{checked_node_name, expanded_name, strip_transport};
 
 /// Arguments between `--ros-args` and `--`, and the rest.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -124,13 +126,13 @@ impl RosArgs {
     ///
     /// # Errors
     /// If they are not valid names.
-    pub(crate) fn node_identity(&self, default_name: &str) -> Result<NodeIdentity, RosArgsError> {
+    pub(crate) fn node_identity(&self, default_name: &str) -> Result<NodeName, RosArgsError> {
         // Matched by the default name: `node:__node:=other` refers to the node before it is renamed.
         let mut remaps = self.remaps.iter().filter(|r| self.is_for(r, default_name));
         let name = remaps.clone().find(|r| ["__node", "__name"].contains(&r.from.as_str()));
         let name = name.map_or(default_name, |r| r.to.as_str());
         let namespace = remaps.find(|r| r.from == "__ns").map_or("/", |r| r.to.as_str());
-        NodeIdentity::new(namespace, name).map_err(|reason| RosArgsError {
+        checked_node_name(namespace, name).map_err(|reason| RosArgsError {
             argument: format!("{namespace} {name}"),
             reason: format!("the node cannot have this name: {reason}"),
         })
@@ -142,13 +144,12 @@ impl RosArgs {
 
     /// The full name of a topic, service or action after expansion and remapping.
     #[must_use]
-    pub(crate) fn resolved_name(&self, name: &str, node: &NodeIdentity) -> String {
+    pub(crate) fn resolved_name(&self, name: &str, node: &NodeName) -> String {
         let full = expanded_name(strip_transport(name), node);
         for r in &self.remaps {
-            let is_own = r
-                .node
-                .as_ref()
-                .is_none_or(|n| n.trim_start_matches('/') == node.name || *n == node.full_name());
+            let is_own = r.node.as_ref().is_none_or(|n| {
+                n.trim_start_matches('/') == node.base_name() || *n == node.fully_qualified_name()
+            });
             if is_own && !r.from.starts_with("__") && expanded_name(strip_transport(&r.from), node) == full {
                 return expanded_name(strip_transport(&r.to), node);
             }
@@ -212,7 +213,7 @@ mod tests {
         );
         assert_eq!(args.rest, ["a", "b"]);
         let node = args.node_identity("artitwin").unwrap();
-        assert_eq!(node.full_name(), "/lab/twin");
+        assert_eq!(node.fully_qualified_name(), "/lab/twin");
         assert_eq!(args.log_level.as_deref(), Some("warn"));
         assert_eq!(args.parameters[0], ParameterSource::File("p.yaml".into()));
         let value = |node: Option<&str>, name: &str, yaml: &str| ParameterSource::Value {
@@ -228,7 +229,7 @@ mod tests {
         let args = parse(
             "--ros-args -r image:=/cam/image -r ~/save:=store -r other:image:=/x -r rostopic:///a/b:=c",
         );
-        let node = NodeIdentity::new("/ns", "twin").unwrap();
+        let node = checked_node_name("/ns", "twin").unwrap();
         assert_eq!(args.resolved_name("image", &node), "/cam/image");
         assert_eq!(args.resolved_name("/ns/image", &node), "/cam/image");
         assert_eq!(args.resolved_name("~/save", &node), "/ns/store");

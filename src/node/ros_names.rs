@@ -1,5 +1,7 @@
 //! Names of nodes, topics and services.
 
+use ros2_client::{Name, NodeName};
+
 /// Longest accepted name, bytes.
 const MAX_NAME: usize = 255;
 
@@ -20,37 +22,17 @@ pub enum NameError {
     Middleware(String),
 }
 
-/// Name and namespace of a node.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct NodeIdentity {
-    /// Namespace, `/` or `/a/b`.
-    pub namespace: String,
-    /// Name without slashes.
-    pub name: String,
-}
-
-impl NodeIdentity {
-    /// Checks name and namespace; adds a leading slash to the namespace if it has none.
-    ///
-    /// # Errors
-    /// [`NameError`].
-    pub(crate) fn new(namespace: &str, name: &str) -> Result<Self, NameError> {
-        // Launch files write it with or without slashes.
-        let namespace = format!("/{}", namespace.trim_matches('/'));
-        check_token(name)?;
-        namespace
-            .split('/')
-            .skip(1)
-            .filter(|t| !t.is_empty() || namespace != "/")
-            .try_for_each(check_token)?;
-        Ok(Self { namespace, name: name.to_owned() })
-    }
-
-    /// Namespace and name, joined.
-    #[must_use]
-    pub(crate) fn full_name(&self) -> String {
-        format!("{}/{}", self.namespace.trim_end_matches('/'), self.name)
-    }
+/// Checks name and namespace of a node; adds a leading slash to the namespace if it has none.
+///
+/// # Errors
+/// [`NameError`].
+pub(crate) fn checked_node_name(namespace: &str, name: &str) -> Result<NodeName, NameError> {
+    // Launch files write it with or without slashes.
+    let namespace = format!("/{}", namespace.trim_matches('/'));
+    // ros2-client allows repeated underscores and slashes, and any length.
+    check_token(name)?;
+    namespace.split('/').skip(1).filter(|t| !t.is_empty() || namespace != "/").try_for_each(check_token)?;
+    NodeName::new(&namespace, name).map_err(|e| NameError::Middleware(e.to_string()))
 }
 
 fn check_token(token: &str) -> Result<(), NameError> {
@@ -63,27 +45,28 @@ fn check_token(token: &str) -> Result<(), NameError> {
     }
 }
 
-/// Checks that DDS allows a full name.
+/// Reads a full name and checks that DDS allows it.
 ///
 /// # Errors
 /// [`NameError`].
-pub(crate) fn check_full_name(name: &str) -> Result<(), NameError> {
+pub(crate) fn checked_full_name(name: &str) -> Result<Name, NameError> {
     let tokens = name.strip_prefix('/').ok_or_else(|| NameError::NoSlash(name.to_owned()))?;
     if name.len() > MAX_NAME {
         return Err(NameError::Long(name.len()));
     }
-    tokens.split('/').try_for_each(check_token)
+    tokens.split('/').try_for_each(check_token)?;
+    Name::parse(name).map_err(|e| NameError::Middleware(e.to_string()))
 }
 
 /// The full name: `/a` is unchanged, `~/a` is below the node, `a` in its namespace.
 #[must_use]
-pub(crate) fn expanded_name(name: &str, node: &NodeIdentity) -> String {
+pub(crate) fn expanded_name(name: &str, node: &NodeName) -> String {
     match name.strip_prefix('~') {
-        Some(rest) => {
-            format!("{}/{}", node.full_name(), rest.trim_start_matches('/')).trim_end_matches('/').to_owned()
-        }
+        Some(rest) => format!("{}/{}", node.fully_qualified_name(), rest.trim_start_matches('/'))
+            .trim_end_matches('/')
+            .to_owned(),
         None if name.starts_with('/') => name.to_owned(),
-        None => format!("{}/{name}", node.namespace.trim_end_matches('/')),
+        None => format!("{}/{name}", node.namespace().trim_end_matches('/')),
     }
 }
 
@@ -100,16 +83,16 @@ mod tests {
     #[test]
     fn namespaces_are_normalized_and_nonsense_is_refused() {
         for (given, kept) in [("", "/"), ("/", "/"), ("a", "/a"), ("/a/b/", "/a/b")] {
-            assert_eq!(NodeIdentity::new(given, "n").unwrap().namespace, kept);
+            assert_eq!(checked_node_name(given, "n").unwrap().namespace(), kept);
         }
         for (namespace, name) in [("/a//b", "n"), ("/a", ""), ("/a", "1n"), ("/a-b", "n"), ("/", "n__m")] {
-            assert!(NodeIdentity::new(namespace, name).is_err(), "{namespace} {name}");
+            assert!(checked_node_name(namespace, name).is_err(), "{namespace} {name}");
         }
-        assert!(check_full_name("/a/b_1").is_ok());
+        assert!(checked_full_name("/a/b_1").is_ok());
         assert!(
-            check_full_name("/a b").is_err()
-                && check_full_name("a").is_err()
-                && check_full_name("/").is_err()
+            checked_full_name("/a b").is_err()
+                && checked_full_name("a").is_err()
+                && checked_full_name("/").is_err()
         );
     }
 }

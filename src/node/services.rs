@@ -2,19 +2,17 @@
 
 use std::{path::PathBuf, sync::Arc};
 
-use ros2_client::{Message, ServiceMapping, ServiceTypeName};
+use serde::{Serialize, de::DeserializeOwned};
 use tokio::sync::{mpsc, oneshot};
 
 use super::{
     collect_error::CollectError,
     collection::{Command, Shared},
     error::NodeError,
-    participant::{Participant, reliable_profile},
+    participant::Participant,
+    service_server::ServiceServer,
 };
 use crate::requests::{SetStateRequest, SetStateResponse, TriggerRequest, TriggerResponse};
-
-/// Queue length for requests.
-const DEPTH: usize = 10;
 
 /// Context of the services.
 #[derive(Clone)]
@@ -96,66 +94,49 @@ fn trigger_response(done: Result<String, CollectError>) -> TriggerResponse {
 /// If a name is invalid or the network reports an error.
 pub(crate) fn offer_services(
     participant: &mut Participant,
-    mapping: ServiceMapping,
     context: &ServiceContext,
 ) -> Result<(), NodeError> {
     for (name, begin) in [("~/start_state", true), ("~/finish_state", false)] {
         let context = context.clone();
-        serve_requests(
-            participant,
-            mapping,
-            name,
-            ["artitwin_msgs", "SetState"],
-            move |request: SetStateRequest| {
-                let context = context.clone();
-                async move { context.set_state(begin, request.state as usize).await }
-            },
-        )?;
+        serve_requests(participant, name, "artitwin_msgs/srv/SetState", move |request: SetStateRequest| {
+            let context = context.clone();
+            async move { context.set_state(begin, request.state as usize).await }
+        })?;
     }
     let c = context.clone();
-    serve_requests(participant, mapping, "~/reset", ["std_srvs", "Trigger"], move |_: TriggerRequest| {
+    serve_requests(participant, "~/reset", "std_srvs/srv/Trigger", move |_: TriggerRequest| {
         let context = c.clone();
         async move { context.reset_session().await }
     })?;
     let c = context.clone();
-    serve_requests(participant, mapping, "~/save", ["std_srvs", "Trigger"], move |_: TriggerRequest| {
+    serve_requests(participant, "~/save", "std_srvs/srv/Trigger", move |_: TriggerRequest| {
         let context = c.clone();
         async move { context.save_states().await }
     })
 }
 
 /// Answers the requests of one service in order.
-fn serve_requests<Q, A, F>(
+///
+/// # Errors
+/// If the name is invalid or the network reports an error.
+pub(crate) fn serve_requests<Q, A, F>(
     participant: &mut Participant,
-    mapping: ServiceMapping,
     name: &str,
-    [package, kind]: [&str; 2],
+    ros_type: &str,
     mut answer: impl FnMut(Q) -> F + Send + 'static,
 ) -> Result<(), NodeError>
 where
-    Q: Message + Clone + Send + Sync + 'static,
-    A: Message + Send + Sync + 'static,
+    Q: DeserializeOwned + Send + 'static,
+    A: Serialize + Send + Sync + 'static,
     F: Future<Output = A> + Send,
 {
-    let full = participant.library_name(name)?;
-    let qos = reliable_profile(DEPTH);
-    let server = participant
-        .node()
-        .create_server::<Q, A>(mapping, &full, &ServiceTypeName::new(package, kind), qos.clone(), qos)
-        .map_err(|e| NodeError::network_error(&format!("offering {name}"), e))?;
-    let name = name.to_owned();
+    let server = ServiceServer::<Q, A>::offer(participant, name, ros_type)?;
     tokio::spawn(async move {
         loop {
-            match server.async_receive_request().await {
-                Ok((id, request)) => {
-                    // One after the other, so that two starts of a state cannot overtake each other.
-                    let response = answer(request).await;
-                    if let Err(error) = server.async_send_response(id, response).await {
-                        log::warn!("{name}: the answer was not sent: {error}");
-                    }
-                }
-                Err(error) => log::debug!("{name}: a request could not be read: {error}"),
-            }
+            let (id, request) = server.next_request().await;
+            // One after the other, so that two starts of a state cannot overtake each other.
+            let reply = answer(request).await;
+            server.send_reply(id, &reply);
         }
     });
     Ok(())

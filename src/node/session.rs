@@ -6,6 +6,7 @@ use std::{
     time::Duration,
 };
 
+use ros2_client::NodeName;
 use tokio::sync::{mpsc, oneshot, watch};
 
 use super::{
@@ -21,15 +22,17 @@ use super::{
     last_results::{last_report, last_twin},
     live_map::{self, LiveQueue},
     live_outputs::LiveOutputs,
+    live_parameters::{CurrentParameters, LiveParameters},
     live_tracking, logger,
     motion_watch::MotionWatch,
     outputs::{OutputSources, Outputs},
+    parameter_services,
     parameters::{Loaded, Parameters},
     participant::{Participant, small_buffer_warning},
     reach,
     reconstruction::Reconstructor,
     ros_args::RosArgs,
-    ros_names::NodeIdentity,
+    rosout,
     services::{self, ServiceContext},
     session_folder::free_folder,
     session_lock::SessionLock,
@@ -81,7 +84,7 @@ pub(super) struct Start {
     /// ROS arguments, such as remappings.
     pub arguments: RosArgs,
     /// Name and namespace of the node.
-    pub identity: NodeIdentity,
+    pub identity: NodeName,
     /// Domain and reach.
     pub environment: Environment,
     /// Parameters.
@@ -94,7 +97,7 @@ impl Start {
         let arguments = without_stray(arguments)?;
         let identity = arguments.node_identity(name)?;
         // Before reading the environment, so that its warnings are logged.
-        logger::start_log(&identity.name, arguments.log_level.as_deref(), arguments.no_stdout);
+        logger::start_log(identity.base_name(), arguments.log_level.as_deref(), arguments.no_stdout);
         arguments.unknown.iter().for_each(|a| log::warn!("`{a}` is not known here and is left out"));
         let environment = Environment::read(|name| std::env::var(name).ok())?;
         environment.warnings.iter().for_each(|w| log::warn!("{w}"));
@@ -141,27 +144,33 @@ async fn run_live(start: &Start) -> Result<(), NodeError> {
     let topics = inputs::topic_names(&start.arguments, identity, p);
     // Invalid settings are refused before the node becomes visible.
     let resolved = settings::run_settings(p, &topics)?;
+    let config = resolved.config.clone();
+    // Other programs read results by these paths, and run elsewhere.
+    let out_folder = std::path::absolute(&p.out_folder)
+        .map_err(|source| NodeError::System { what: "finding the folder of the sessions", source })?;
     // `~/reset` also uses it to continue in the next free folder.
     let next_session: Arc<dyn Fn() -> PathBuf + Send + Sync> = {
-        let out = PathBuf::from(&p.out_folder);
+        let out = out_folder.clone();
         let name = p.session.clone();
         Arc::new(move || free_folder(&out, &name))
     };
     // A session with a name is continued; one named by time is always new.
-    let first = if p.session.is_empty() { next_session() } else { Path::new(&p.out_folder).join(&p.session) };
+    let first = if p.session.is_empty() { next_session() } else { out_folder.join(&p.session) };
     // The folder before the network: a second node with this folder must end before it disturbs the first.
     let lock = SessionLock::take(&first)?;
     let mut participant = start.join_domain()?;
+    if !start.arguments.no_rosout {
+        rosout::publish_log(&mut participant)?;
+    }
     let clock = Arc::new(NodeClock::new(p.use_sim_time));
     let shared = Arc::new(Shared::default());
     // The collection, the only owner of the collector, has its own thread, as decoding and writing block.
-    let collector = Collector::new(settings::collector_settings(p, topics.clone(), &resolved.config), &first);
+    let collector = Collector::new(settings::collector_settings(p, topics.clone(), &config), &first);
     let watch = settings::watch_rule(p).map(MotionWatch::new);
-    let (queue, tracked) =
-        live_tracking::start_thread(settings::track_settings(p, topics.clone(), &resolved.config))
-            .map_err(|source| NodeError::System { what: "starting the tracker", source })?;
-    let live = start_live(p, &resolved.config, &shared)?;
-    let shown = live.as_ref().map(LiveQueue::results);
+    let (queue, tracked) = live_tracking::start_thread(settings::track_settings(p, topics.clone(), &config))
+        .map_err(|source| NodeError::System { what: "starting the tracker", source })?;
+    let live = start_live(p, &config, &shared)?;
+    let shown = live.results();
     let (sender, poses) = mpsc::channel(POSE_QUEUE);
     let core = Core::new(
         (collector, lock),
@@ -170,43 +179,45 @@ async fn run_live(start: &Start) -> Result<(), NodeError> {
         Arc::clone(&clock),
         Arc::clone(&shared),
         Tracking { queue, tracked, poses: sender },
-        live,
+        (live, p.live_map),
     );
     let (outbox, inbox) = core_queues(IMAGE_QUEUE);
     let commands = outbox.commands.clone();
     let handle = tokio::runtime::Handle::current();
     let core = tokio::task::spawn_blocking(move || handle.block_on(core.run(inbox)));
 
+    let current = CurrentParameters { parameters: p.clone(), resolved };
+    let parameters = Arc::new(LiveParameters::new(current, topics.clone(), commands.clone()));
     // Only the last twin and report matter, so the channels hold one value.
     let (twins, twin) = watch::channel(None);
     let reconstructor = Arc::new(Reconstructor {
-        ahead: work_ahead::start_thread(&shared, &resolved.config)?,
-        config: resolved.config,
-        origins: resolved.origins,
-        name: p.twin_name.clone(),
+        ahead: work_ahead::start_thread(&shared, &config)?,
+        parameters: Arc::clone(&parameters),
         shared: Arc::clone(&shared),
         twins,
     });
-    let mapping = environment.service_mapping(&p.service_mapping);
     let (reports, report) = watch::channel(None);
     let diagnoser = Arc::new(Diagnoser { shared: Arc::clone(&shared), twins: twin.clone(), reports });
     let outputs = Outputs::new(&mut participant, p, Arc::clone(&clock))?;
-    let live_outputs = match shown {
-        Some(results) => Some(LiveOutputs::new(&mut participant)?.run(results)),
-        None => None,
-    };
+    let live_outputs = LiveOutputs::new(&mut participant)?.run(shown);
     let context = ServiceContext { commands: commands.clone(), shared: Arc::clone(&shared), next_session };
-    services::offer_services(&mut participant, mapping, &context)?;
-    action::offer_action(&mut participant, mapping, Arc::clone(&reconstructor))?;
-    action::offer_action(&mut participant, mapping, Arc::clone(&diagnoser))?;
+    services::offer_services(&mut participant, &context)?;
+    parameter_services::offer_parameters(&mut participant, &parameters, &clock)?;
+    action::offer_action(&mut participant, &clock, Arc::clone(&reconstructor))?;
+    action::offer_action(&mut participant, &clock, Arc::clone(&diagnoser))?;
     // Subscriptions come last, when all receivers exist.
     let inputs = inputs::subscribe_topics(&mut participant, p, &topics, &outbox, &clock)?;
-    let diagnostics = Diagnostics::new(&identity.full_name(), inputs);
-    participant.start_spinner()?;
+    let diagnostics = Diagnostics::new(&identity.fully_qualified_name(), inputs);
+    participant.announce_node()?;
     publish_again(&first, &reconstructor, &diagnoser);
     tokio::spawn(outputs.run(OutputSources { twin, report, poses }, shared, diagnostics));
-    live_outputs.into_iter().for_each(|task| _ = tokio::spawn(task));
-    log::info!("{} in domain {}, session {}", identity.full_name(), environment.domain, first.display());
+    tokio::spawn(live_outputs);
+    log::info!(
+        "{} in domain {}, session {}",
+        identity.fully_qualified_name(),
+        environment.domain,
+        first.display()
+    );
 
     end_requested().await?;
     log::info!("ending");
@@ -229,12 +240,12 @@ fn publish_again(session: &Path, reconstructor: &Reconstructor, diagnoser: &Diag
     }
 }
 
-/// Starts the live map, if enabled.
-fn start_live(p: &Parameters, config: &Config, shared: &Arc<Shared>) -> Result<Option<LiveQueue>, NodeError> {
-    let Some(settings) = settings::live_settings(p, config) else { return Ok(None) };
+/// Starts the thread of the live map, which waits for views.
+fn start_live(p: &Parameters, config: &Config, shared: &Arc<Shared>) -> Result<LiveQueue, NodeError> {
+    let settings = settings::live_settings(p, config);
     let shared = Arc::clone(shared);
     let started = live_map::start_thread(settings, move || shared.is_read());
-    started.map(Some).map_err(|source| NodeError::System { what: "starting the live map", source })
+    started.map_err(|source| NodeError::System { what: "starting the live map", source })
 }
 
 /// Queues with this capacity for images.

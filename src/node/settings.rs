@@ -84,11 +84,11 @@ pub(crate) fn track_settings(p: &Parameters, topics: Topics, config: &Config) ->
     }
 }
 
-/// Settings of the live map, if enabled.
+/// Settings of the live map.
 #[must_use]
-pub(crate) fn live_settings(p: &Parameters, config: &Config) -> Option<LiveSettings> {
+pub(crate) fn live_settings(p: &Parameters, config: &Config) -> LiveSettings {
     let megabytes = usize::try_from(p.live_map_megabytes).unwrap_or(0);
-    p.live_map.then_some(LiveSettings { noise: config.capture.noise, most_bytes: megabytes << 20 })
+    LiveSettings { noise: config.capture.noise, most_bytes: megabytes << 20 }
 }
 
 /// Settings of automatic states, if enabled.

@@ -42,11 +42,12 @@ impl Node {
         for parameter in parameters {
             command.args(["-p", parameter]);
         }
-        let middleware = if with_fastdds() { "rmw_fastrtps_cpp" } else { "rmw_cyclonedds_cpp" };
-        command.env("ROS_DOMAIN_ID", domain.to_string()).env("RMW_IMPLEMENTATION", middleware);
-        for variable in ["ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_SECURITY_ENABLE"] {
+        command.env("ROS_DOMAIN_ID", domain.to_string()).env_remove("RMW_IMPLEMENTATION");
+        for variable in ["ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_SECURITY_ENABLE"] {
             command.env_remove(variable);
         }
+        // These neighbors stand on the loopback interface; tests/node_citizen.rs has those of ROS 2.
+        command.env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST");
         Self { child: Some(command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()) }
     }
 

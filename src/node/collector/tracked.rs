@@ -36,6 +36,11 @@ impl Collector {
         (self.tracking.kept == Some(true)).then_some(self.tracking.map)
     }
 
+    /// Changes whether the camera is tracked, from the next view on.
+    pub(crate) fn set_tracking(&mut self, tracking: TrackCamera) {
+        self.settings.tracking = tracking;
+    }
+
     /// Starts another map; earlier views no longer count.
     pub(crate) fn begin_map(&mut self) {
         self.tracking.map += 1;

@@ -103,8 +103,8 @@ def reached(program, folder, there, opened):
     from datagrams import sockets
 
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("ROS_", "CYCLONEDDS", "DDS_PEER"))}
-    environment |= {"ROS_DOMAIN_ID": str(DOMAIN), "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
-    opening = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"} if opened else {}
+    environment |= {"ROS_DOMAIN_ID": str(DOMAIN)}
+    opening = {} if opened else {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     out = os.path.join(folder, "open" if opened else "closed")
     node = subprocess.Popen([program, "node", "--ros-args", "-p", f"out_folder:={out}"], env=environment | opening, stderr=subprocess.PIPE, text=True)
     try:
@@ -137,4 +137,5 @@ def main():
         holder.kill()
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -1,17 +1,23 @@
 """Package, interface and launch files, checked without ROS."""
 import ast
+import re
 import sys
 from pathlib import Path
 
+import launching
 from catkin_pkg.package import parse_package
 from rosbags.typesys import get_types_from_msg
 
 root = Path(sys.argv[1])
 names = []
-for path in (root / "package.xml", root / "msg/package.xml"):
+for path in (root / "launch_configs/ros/package.xml", root / "msg/package.xml"):
     package = parse_package(str(path))
     package.validate()
     names.append(package.name)
+# colcon does not look below a package: neither may lie in the other's folder, or below the top of the repository.
+assert not (root / "package.xml").exists()
+# Every package that a launch file starts is a dependency.
+depends = {d.name for d in parse_package(str(root / "launch_configs/ros/package.xml")).exec_depends}
 cmake = (root / "msg/CMakeLists.txt").read_text()
 interfaces = 0
 for path in sorted((root / "msg").glob("*/*.*")):
@@ -26,4 +32,7 @@ launch = sorted((root / "launch_configs/ros").glob("*.launch.py"))
 for path in launch:
     functions = [n.name for n in ast.parse(path.read_text()).body if isinstance(n, ast.FunctionDef)]
     assert "generate_launch_description" in functions, path
+    started = set(re.findall(r'package="(\w+)"', path.read_text())) - {"artitwin"}
+    assert started <= depends, started - depends
+launching.check(root)
 print(*names, interfaces, "interfaces", len(launch), "launch files")

@@ -4,8 +4,6 @@ pub(crate) mod content_filter_property;
 pub(crate) mod discovery;
 pub(crate) mod discovery_db;
 
-#[cfg(feature = "security")]
-pub(crate) mod secure_discovery;
 
 pub(crate) mod sedp_messages;
 pub(crate) mod spdp_participant_data;

@@ -184,26 +184,18 @@ mod messages;
 mod network;
 mod rtps;
 
-#[cfg(feature = "security")]
-mod security;
-#[cfg(feature = "security")]
-pub use security::config::DomainParticipantSecurityConfigFiles;
 
 #[cfg(not(feature = "security"))]
 mod no_security;
 
 pub(crate) mod structure;
 
-#[cfg(test)]
-mod test;
 
 mod mio_source;
 
 // Public modules
 pub mod dds; // this is public, but not advertised
 
-#[deprecated(since = "0.8.5", note = "Use crate ros2-client instead.")]
-pub mod ros2;
 /// Helpers for (De)serialization and definitions of (De)serializer adapters
 pub mod serialization;
 
@@ -243,13 +235,6 @@ pub use structure::{
 pub use cdr_encoding_size;
 /// Re-export CDR encoder/decoder
 pub use cdr_encoding;
-/// Re-export of the `mio` (v0.6) crate. RustDDS DataReaders/DataWriters
-/// implement its [`Evented`](mio::Evented) trait for synchronous polling.
-/// Downstream crates (e.g. `ros2-client`) that register RustDDS entities with a
-/// `mio` `Poll` should import `mio` through this re-export, guaranteeing they
-/// build against the exact same `mio` version as RustDDS.
-#[cfg(feature = "mio_06")]
-pub use mio_06 as mio;
 /// Re-export of the `mio` (v1.2) crate. RustDDS
 /// DataReaders implement its `event::Source` trait. Downstream crates should
 /// import mio 1.2 through this re-export to match the RustDDS version.

@@ -136,36 +136,24 @@ macro_rules! socketpair_bridge {
   };
 }
 
-#[cfg(feature = "mio_08")]
-socketpair_bridge!(bridge_08, mio_08);
 socketpair_bridge!(bridge_1, mio1);
 
 pub struct PollEventSource {
-  #[cfg(feature = "mio_08")]
-  mio08: bridge_08::Source,
   mio1: bridge_1::Source,
 }
 
 #[derive(Clone)]
 pub struct PollEventSender {
-  #[cfg(feature = "mio_08")]
-  mio08: bridge_08::Sender,
   mio1: bridge_1::Sender,
 }
 
 pub fn make_poll_channel() -> std::io::Result<(PollEventSource, PollEventSender)> {
-  #[cfg(feature = "mio_08")]
-  let (mio08_source, mio08_sender) = bridge_08::make()?;
   let (mio1_source, mio1_sender) = bridge_1::make()?;
   Ok((
     PollEventSource {
-      #[cfg(feature = "mio_08")]
-      mio08: mio08_source,
       mio1: mio1_source,
     },
     PollEventSender {
-      #[cfg(feature = "mio_08")]
-      mio08: mio08_sender,
       mio1: mio1_sender,
     },
   ))
@@ -173,8 +161,6 @@ pub fn make_poll_channel() -> std::io::Result<(PollEventSource, PollEventSender)
 
 impl PollEventSender {
   pub fn send(&self) {
-    #[cfg(feature = "mio_08")]
-    self.mio08.send();
     self.mio1.send();
   }
 }
@@ -183,36 +169,10 @@ impl PollEventSource {
   /// Drain sent bytes so the socketpair can trigger again. Call before acting
   /// on the event.
   pub fn drain(&self) {
-    #[cfg(feature = "mio_08")]
-    self.mio08.drain();
     self.mio1.drain();
   }
 }
 
-#[cfg(feature = "mio_08")]
-impl mio_08::event::Source for PollEventSource {
-  fn register(
-    &mut self,
-    registry: &mio_08::Registry,
-    token: mio_08::Token,
-    interests: mio_08::Interest,
-  ) -> std::io::Result<()> {
-    self.mio08.register(registry, token, interests)
-  }
-
-  fn reregister(
-    &mut self,
-    registry: &mio_08::Registry,
-    token: mio_08::Token,
-    interests: mio_08::Interest,
-  ) -> std::io::Result<()> {
-    self.mio08.reregister(registry, token, interests)
-  }
-
-  fn deregister(&mut self, registry: &mio_08::Registry) -> std::io::Result<()> {
-    self.mio08.deregister(registry)
-  }
-}
 
 impl mio1::event::Source for PollEventSource {
   fn register(
@@ -242,30 +202,20 @@ impl mio1::event::Source for PollEventSource {
 #[derive(Clone)]
 pub(crate) struct NotificationSender {
   sender: std::sync::mpsc::SyncSender<()>,
-  #[cfg(feature = "mio_06")]
-  legacy_sender: mio_extras::channel::SyncSender<()>,
 }
 
 pub(crate) struct NotificationReceiver {
   receiver: std::sync::mpsc::Receiver<()>,
-  #[cfg(feature = "mio_06")]
-  legacy_receiver: mio_extras::channel::Receiver<()>,
 }
 
 pub(crate) fn notification_channel(capacity: usize) -> (NotificationSender, NotificationReceiver) {
   let (sender, receiver) = std::sync::mpsc::sync_channel(capacity);
-  #[cfg(feature = "mio_06")]
-  let (legacy_sender, legacy_receiver) = mio_extras::channel::sync_channel(capacity);
   (
     NotificationSender {
       sender,
-      #[cfg(feature = "mio_06")]
-      legacy_sender,
     },
     NotificationReceiver {
       receiver,
-      #[cfg(feature = "mio_06")]
-      legacy_receiver,
     },
   )
 }
@@ -273,8 +223,6 @@ pub(crate) fn notification_channel(capacity: usize) -> (NotificationSender, Noti
 impl NotificationSender {
   pub(crate) fn try_send(&self, value: ()) -> Result<(), std::sync::mpsc::TrySendError<()>> {
     self.sender.try_send(value)?;
-    #[cfg(feature = "mio_06")]
-    let _ = self.legacy_sender.try_send(());
     Ok(())
   }
 }
@@ -285,29 +233,3 @@ impl NotificationReceiver {
   }
 }
 
-#[cfg(feature = "mio_06")]
-impl mio_06::Evented for NotificationReceiver {
-  fn register(
-    &self,
-    poll: &mio_06::Poll,
-    token: mio_06::Token,
-    interest: mio_06::Ready,
-    opts: mio_06::PollOpt,
-  ) -> std::io::Result<()> {
-    self.legacy_receiver.register(poll, token, interest, opts)
-  }
-
-  fn reregister(
-    &self,
-    poll: &mio_06::Poll,
-    token: mio_06::Token,
-    interest: mio_06::Ready,
-    opts: mio_06::PollOpt,
-  ) -> std::io::Result<()> {
-    self.legacy_receiver.reregister(poll, token, interest, opts)
-  }
-
-  fn deregister(&self, poll: &mio_06::Poll) -> std::io::Result<()> {
-    self.legacy_receiver.deregister(poll)
-  }
-}

@@ -12,10 +12,6 @@ use std::{
   time::{Duration, Instant},
 };
 
-#[cfg(feature = "mio_06")]
-use mio_06::{self, Evented};
-#[cfg(feature = "mio_08")]
-use mio_08::{Interest, Registry};
 use futures::stream::{FusedStream, Stream};
 #[allow(unused_imports)]
 use log::{debug, error, info, trace, warn};
@@ -51,16 +47,6 @@ use crate::{
   structure::{dds_cache::DDSCache, entity::RTPSEntity, guid::*, locator::Locator},
   StatusEvented,
 };
-#[cfg(feature = "security")]
-use crate::{
-  create_error_internal, create_error_not_allowed_by_security,
-  security::{
-    self,
-    config::DomainParticipantSecurityConfigFiles,
-    security_plugins::{SecurityPlugins, SecurityPluginsHandle},
-    AccessControl, Authentication, Cryptographic,
-  },
-};
 #[cfg(not(feature = "security"))]
 use crate::no_security::SecurityPluginsHandle;
 
@@ -78,13 +64,12 @@ pub struct DomainParticipantBuilder {
 
   same_host_loopback: bool, // prefer loopback for same-host peers + localhost SPDP discovery peers
 
+  spdp_peers: Vec<IpAddr>, // artitwin
+
   socket_receive_buffer_size: usize,
   socket_send_buffer_size: usize,
 
-  #[cfg(feature = "security")]
-  security_plugins: Option<SecurityPlugins>,
-  #[cfg(feature = "security")]
-  sec_properties: Option<policy::Property>, // Properties for configuring security plugins
+ // Properties for configuring security plugins
 }
 
 impl DomainParticipantBuilder {
@@ -93,12 +78,9 @@ impl DomainParticipantBuilder {
       domain_id,
       only_networks: None,
       same_host_loopback: true,
+      spdp_peers: Vec::new(),
       socket_receive_buffer_size: Self::DEFAULT_SOCKET_RECEIVE_BUFFER_SIZE,
       socket_send_buffer_size: Self::DEFAULT_SOCKET_SEND_BUFFER_SIZE,
-      #[cfg(feature = "security")]
-      security_plugins: None,
-      #[cfg(feature = "security")]
-      sec_properties: None,
     }
   }
 
@@ -126,6 +108,14 @@ impl DomainParticipantBuilder {
   /// `src/rtps/loopback_same_host_design.md`.
   pub fn same_host_loopback(mut self, enabled: bool) -> Self {
     self.same_host_loopback = enabled;
+    self
+  }
+
+  /// artitwin: Machines to which the participant announces itself by unicast,
+  /// to the SPDP ports of the first 33 participants there, as peers of Cyclone
+  /// DDS in ROS 2 do. For networks without multicast.
+  pub fn spdp_peers(mut self, peers: Vec<IpAddr>) -> Self {
+    self.spdp_peers = peers;
     self
   }
 
@@ -164,115 +154,17 @@ impl DomainParticipantBuilder {
     self
   }
 
-  #[cfg(feature = "security")]
-  /// Low-level security configuration, which allows supplying custom plugins.
-  pub fn security(
-    &mut self,
-    auth: Box<impl Authentication + 'static>,
-    access: Box<impl AccessControl + 'static>,
-    crypto: Box<impl Cryptographic + 'static>,
-    sec_properties: policy::Property,
-  ) -> &mut DomainParticipantBuilder {
-    self.security_plugins = Some(SecurityPlugins::new(auth, access, crypto));
-    self.sec_properties = Some(sec_properties);
-    self
-  }
 
-  #[cfg(feature = "security")]
-  /// Easier way to configure security.
-  pub fn builtin_security(mut self, configs: DomainParticipantSecurityConfigFiles) -> Self {
-    let auth = Box::new(security::AuthenticationBuiltin::new());
-    let access = Box::new(security::AccessControlBuiltin::new());
-    let crypto = Box::new(security::CryptographicBuiltin::new());
-    self.security(auth, access, crypto, configs.into_property_policy());
-    self
-  }
 
   pub fn build(#[allow(unused_mut)] mut self) -> CreateResult<DomainParticipant> {
     // QosPolicies with possible security properties, otherwise default
     let participant_qos = QosPolicies {
-      #[cfg(feature = "security")]
-      property: self.sec_properties,
       ..Default::default()
     };
 
     let candidate_participant_guid = GUID::new_participant_guid();
     #[cfg(not(feature = "security"))]
     let participant_guid = candidate_participant_guid;
-    // If security plugins are present, security is enabled
-    #[cfg(feature = "security")]
-    let participant_guid = if let Some(ref mut security_plugins) = self.security_plugins.as_mut() {
-      trace!("DomainParticipant security construction start");
-      // Do the security checks according to DDS Security spec v1.1
-      // Section "8.8.1 Authentication and AccessControl behavior with local
-      // DomainParticipant". The other steps related to Discovery
-      // (generating tokens etc.) are done when initializing Discovery.
-
-      let sec_guid = match security_plugins.validate_local_identity(
-        self.domain_id,
-        &participant_qos,
-        candidate_participant_guid,
-      ) {
-        Ok(guid) => guid,
-        Err(e) => {
-          return create_error_not_allowed_by_security!(
-            "Validating local identity failed: {}",
-            e.msg
-          );
-        }
-      };
-
-      if let Err(e) = security_plugins.validate_local_permissions(
-        self.domain_id,
-        sec_guid.prefix,
-        &participant_qos,
-      ) {
-        return create_error_not_allowed_by_security!(
-          "Validating local permissions failed: {}",
-          e.msg
-        );
-      }
-
-      match security_plugins.check_create_participant(
-        self.domain_id,
-        sec_guid.prefix,
-        &participant_qos,
-      ) {
-        Ok(check_passed) => {
-          if !check_passed {
-            return create_error_not_allowed_by_security!(
-              "Access control does not allow to create the local participant",
-            );
-          }
-        }
-        Err(e) => {
-          return create_error_internal!(
-            "Something went wrong in checking local participant permissions: {}",
-            e
-          );
-        }
-      }
-
-      // Register participant with the crypto plugin
-      if let Err(e) = security_plugins
-        .get_participant_sec_attributes(sec_guid.prefix)
-        .and_then(|sec_attr| {
-          security_plugins.register_local_participant(
-            sec_guid.prefix,
-            participant_qos.property.clone(),
-            sec_attr,
-          )
-        })
-      {
-        return create_error_internal!(
-          "Could not register participant with crypto plugin {}",
-          e.msg
-        );
-      };
-      sec_guid
-    } else {
-      candidate_participant_guid
-    };
 
     trace!("DomainParticipant construct start");
 
@@ -325,8 +217,6 @@ impl DomainParticipantBuilder {
 
     #[cfg(not(feature = "security"))]
     let security_plugins_handle = None;
-    #[cfg(feature = "security")]
-    let security_plugins_handle = self.security_plugins.map(SecurityPluginsHandle::new);
 
     // intermediate DP wrapper
     let dp = DomainParticipantDisc::new(
@@ -344,6 +234,7 @@ impl DomainParticipantBuilder {
       self.socket_send_buffer_size,
       self.only_networks,
       self.same_host_loopback,
+      self.spdp_peers,
       dp_waker,
       discovery_sample_sender,
     )?;
@@ -634,10 +525,6 @@ impl DomainParticipant {
     self.dpi.lock().unwrap().dds_cache()
   }
 
-  #[cfg(feature = "security")] // just to avoid warning
-  pub(crate) fn qos(&self) -> QosPolicies {
-    self.dpi.lock().unwrap().qos()
-  }
 
   pub(crate) fn discovery_db(&self) -> Arc<RwLock<DiscoveryDB>> {
     self.dpi.lock().unwrap().dpi.discovery_db.clone()
@@ -666,15 +553,7 @@ impl DomainParticipantStatusListener {}
 impl<'a> StatusEvented<'a, DomainParticipantStatusEvent, DomainParticipantStatusStream<'a>>
   for DomainParticipantStatusListener
 {
-  #[cfg(feature = "mio_06")]
-  fn as_status_evented(&mut self) -> &dyn Evented {
-    self
-  }
 
-  #[cfg(feature = "mio_08")]
-  fn as_status_source(&mut self) -> &mut dyn mio_08::event::Source {
-    self
-  }
 
   fn as_status_source_mio1(&mut self) -> &mut dyn mio1::event::Source {
     self
@@ -696,45 +575,6 @@ impl<'a> StatusEvented<'a, DomainParticipantStatusEvent, DomainParticipantStatus
   }
 }
 
-#[cfg(feature = "mio_08")]
-impl mio_08::event::Source for DomainParticipantStatusListener {
-  fn register(
-    &mut self,
-    registry: &Registry,
-    token: mio_08::Token,
-    interests: Interest,
-  ) -> io::Result<()> {
-    self
-      .dp_disc
-      .lock()
-      .unwrap()
-      .status_channel_receiver_mut()
-      .register(registry, token, interests)
-  }
-
-  fn reregister(
-    &mut self,
-    registry: &Registry,
-    token: mio_08::Token,
-    interests: Interest,
-  ) -> io::Result<()> {
-    self
-      .dp_disc
-      .lock()
-      .unwrap()
-      .status_channel_receiver_mut()
-      .reregister(registry, token, interests)
-  }
-
-  fn deregister(&mut self, registry: &Registry) -> io::Result<()> {
-    self
-      .dp_disc
-      .lock()
-      .unwrap()
-      .status_channel_receiver_mut()
-      .deregister(registry)
-  }
-}
 
 impl mio1::event::Source for DomainParticipantStatusListener {
   fn register(
@@ -775,52 +615,6 @@ impl mio1::event::Source for DomainParticipantStatusListener {
   }
 }
 
-#[cfg(feature = "mio_06")]
-impl mio_06::Evented for DomainParticipantStatusListener {
-  // We just delegate all the operations to notification_receiver, since it
-  // already implements Evented
-  fn register(
-    &self,
-    poll: &mio_06::Poll,
-    token: mio_06::Token,
-    interest: mio_06::Ready,
-    opts: mio_06::PollOpt,
-  ) -> io::Result<()> {
-    self
-      .dp_disc
-      .lock()
-      .unwrap()
-      .status_channel_receiver_mut()
-      .as_status_evented()
-      .register(poll, token, interest, opts)
-  }
-
-  fn reregister(
-    &self,
-    poll: &mio_06::Poll,
-    token: mio_06::Token,
-    interest: mio_06::Ready,
-    opts: mio_06::PollOpt,
-  ) -> io::Result<()> {
-    self
-      .dp_disc
-      .lock()
-      .unwrap()
-      .status_channel_receiver_mut()
-      .as_status_evented()
-      .reregister(poll, token, interest, opts)
-  }
-
-  fn deregister(&self, poll: &mio_06::Poll) -> io::Result<()> {
-    self
-      .dp_disc
-      .lock()
-      .unwrap()
-      .status_channel_receiver_mut()
-      .as_status_evented()
-      .deregister(poll)
-  }
-}
 
 pub struct DomainParticipantStatusStream<'a> {
   status_listener: &'a DomainParticipantStatusListener,
@@ -868,12 +662,7 @@ impl PartialEq for DomainParticipant {
 #[derive(Clone)]
 pub struct DomainParticipantWeak {
   dpi: Weak<Mutex<DomainParticipantDisc>>,
-  // This struct caches some items to avoid construction deadlocks
-  #[cfg(feature = "security")] // just to avoid warning
-  domain_id: u16,
   guid: GUID,
-  #[cfg(feature = "security")] // just to avoid warning
-  qos: QosPolicies,
 }
 
 impl DomainParticipantWeak {
@@ -908,15 +697,7 @@ impl DomainParticipantWeak {
       .and_then(|dpi| dpi.lock()?.create_subscriber(self, qos))
   }
 
-  #[cfg(feature = "security")] // just to avoid warning
-  pub fn domain_id(&self) -> u16 {
-    self.domain_id
-  }
 
-  #[cfg(feature = "security")] // just to avoid warning
-  pub fn qos(&self) -> QosPolicies {
-    self.qos.clone()
-  }
 
   pub fn create_topic(
     &self,
@@ -977,6 +758,7 @@ impl DomainParticipantDisc {
     socket_send_buffer_size: usize,
     only_networks: Option<Vec<IpAddr>>,
     same_host_loopback: bool,
+    spdp_peers: Vec<IpAddr>, // artitwin
     dp_waker: LoopWaker,
     discovery_sample_sender: ReadySender<mio1::Token>,
   ) -> CreateResult<Self> {
@@ -994,6 +776,7 @@ impl DomainParticipantDisc {
       socket_send_buffer_size,
       only_networks,
       same_host_loopback,
+      spdp_peers,
       dp_waker,
       discovery_sample_sender,
     )?;
@@ -1085,10 +868,6 @@ impl DomainParticipantDisc {
     self.dpi.only_networks()
   }
 
-  #[cfg(feature = "security")] // just to avoid warning
-  pub(crate) fn qos(&self) -> QosPolicies {
-    self.dpi.qos()
-  }
 
   // pub(crate) fn discovery_db(&self) -> Arc<RwLock<DiscoveryDB>> {
   //   self.dpi.lock().unwrap().discovery_db.clone()
@@ -1159,8 +938,6 @@ impl Drop for DomainParticipantDisc {
 pub(crate) struct DomainParticipantInner {
   domain_info: DomainInfo,
 
-  #[cfg(feature = "security")] // just to avoid warning
-  my_qos_policies: QosPolicies,
 
   // Adding Readers
   sender_add_reader: WakeSender<ReaderIngredients>,
@@ -1236,6 +1013,7 @@ impl DomainParticipantInner {
     socket_send_buffer_size: usize,
     only_networks: Option<Vec<IpAddr>>,
     same_host_loopback: bool,
+    spdp_peers: Vec<IpAddr>, // artitwin
     dp_waker: LoopWaker,
     discovery_sample_sender: ReadySender<mio1::Token>,
   ) -> CreateResult<Self> {
@@ -1410,6 +1188,7 @@ impl DomainParticipantInner {
           only_networks_for_ev_loop,
           socket_send_buffer_size,
           same_host_loopback,
+          spdp_peers,
           reader_ready_rx,
           writer_ready_rx,
           dp_waker,
@@ -1432,8 +1211,6 @@ impl DomainParticipantInner {
       }
     }
 
-    #[cfg(feature = "security")]
-    let have_security = true;
     #[cfg(not(feature = "security"))]
     let have_security = false;
 
@@ -1444,8 +1221,6 @@ impl DomainParticipantInner {
 
     Ok(Self {
       domain_info,
-      #[cfg(feature = "security")]
-      my_qos_policies: _qos_policies,
       sender_add_reader,
       sender_remove_reader,
       reader_ready,
@@ -1473,10 +1248,6 @@ impl DomainParticipantInner {
     self.only_networks.clone()
   }
 
-  #[cfg(feature = "security")] // just to avoid warning
-  pub(crate) fn qos(&self) -> QosPolicies {
-    self.my_qos_policies.clone()
-  }
 
   // Publisher and subscriber creation
   //
@@ -1535,34 +1306,6 @@ impl DomainParticipantInner {
     qos: &QosPolicies,
     topic_kind: TopicKind,
   ) -> CreateResult<Topic> {
-    #[cfg(feature = "security")]
-    if let Some(sec_handle) = self.security_plugins_handle.as_ref() {
-      // Security is enabled.
-      // Check are we allowed to create the topic from Access control
-      let check_res = sec_handle.get_plugins().check_create_topic(
-        self.guid().prefix,
-        self.domain_id(),
-        name.clone(),
-        qos,
-      );
-      match check_res {
-        Ok(check_passed) => {
-          if !check_passed {
-            return create_error_not_allowed_by_security!(
-              "Not allowed to create the topic {}",
-              name
-            );
-          }
-        }
-        Err(e) => {
-          // Something went wrong in the check
-          return create_error_internal!(
-            "Failed to check Topic rights from Access control: {}",
-            e.msg
-          );
-        }
-      };
-    }
 
     let topic_type_desc = TypeDesc::new(type_desc);
     let topic = Topic::new(
@@ -1738,145 +1481,3 @@ impl std::fmt::Debug for DomainParticipant {
   }
 }
 
-#[cfg(test)]
-mod tests {
-  use std::{
-    collections::BTreeSet,
-    net::{Ipv4Addr, SocketAddr, SocketAddrV4},
-  };
-
-  use enumflags2::BitFlags;
-  use log::info;
-  use speedy::{Endianness, Writable};
-  use byteorder::LittleEndian;
-
-  use crate::{
-    dds::{qos::QosPolicies, topic::TopicKind},
-    messages::{
-      header::Header, protocol_id::ProtocolId, protocol_version::ProtocolVersion,
-      submessages::submessages::*, vendor_id::VendorId,
-    },
-    network::{
-      constant::{
-        spdp_well_known_unicast_port, user_traffic_multicast_port, user_traffic_unicast_port,
-      },
-      udp_sender::UDPSender,
-    },
-    rtps::{submessage::*, Message},
-    serialization::CDRSerializerAdapter,
-    structure::{
-      guid::{EntityId, GUID},
-      locator::Locator,
-      sequence_number::{SequenceNumber, SequenceNumberSet},
-    },
-    test::{random_data::RandomData, test_domain::test_domain_id},
-  };
-  use super::DomainParticipant;
-
-  // TODO: improve basic test when more or the structure is known
-  #[test]
-  fn dp_basic_domain_participant() {
-    // let _dp = DomainParticipant::new();
-
-    let sender = UDPSender::new(user_traffic_multicast_port(test_domain_id(16))).unwrap();
-    let data: Vec<u8> = vec![0, 1, 2, 3, 4];
-
-    let addrs = vec![SocketAddr::new(
-      "127.0.0.1".parse().unwrap(),
-      spdp_well_known_unicast_port(test_domain_id(0), 1),
-    )];
-    sender.send_to_all(&data, &addrs);
-
-    // TODO: get result data from Reader
-  }
-  #[test]
-  fn dp_writer_heartbeat_test() {
-    let domain_participant =
-      DomainParticipant::new(test_domain_id(0)).expect("Participant creation failed!");
-    let qos = QosPolicies::qos_none();
-    let _default_dw_qos = QosPolicies::qos_none();
-    let publisher = domain_participant
-      .create_publisher(&qos)
-      .expect("Failed to create publisher");
-
-    let topic = domain_participant
-      .create_topic(
-        "Aasii".to_string(),
-        "RandomData".to_string(),
-        &qos,
-        TopicKind::WithKey,
-      )
-      .expect("Failed to create topic");
-
-    let mut _data_writer = publisher
-      .create_datawriter::<RandomData, CDRSerializerAdapter<RandomData, LittleEndian>>(&topic, None)
-      .expect("Failed to create datawriter");
-  }
-
-  #[test]
-  fn dp_receive_acknack_message_test() {
-    // TODO SEND ACKNACK
-    let domain_participant =
-      DomainParticipant::new(test_domain_id(0)).expect("Failed to create participant");
-
-    let qos = QosPolicies::qos_none();
-    let _default_dw_qos = QosPolicies::qos_none();
-
-    let publisher = domain_participant
-      .create_publisher(&qos)
-      .expect("Failed to create publisher");
-
-    let topic = domain_participant
-      .create_topic(
-        "Aasii".to_string(),
-        "Huh?".to_string(),
-        &qos,
-        TopicKind::WithKey,
-      )
-      .expect("Failed to create topic");
-
-    let mut _data_writer = publisher
-      .create_datawriter::<RandomData, CDRSerializerAdapter<RandomData, LittleEndian>>(&topic, None)
-      .expect("Failed to create datawriter");
-
-    let port_number: u16 = user_traffic_unicast_port(test_domain_id(5), 0);
-    let sender = UDPSender::new(1234).unwrap();
-    let mut m: Message = Message::default();
-
-    let a: AckNack = AckNack {
-      reader_id: EntityId::SPDP_BUILTIN_PARTICIPANT_READER,
-      writer_id: EntityId::SPDP_BUILTIN_PARTICIPANT_WRITER,
-      reader_sn_state: SequenceNumberSet::from_base_and_set(
-        SequenceNumber::default(),
-        &BTreeSet::new(),
-      ),
-      count: 1,
-    };
-    let flags = BitFlags::<ACKNACK_Flags>::from_endianness(Endianness::BigEndian);
-    let sub_header: SubmessageHeader = SubmessageHeader {
-      kind: SubmessageKind::ACKNACK,
-      flags: flags.bits(),
-      content_length: 24,
-    };
-
-    let s: Submessage = Submessage {
-      header: sub_header,
-      body: SubmessageBody::Reader(ReaderSubmessage::AckNack(a, flags)),
-      original_bytes: None,
-    };
-    let h = Header {
-      protocol_id: ProtocolId::default(),
-      protocol_version: ProtocolVersion { major: 2, minor: 3 },
-      vendor_id: VendorId::THIS_IMPLEMENTATION,
-      guid_prefix: GUID::default().prefix,
-    };
-    m.set_header(h);
-    m.add_submessage(s);
-    let _data: Vec<u8> = m.write_to_vec_with_ctx(Endianness::LittleEndian).unwrap();
-    info!("data to send via udp: {_data:?}");
-    let ip = Ipv4Addr::from([0x00, 0x00, 0x00, 0x00]);
-    let socket_address = SocketAddrV4::new(ip, port_number);
-    let locators = vec![Locator::UdpV4(socket_address)];
-    sender.send_to_locator_list(&_data, &locators);
-  }
-}

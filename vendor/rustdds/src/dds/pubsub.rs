@@ -47,11 +47,6 @@ use super::{
   no_key::wrappers::{DAWrapper, NoKeyWrapper, SAWrapper},
   with_key::simpledatareader::ReaderCommand,
 };
-#[cfg(feature = "security")]
-use crate::{
-  create_error_internal, create_error_not_allowed_by_security,
-  security::{security_plugins::SecurityPluginsHandle, EndpointSecurityInfo},
-};
 #[cfg(not(feature = "security"))]
 use crate::no_security::{security_plugins::SecurityPluginsHandle, EndpointSecurityInfo};
 
@@ -259,25 +254,6 @@ impl Publisher {
       .create_datawriter(self, Some(entity_id), topic, qos, writer_like_stateless)
   }
 
-  #[cfg(feature = "security")] // to avoid "never used" warning
-  pub(crate) fn create_datawriter_with_entity_id_no_key<D, SA>(
-    &self,
-    entity_id: EntityId,
-    topic: &Topic,
-    qos: Option<QosPolicies>,
-    writer_like_stateless: bool, // Create a stateless-like RTPS writer?
-  ) -> CreateResult<NoKeyDataWriter<D, SA>>
-  where
-    SA: crate::no_key::SerializerAdapter<D>,
-  {
-    self.inner_lock().create_datawriter_no_key(
-      self,
-      Some(entity_id),
-      topic,
-      qos,
-      writer_like_stateless,
-    )
-  }
 
   // delete_datawriter should not be needed. The DataWriter object itself should
   // be deleted to accomplish this.
@@ -559,54 +535,6 @@ impl InnerPublisher {
     // Doorbell: enqueue this writer's entity id and wake the participant poll.
     let doorbell = Doorbell::new(guid.entity_id, self.writer_ready.clone());
 
-    #[cfg(feature = "security")]
-    if let Some(sec_handle) = self.security_plugins_handle.as_ref() {
-      // Security is enabled.
-      // Check are we allowed to create the DataWriter from Access control
-      let check_res = sec_handle.get_plugins().check_create_datawriter(
-        guid.prefix,
-        dp.domain_id(),
-        topic.name(),
-        &writer_qos,
-      );
-      match check_res {
-        Ok(check_passed) => {
-          if !check_passed {
-            return create_error_not_allowed_by_security!(
-              "Not allowed to create a DataWriter to topic {}",
-              topic.name()
-            );
-          }
-        }
-        Err(e) => {
-          // Something went wrong in the check
-          return create_error_internal!(
-            "Failed to check DataWriter rights from Access control: {}",
-            e.msg
-          );
-        }
-      };
-
-      // Register Writer to crypto plugin
-      if let Err(e) = {
-        let writer_security_attributes = sec_handle
-          .get_plugins()
-          .get_writer_sec_attributes(guid, topic.name()); // Release lock
-        writer_security_attributes.and_then(|attributes| {
-          sec_handle
-            .get_plugins()
-            .register_local_writer(guid, writer_qos.property(), attributes)
-        })
-      } {
-        return create_error_internal!(
-          "Failed to register writer to crypto plugin: {} . GUID: {:?}",
-          e,
-          guid
-        );
-      } else {
-        info!("Registered local writer to crypto plugin. GUID: {guid:?}");
-      }
-    }
 
     // Construct the data writer
     let data_writer = WithKeyDataWriter::<D, SA>::new(
@@ -623,30 +551,6 @@ impl InnerPublisher {
     // Construct security info if needed
     #[cfg(not(feature = "security"))]
     let security_info = None;
-    #[cfg(feature = "security")]
-    let security_info = if let Some(sec_handle) = self.security_plugins_handle.as_ref() {
-      // Security enabled
-      if guid.entity_id.entity_kind.is_user_defined() {
-        match sec_handle
-          .get_plugins()
-          .get_writer_sec_attributes(guid, topic.name())
-        {
-          Ok(attr) => EndpointSecurityInfo::from(attr).into(),
-          Err(e) => {
-            return create_error_internal!(
-              "Failed to get security info for writer: {}. Guid: {:?}",
-              e,
-              guid
-            );
-          }
-        }
-      } else {
-        None // For the built-in topics
-      }
-    } else {
-      // No security enabled
-      None
-    };
 
     // Build the discovery record before taking the Discovery DB lock:
     // `DiscoveredWriterData::new` locks the participant (`dpi`) for its domain
@@ -992,22 +896,6 @@ impl Subscriber {
       .create_datareader(self, topic, Some(entity_id), qos, reader_like_stateless)
   }
 
-  #[cfg(feature = "security")] // to avoid "never used" warning
-  pub(crate) fn create_datareader_with_entity_id_no_key<D, SA>(
-    &self,
-    topic: &Topic,
-    entity_id: EntityId,
-    qos: Option<QosPolicies>,
-    reader_like_stateless: bool, // Create a stateless-like RTPS reader?
-  ) -> CreateResult<NoKeyDataReader<D, SA>>
-  where
-    D: 'static,
-    SA: adapters::no_key::DeserializerAdapter<D>,
-  {
-    self
-      .inner
-      .create_datareader_no_key(self, topic, Some(entity_id), qos, reader_like_stateless)
-  }
 
   // Retrieves a previously created DataReader belonging to the Subscriber.
   // TODO: Is this even possible. Would probably need to return reference and
@@ -1174,54 +1062,6 @@ impl InnerSubscriber {
 
     let reader_guid = GUID::new_with_prefix_and_id(dp.guid_prefix(), entity_id);
 
-    #[cfg(feature = "security")]
-    if let Some(sec_handle) = self.security_plugins_handle.as_ref() {
-      // Security is enabled.
-      // Check are we allowed to create the DataReader from Access control
-      let check_res = sec_handle.get_plugins().check_create_datareader(
-        reader_guid.prefix,
-        dp.domain_id(),
-        topic.name(),
-        &qos,
-      );
-      match check_res {
-        Ok(check_passed) => {
-          if !check_passed {
-            return create_error_not_allowed_by_security!(
-              "Not allowed to create a DataReader to topic {}",
-              topic.name()
-            );
-          }
-        }
-        Err(e) => {
-          // Something went wrong in the check
-          return create_error_internal!(
-            "Failed to check DataReader rights from Access control: {}",
-            e.msg
-          );
-        }
-      };
-
-      // Register Reader to crypto plugin
-      if let Err(e) = {
-        let reader_security_attributes = sec_handle
-          .get_plugins()
-          .get_reader_sec_attributes(reader_guid, topic.name()); // Release lock
-        reader_security_attributes.and_then(|attributes| {
-          sec_handle
-            .get_plugins()
-            .register_local_reader(reader_guid, qos.property(), attributes)
-        })
-      } {
-        return create_error_internal!(
-          "Failed to register reader to crypto plugin: {} . GUID: {:?}",
-          e,
-          reader_guid
-        );
-      } else {
-        info!("Registered local reader to crypto plugin. GUID: {reader_guid:?}");
-      }
-    }
 
     // Construct the ReaderIngredients
     let data_reader_waker = Arc::new(Mutex::new(None));
@@ -1246,30 +1086,6 @@ impl InnerSubscriber {
     // Construct security info if needed
     #[cfg(not(feature = "security"))]
     let security_info: Option<EndpointSecurityInfo> = None;
-    #[cfg(feature = "security")]
-    let security_info = if let Some(sec_handle) = self.security_plugins_handle.as_ref() {
-      // Security enabled
-      if reader_guid.entity_id.entity_kind.is_user_defined() {
-        match sec_handle
-          .get_plugins()
-          .get_reader_sec_attributes(reader_guid, topic.name())
-        {
-          Ok(attr) => EndpointSecurityInfo::from(attr).into(),
-          Err(e) => {
-            return create_error_internal!(
-              "Failed to get security info for reader: {}. Guid: {:?}",
-              e,
-              reader_guid
-            );
-          }
-        }
-      } else {
-        None // For the built-in topics
-      }
-    } else {
-      // No security enabled
-      None
-    };
 
     // Build the discovery record before taking the Discovery DB lock: it locks
     // the participant (`dpi`) for its locators and GUID. Keeping the two locks
@@ -1431,5 +1247,3 @@ impl InnerSubscriber {
 
 // -------------------------------------------------------------------
 
-#[cfg(test)]
-mod tests {}

@@ -9,8 +9,6 @@
 use std::sync::PoisonError;
 
 use crate::{no_key::wrappers::NoKeyWrapper, serialization, TopicKind};
-#[cfg(feature = "security")]
-use crate::security::SecurityError;
 
 /// Error type for DDS "read" type operations.
 #[derive(Debug, thiserror::Error)]
@@ -209,9 +207,6 @@ pub enum CreateError {
   #[error("Resource allocation failed: {reason}")]
   OutOfResources { reason: String },
 
-  #[cfg(feature = "security")]
-  #[error("Not allowed by security: {reason}")]
-  NotAllowedBySecurity { reason: String },
 }
 
 #[doc(hidden)]
@@ -264,16 +259,6 @@ macro_rules! create_error_out_of_resources {
     )
 }
 
-#[doc(hidden)]
-#[cfg(feature = "security")]
-#[macro_export]
-macro_rules! create_error_not_allowed_by_security {
-  ($($arg:tt)*) => (
-      { log::error!($($arg)*);
-        Err( CreateError::NotAllowedBySecurity{ reason: format!($($arg)*) } )
-      }
-    )
-}
 
 impl<T> From<PoisonError<T>> for CreateError {
   fn from(poison_error: PoisonError<T>) -> Self {
@@ -283,14 +268,6 @@ impl<T> From<PoisonError<T>> for CreateError {
   }
 }
 
-#[cfg(feature = "security")]
-impl From<SecurityError> for CreateError {
-  fn from(security_error: SecurityError) -> Self {
-    CreateError::NotAllowedBySecurity {
-      reason: security_error.to_string(),
-    }
-  }
-}
 
 /// This is a specialized Result, similar to [`std::io::Result`].
 pub type CreateResult<T> = std::result::Result<T, CreateError>;

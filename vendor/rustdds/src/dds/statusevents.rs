@@ -15,12 +15,6 @@ use std::{
 #[allow(unused_imports)]
 use log::{debug, error, info, trace, warn};
 use futures::stream::{FusedStream, Stream};
-#[cfg(feature = "mio_06")]
-use mio_06::Evented;
-#[cfg(feature = "mio_06")]
-use mio_extras::channel as mio_channel;
-#[cfg(feature = "mio_08")]
-use mio_08::{event, Interest, Registry, Token};
 use chrono::Utc;
 
 use crate::{
@@ -31,8 +25,6 @@ use crate::{
   structure::guid::GuidPrefix,
   Duration, QosPolicies, GUID,
 };
-#[cfg(feature = "security")]
-use crate::discovery::secure_discovery::AuthenticationStatus;
 
 /// This trait corresponds to set_listener() of the Entity class in DDS spec.
 /// Types implementing this trait can be registered to a poll and
@@ -42,13 +34,7 @@ where
   S: Stream<Item = E>,
   S: FusedStream,
 {
-  // The lifetime variable 'a marks the lifetime of the async stream object, if
-  // such is requested. The stream object typically contains a reference to
-  // self, so it is to ensure correct lifetimes.
-  #[cfg(feature = "mio_06")]
-  fn as_status_evented(&mut self) -> &dyn Evented; // This is for polling with mio-0.6.x
-  #[cfg(feature = "mio_08")]
-  fn as_status_source(&mut self) -> &mut dyn mio_08::event::Source; // This is for polling with mio-0.8.x
+ // This is for polling with mio-0.8.x
   fn as_status_source_mio1(&mut self) -> &mut dyn mio1::event::Source; // This is for polling with mio-1.2
   fn as_async_status_stream(&'a self) -> S;
   fn try_recv_status(&self) -> Option<E>;
@@ -67,22 +53,16 @@ pub(crate) fn sync_status_channel<T>(
 ) -> io::Result<(StatusChannelSender<T>, StatusChannelReceiver<T>)> {
   let (signal_receiver, signal_sender) = make_poll_channel()?;
   let (actual_sender, actual_receiver) = std::sync::mpsc::sync_channel(capacity);
-  #[cfg(feature = "mio_06")]
-  let (legacy_sender, legacy_receiver) = mio_channel::sync_channel(capacity);
   let waker = Arc::new(Mutex::new(None));
   Ok((
     StatusChannelSender {
       actual_sender,
       signal_sender,
-      #[cfg(feature = "mio_06")]
-      legacy_sender,
       waker: Arc::clone(&waker),
     },
     StatusChannelReceiver {
       actual_receiver: Mutex::new(actual_receiver),
       signal_receiver,
-      #[cfg(feature = "mio_06")]
-      legacy_receiver: Mutex::new(legacy_receiver),
       waker,
     },
   ))
@@ -93,30 +73,16 @@ pub(crate) fn sync_status_channel<T>(
 pub struct StatusChannelSender<T> {
   actual_sender: std::sync::mpsc::SyncSender<T>,
   signal_sender: PollEventSender,
-  #[cfg(feature = "mio_06")]
-  legacy_sender: mio_channel::SyncSender<()>,
   waker: Arc<Mutex<Option<Waker>>>,
 }
 
 pub struct StatusChannelReceiver<T> {
   actual_receiver: Mutex<std::sync::mpsc::Receiver<T>>,
   signal_receiver: PollEventSource,
-  #[cfg(feature = "mio_06")]
-  legacy_receiver: Mutex<mio_channel::Receiver<()>>,
   waker: Arc<Mutex<Option<Waker>>>,
 }
 
 impl<T> StatusChannelSender<T> {
-  #[cfg(feature = "mio_06")]
-  /// Best-effort send. If there is no receiver, this will fail silently.
-  pub fn try_send(&self, t: T) -> Result<(), mio_channel::TrySendError<T>> {
-    self.try_send_impl(t).map_err(|error| match error {
-      std::sync::mpsc::TrySendError::Full(value) => mio_channel::TrySendError::Full(value),
-      std::sync::mpsc::TrySendError::Disconnected(value) => {
-        mio_channel::TrySendError::Disconnected(value)
-      }
-    })
-  }
 
   #[cfg(not(feature = "mio_06"))]
   /// Best-effort send. If there is no receiver, this will fail silently.
@@ -129,8 +95,6 @@ impl<T> StatusChannelSender<T> {
     match self.actual_sender.try_send(t) {
       Ok(()) => {
         self.signal_sender.send();
-        #[cfg(feature = "mio_06")]
-        let _ = self.legacy_sender.try_send(());
         w.as_ref().map(|w| w.wake_by_ref());
         *w = None;
         Ok(())
@@ -146,8 +110,6 @@ impl<T> StatusChannelSender<T> {
         // It is perfectly normal to fail due to full channel, because
         // no-one is required to be listening to these.
         self.signal_sender.send(); // kick the receiver anyway
-        #[cfg(feature = "mio_06")]
-        let _ = self.legacy_sender.try_send(());
         w.as_ref().map(|w| w.wake_by_ref());
         *w = None;
         // We convert the Err to Ok, bause we do not consider this to be an error.
@@ -164,8 +126,6 @@ impl<T> StatusChannelReceiver<T> {
     // We do not manipulate waker here, because the
     // synchronous and asynchronous receiving are not supposed to be mixed.
     self.signal_receiver.drain();
-    #[cfg(feature = "mio_06")]
-    while self.legacy_receiver.lock().unwrap().try_recv().is_ok() {}
     self.actual_receiver.lock().unwrap().try_recv()
   }
 
@@ -175,15 +135,7 @@ impl<T> StatusChannelReceiver<T> {
 }
 
 impl<'a, E> StatusEvented<'a, E, StatusReceiverStream<'a, E>> for StatusChannelReceiver<E> {
-  #[cfg(feature = "mio_06")]
-  fn as_status_evented(&mut self) -> &dyn Evented {
-    self
-  }
 
-  #[cfg(feature = "mio_08")]
-  fn as_status_source(&mut self) -> &mut dyn mio_08::event::Source {
-    self
-  }
 
   fn as_status_source_mio1(&mut self) -> &mut dyn mio1::event::Source {
     self
@@ -201,62 +153,7 @@ impl<'a, E> StatusEvented<'a, E, StatusReceiverStream<'a, E>> for StatusChannelR
   }
 }
 
-#[cfg(feature = "mio_06")]
-impl<E> Evented for StatusChannelReceiver<E> {
-  // We just delegate all the operations to notification_receiver, since it
-  // already implements Evented
-  fn register(
-    &self,
-    poll: &mio_06::Poll,
-    token: mio_06::Token,
-    interest: mio_06::Ready,
-    opts: mio_06::PollOpt,
-  ) -> io::Result<()> {
-    self
-      .legacy_receiver
-      .lock()
-      .unwrap()
-      .register(poll, token, interest, opts)
-  }
 
-  fn reregister(
-    &self,
-    poll: &mio_06::Poll,
-    token: mio_06::Token,
-    interest: mio_06::Ready,
-    opts: mio_06::PollOpt,
-  ) -> io::Result<()> {
-    self
-      .legacy_receiver
-      .lock()
-      .unwrap()
-      .reregister(poll, token, interest, opts)
-  }
-
-  fn deregister(&self, poll: &mio_06::Poll) -> io::Result<()> {
-    self.legacy_receiver.lock().unwrap().deregister(poll)
-  }
-}
-
-#[cfg(feature = "mio_08")]
-impl<T> event::Source for StatusChannelReceiver<T> {
-  fn register(&mut self, registry: &Registry, token: Token, interests: Interest) -> io::Result<()> {
-    self.signal_receiver.register(registry, token, interests)
-  }
-
-  fn reregister(
-    &mut self,
-    registry: &Registry,
-    token: Token,
-    interests: Interest,
-  ) -> io::Result<()> {
-    self.signal_receiver.reregister(registry, token, interests)
-  }
-
-  fn deregister(&mut self, registry: &Registry) -> io::Result<()> {
-    self.signal_receiver.deregister(registry)
-  }
-}
 
 impl<T> mio1::event::Source for StatusChannelReceiver<T> {
   fn register(
@@ -391,30 +288,6 @@ pub enum DomainParticipantStatusEvent {
     requested_qos: Box<QosPolicies>,
     offered_qos: Box<QosPolicies>,
   },
-  #[cfg(feature = "security")]
-  Authentication {
-    participant: GuidPrefix,
-    status: AuthenticationStatus,
-  },
-  /// The CA has revoked the identity of some Participant.
-  /// We may be currently communicating with the Participant, or it may be
-  /// unknown to us.
-  // TODO:
-  /// Not implemented, as we do not implement any identity revocation mechanism
-  /// yet.
-  #[cfg(feature = "security")]
-  IdentityRevoked {
-    participant: GuidPrefix,
-  },
-  /// Domain access permissions of some Participant have been revoked / changed.
-  // TODO:
-  /// Not implemented, as we do not implement any permissions revocation
-  /// mechanism yet.
-  #[cfg(feature = "security")]
-  PermissionsRevoked {
-    participant: GuidPrefix,
-    // TODO: How to get more details on what was revoked, or was something added?
-  },
 }
 
 /// Why some remote entity is considered to be no longer with us.
@@ -441,8 +314,8 @@ pub struct ParticipantDescription {
   pub guid: GUID,
   pub lease_duration: Option<Duration>,
   pub entity_name: Option<String>,
-  #[cfg(feature = "security")]
-  pub supports_security: bool,
+  /// artitwin: where it wants its data to be sent
+  pub unicast_addresses: Vec<std::net::SocketAddr>,
 }
 
 impl From<&SpdpDiscoveredParticipantData> for ParticipantDescription {
@@ -454,8 +327,7 @@ impl From<&SpdpDiscoveredParticipantData> for ParticipantDescription {
       guid: dpd.participant_guid,
       lease_duration: dpd.lease_duration,
       entity_name: dpd.entity_name.clone(),
-      #[cfg(feature = "security")]
-      supports_security: dpd.supports_security(),
+      unicast_addresses: dpd.default_unicast_locators.iter().map(|l| (*l).into()).collect(),
     }
   }
 }

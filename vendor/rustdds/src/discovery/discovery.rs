@@ -45,34 +45,6 @@ use crate::{
   with_key::{DataReader, DataWriter, Sample},
   DomainParticipant,
 };
-// This module implements the control logic of the Discovery process.
-//
-// The built-in discovery consists of
-// Simple Participant Discovery Protocol (SPDP), (RTPS spec v2.5
-// Section "8.5.3 The Simple Participant Discovery Protocol") and
-// Simple Endpoint Discovery Protocol (SEDP) (RTPS spec v2.5
-// Section "8.5.4 The Simple Endpoint Discovery Protocol")
-//
-// Notes:
-//
-// SPDP is periodically broadcast from each DomainParticipant to announce presence to others.
-// It is essentially stateless and best-effort. It also announces built-in endpoints.
-// See module spdp_participant_data for details.
-//
-// SEDP is Reliable transfer of user-defined endpoints (Readers, Writers and Topics).
-// Many DDS implementations do not communicate Topics at all, and seem to work just fine.
-//
-// "Participant Message" protocol is NOT the same as SPDP. See RTPS spec v2.5 Section
-// "8.4.13 Writer Liveliness Protocol". It can be used as liveliness (hearbeat)
-// signalling of individual Writers.
-//
-// "Participant Stateless Message" and "Participant Volatile Message" only appear
-// in Secure RTPS. Please see the RTPS Security specification for explanation.
-#[cfg(feature = "security")]
-use crate::{
-  discovery::secure_discovery::SecureDiscovery,
-  security::{security_plugins::SecurityPluginsHandle, types::*},
-};
 #[cfg(not(feature = "security"))]
 use crate::no_security::*;
 
@@ -100,16 +72,7 @@ pub enum DiscoveryCommand {
     manual_assertion: bool,
   },
 
-  #[cfg(feature = "security")]
-  StartKeyExchangeWithRemoteParticipant {
-    participant_guid_prefix: GuidPrefix,
-  },
 
-  #[cfg(feature = "security")]
-  StartKeyExchangeWithRemoteEndpoint {
-    local_endpoint_guid: GUID,
-    remote_endpoint_guid: GUID,
-  },
 }
 
 pub struct LivelinessState {
@@ -163,24 +126,6 @@ mod with_key {
   }
 }
 
-#[cfg(feature = "security")] // only used with security feature for now, this is to avoid warning
-mod no_key {
-  use serde::{de::DeserializeOwned, Serialize};
-
-  use crate::{Topic, TopicKind};
-
-  pub const TOPIC_KIND: TopicKind = TopicKind::NoKey;
-
-  pub(super) struct DiscoveryTopicCDR<D>
-  where
-    D: Serialize + DeserializeOwned,
-  {
-    #[allow(dead_code)] // The topic may not be accessed after initialization
-    pub topic: Topic,
-    pub reader: crate::no_key::DataReader<D, crate::CDRDeserializerAdapter<D>>,
-    pub writer: crate::no_key::DataWriter<D, crate::CDRSerializerAdapter<D>>,
-  }
-}
 
 // Payload for the single shared discovery timer. Each variant identifies a
 // periodic discovery task; the loop drains the timer and dispatches by variant.
@@ -195,8 +140,6 @@ enum DiscoveryTimerEvent {
   ParticipantCleanup,
   TopicCleanup,
   PublishParticipantMessage,
-  #[cfg(feature = "security")]
-  CachedSecureMessageResend,
 }
 
 // Enum indicating if secure discovery allows normal discovery to process
@@ -204,8 +147,6 @@ enum DiscoveryTimerEvent {
 #[derive(PartialEq)]
 pub(crate) enum NormalDiscoveryPermission {
   Allow,
-  #[cfg(feature = "security")] // Deny variant is never constructed if security feature is not on
-  Deny,
 }
 
 pub(crate) struct Discovery {
@@ -262,40 +203,14 @@ pub(crate) struct Discovery {
 
   // Following topics from DDS Security spec v1.1
 
-  // DCPSParticipantSecure - 7.4.1.6 New DCPSParticipantSecure Builtin Topic
-  #[cfg(feature = "security")]
-  dcps_participant_secure: with_key::DiscoveryTopicPlCdr<ParticipantBuiltinTopicDataSecure>,
 
-  // DCPSPublicationsSecure - 7.4.1.7 New DCPSPublicationsSecure Builtin Topic
-  #[cfg(feature = "security")]
-  dcps_publications_secure: with_key::DiscoveryTopicPlCdr<PublicationBuiltinTopicDataSecure>,
 
-  // DCPSSubscriptionsSecure - 7.4.1.8 New DCPSSubscriptionsSecure Builtin Topic
-  #[cfg(feature = "security")]
-  dcps_subscriptions_secure: with_key::DiscoveryTopicPlCdr<SubscriptionBuiltinTopicDataSecure>,
 
-  // DCPSParticipantMessageSecure - used by participants to communicate secure liveness
-  // 7.4.2 New DCPSParticipantMessageSecure builtin Topic
-  #[cfg(feature = "security")]
-  dcps_participant_message_secure: with_key::DiscoveryTopicCDR<ParticipantMessageData>, /* CDR, not PL_CDR */
+ /* CDR, not PL_CDR */
 
-  // DCPSParticipantStatelessMessageSecure
-  // 7.4.3 New DCPSParticipantStatelessMessage builtin Topic
-  #[cfg(feature = "security")]
-  dcps_participant_stateless_message: no_key::DiscoveryTopicCDR<ParticipantStatelessMessage>,
 
-  // DCPSParticipantVolatileMessageSecure
-  // 7.4.4 New DCPSParticipantVolatileMessageSecure builtin Topic
-  #[cfg(feature = "security")]
-  dcps_participant_volatile_message_secure:
-    no_key::DiscoveryTopicCDR<ParticipantVolatileMessageSecure>, // CDR?
+ // CDR?
 
-  // Remote participants to which we have already sent an unsolicited "quick" SPDP
-  // response while they were still being authenticated. Used to avoid sending a
-  // quick response more than once per remote during the (pre-authentication)
-  // discovery phase. See `spdp_receive`.
-  #[cfg(feature = "security")]
-  spdp_quick_response_sent: std::collections::HashSet<GuidPrefix>,
 }
 
 impl Discovery {
@@ -303,8 +218,6 @@ impl Discovery {
   const TOPIC_CLEANUP_PERIOD: StdDuration = StdDuration::from_secs(60); // timer for cleaning up inactive topics
   const SPDP_PUBLISH_PERIOD: StdDuration = StdDuration::from_secs(10);
   const CHECK_PARTICIPANT_MESSAGES: StdDuration = StdDuration::from_secs(1);
-  #[cfg(feature = "security")]
-  const CACHED_SECURE_DISCOVERY_MESSAGE_RESEND_PERIOD: StdDuration = StdDuration::from_secs(1);
 
   #[allow(clippy::too_many_arguments)]
   pub fn new(
@@ -505,109 +418,10 @@ impl Discovery {
 
     // DDS Security
 
-    // Participant
-    #[cfg(feature = "security")]
-    let dcps_participant_secure = construct_topic_and_poll!(
-      PlCdr,
-      with_key,
-      builtin_topic_names::DCPS_PARTICIPANT_SECURE,
-      builtin_topic_type_names::DCPS_PARTICIPANT_SECURE,
-      ParticipantBuiltinTopicDataSecure,
-      None,  // QoS
-      None,  // Reader QoS: as above
-      false, // Regular stateful RTPS Reader & Writer
-      EntityId::SPDP_RELIABLE_BUILTIN_PARTICIPANT_SECURE_READER,
-      SECURE_DISCOVERY_PARTICIPANT_DATA_TOKEN,
-      EntityId::SPDP_RELIABLE_BUILTIN_PARTICIPANT_SECURE_WRITER,
-      None, // No timer. Periodic sending is done simultaneously with the non-secure topic
-    );
 
-    // Subscriptions: What are the Readers on the network and what are they
-    // subscribing to?
-    #[cfg(feature = "security")]
-    let dcps_subscriptions_secure = construct_topic_and_poll!(
-      PlCdr,
-      with_key,
-      builtin_topic_names::DCPS_SUBSCRIPTIONS_SECURE,
-      builtin_topic_type_names::DCPS_SUBSCRIPTIONS_SECURE,
-      SubscriptionBuiltinTopicDataSecure,
-      None,                                  // QoS
-      Some(Self::builtin_sedp_reader_qos()), // Reader QoS
-      false,                                 // Regular stateful RTPS Reader & Writer
-      EntityId::SEDP_BUILTIN_SUBSCRIPTIONS_SECURE_READER,
-      SECURE_DISCOVERY_READER_DATA_TOKEN,
-      EntityId::SEDP_BUILTIN_SUBSCRIPTIONS_SECURE_WRITER,
-      None, // No timer
-    );
 
-    // Publication : Who are the Writers here and elsewhere
-    #[cfg(feature = "security")]
-    let dcps_publications_secure = construct_topic_and_poll!(
-      PlCdr,
-      with_key,
-      builtin_topic_names::DCPS_PUBLICATIONS_SECURE,
-      builtin_topic_type_names::DCPS_PUBLICATIONS_SECURE,
-      PublicationBuiltinTopicDataSecure,
-      None,                                  // QoS
-      Some(Self::builtin_sedp_reader_qos()), // Reader QoS
-      false,                                 // Regular stateful RTPS Reader & Writer
-      EntityId::SEDP_BUILTIN_PUBLICATIONS_SECURE_READER,
-      SECURE_DISCOVERY_WRITER_DATA_TOKEN,
-      EntityId::SEDP_BUILTIN_PUBLICATIONS_SECURE_WRITER,
-      None, // No timer
-    );
 
-    // p2p Participant message secure
-    #[cfg(feature = "security")]
-    let dcps_participant_message_secure = construct_topic_and_poll!(
-      CDR,
-      with_key,
-      builtin_topic_names::DCPS_PARTICIPANT_MESSAGE_SECURE,
-      builtin_topic_type_names::DCPS_PARTICIPANT_MESSAGE_SECURE,
-      ParticipantMessageData, // actually reuse the non-secure data type
-      None,                   // QoS
-      None,                   // Reader QoS: as above
-      false,                  // Regular stateful RTPS Reader & Writer
-      EntityId::P2P_BUILTIN_PARTICIPANT_MESSAGE_SECURE_READER,
-      P2P_SECURE_DISCOVERY_PARTICIPANT_MESSAGE_TOKEN,
-      EntityId::P2P_BUILTIN_PARTICIPANT_MESSAGE_SECURE_WRITER,
-      None, // No timer. Periodic sending is done simultaneously with the non-secure topic
-    );
-    // p2p Participant stateless message, used for authentication and Diffie-Hellman
-    // key exchange
-    #[cfg(feature = "security")]
-    let dcps_participant_stateless_message = construct_topic_and_poll!(
-      CDR,
-      no_key,
-      builtin_topic_names::DCPS_PARTICIPANT_STATELESS_MESSAGE,
-      builtin_topic_type_names::DCPS_PARTICIPANT_STATELESS_MESSAGE,
-      ParticipantStatelessMessage,
-      Some(Self::create_participant_stateless_message_qos()),
-      None, // Reader QoS: as above
-      true, // Important: STATELESS RTPS Reader & Writer (see Security spec. section 7.4.3)
-      EntityId::P2P_BUILTIN_PARTICIPANT_STATELESS_READER,
-      P2P_PARTICIPANT_STATELESS_MESSAGE_TOKEN,
-      EntityId::P2P_BUILTIN_PARTICIPANT_STATELESS_WRITER,
-      None, // No timer
-    );
 
-    // p2p Participant volatile message secure, used for key exchange
-    // Used for distributing symmetric (AES) crypto keys
-    #[cfg(feature = "security")]
-    let dcps_participant_volatile_message_secure = construct_topic_and_poll!(
-      CDR,
-      no_key,
-      builtin_topic_names::DCPS_PARTICIPANT_VOLATILE_MESSAGE_SECURE,
-      builtin_topic_type_names::DCPS_PARTICIPANT_VOLATILE_MESSAGE_SECURE,
-      ParticipantVolatileMessageSecure,
-      Some(Self::create_participant_volatile_message_secure_qos()),
-      None,  // Reader QoS: as above
-      false, // Regular stateful RTPS Reader & Writer
-      EntityId::P2P_BUILTIN_PARTICIPANT_VOLATILE_SECURE_READER,
-      P2P_BUILTIN_PARTICIPANT_VOLATILE_SECURE_TOKEN,
-      EntityId::P2P_BUILTIN_PARTICIPANT_VOLATILE_SECURE_WRITER,
-      None, // No timer.
-    );
 
     // The single shared timer for the discovery loop. Register it once and seed
     // all periodic tasks. The SPDP-publish and participant-message tasks are
@@ -632,27 +446,11 @@ impl Discovery {
         StdDuration::from_millis(100),
         DiscoveryTimerEvent::PublishParticipantMessage,
       );
-      #[cfg(feature = "security")]
-      t.set_timeout(
-        Self::CACHED_SECURE_DISCOVERY_MESSAGE_RESEND_PERIOD,
-        DiscoveryTimerEvent::CachedSecureMessageResend,
-      );
     }
 
     #[cfg(not(feature = "security"))]
     let security_opt = security_plugins_opt.and(None); // = None, but avoid warning.
 
-    #[cfg(feature = "security")]
-    let security_opt = if let Some(plugins_handle) = security_plugins_opt {
-      // Plugins is Some so security is enabled. Initialize SecureDiscovery
-      let security = try_construct!(
-        SecureDiscovery::new(&domain_participant, &discovery_db, plugins_handle),
-        "Could not initialize Secure Discovery."
-      );
-      Some(security)
-    } else {
-      None // no security configured
-    };
 
     Ok(Self {
       poll,
@@ -679,20 +477,6 @@ impl Discovery {
       discovery_timer,
 
       security_opt,
-      #[cfg(feature = "security")]
-      dcps_participant_secure,
-      #[cfg(feature = "security")]
-      dcps_publications_secure,
-      #[cfg(feature = "security")]
-      dcps_subscriptions_secure,
-      #[cfg(feature = "security")]
-      dcps_participant_message_secure,
-      #[cfg(feature = "security")]
-      dcps_participant_stateless_message,
-      #[cfg(feature = "security")]
-      dcps_participant_volatile_message_secure,
-      #[cfg(feature = "security")]
-      spdp_quick_response_sent: std::collections::HashSet::new(),
     })
   }
 
@@ -803,32 +587,6 @@ impl Discovery {
                     },
                   );
                 }
-                #[cfg(feature = "security")]
-                DiscoveryCommand::StartKeyExchangeWithRemoteParticipant {
-                  participant_guid_prefix,
-                } => {
-                  if let Some(security) = self.security_opt.as_mut() {
-                    security.start_key_exchange_with_remote_participant(
-                      participant_guid_prefix,
-                      &self.dcps_participant_volatile_message_secure.writer,
-                      &self.discovery_db,
-                    );
-                  }
-                }
-                #[cfg(feature = "security")]
-                DiscoveryCommand::StartKeyExchangeWithRemoteEndpoint {
-                  local_endpoint_guid,
-                  remote_endpoint_guid,
-                } => {
-                  if let Some(security) = self.security_opt.as_mut() {
-                    security.start_key_exchange_with_remote_endpoint(
-                      local_endpoint_guid,
-                      remote_endpoint_guid,
-                      &self.dcps_participant_volatile_message_secure.writer,
-                      &self.discovery_db,
-                    );
-                  }
-                }
               };
             }
           }
@@ -888,14 +646,6 @@ impl Discovery {
                     DiscoveryTimerEvent::PublishParticipantMessage,
                   );
                 }
-                #[cfg(feature = "security")]
-                DiscoveryTimerEvent::CachedSecureMessageResend => {
-                  self.on_secure_discovery_message_resend_triggered();
-                  self.discovery_timer.borrow_mut().set_timeout(
-                    Self::CACHED_SECURE_DISCOVERY_MESSAGE_RESEND_PERIOD,
-                    DiscoveryTimerEvent::CachedSecureMessageResend,
-                  );
-                }
               }
             }
           }
@@ -917,24 +667,14 @@ impl Discovery {
             }
           }
           P2P_PARTICIPANT_STATELESS_MESSAGE_TOKEN => {
-            #[cfg(feature = "security")]
-            self.receive_participant_stateless_message();
           }
           P2P_BUILTIN_PARTICIPANT_VOLATILE_SECURE_TOKEN => {
-            #[cfg(feature = "security")]
-            self.receive_participant_volatile_message();
           }
           SECURE_DISCOVERY_PARTICIPANT_DATA_TOKEN => {
-            #[cfg(feature = "security")]
-            self.secure_spdp_receive();
           }
           SECURE_DISCOVERY_READER_DATA_TOKEN => {
-            #[cfg(feature = "security")]
-            self.secure_sedp_receive_subscription(None);
           }
           SECURE_DISCOVERY_WRITER_DATA_TOKEN => {
-            #[cfg(feature = "security")]
-            self.secure_sedp_receive_publication(None);
           }
 
           other_token => {
@@ -985,21 +725,6 @@ impl Discovery {
           #[cfg(not(feature = "security"))]
           let permission = NormalDiscoveryPermission::Allow;
 
-          #[cfg(feature = "security")]
-          let permission = if let Some(security) = self.security_opt.as_mut() {
-            // Security is enabled. Do a secure read, potentially starting the
-            // authentication protocol. The return value tells if normal Discovery is
-            // allowed to process the message.
-            security.participant_read(
-              &ds,
-              &self.discovery_db,
-              &self.discovery_updated_sender,
-              &self.dcps_participant_stateless_message.writer,
-            )
-          } else {
-            // No security configured, always allowed
-            NormalDiscoveryPermission::Allow
-          };
 
           if permission == NormalDiscoveryPermission::Allow {
             match ds.value {
@@ -1013,29 +738,6 @@ impl Discovery {
               }
             }
           } else {
-            // Speed up *secure* discovery.
-            //
-            // While the remote is still being authenticated, `participant_read`
-            // returns a permission other than `Allow`, which skips
-            // `process_discovered_participant_data` above — and with it the normal
-            // "quick SPDP response" optimization. Without that, the remote would
-            // only learn about us on our next *periodic* SPDP (SPDP_PUBLISH_PERIOD),
-            // delaying the authentication handshake by up to a full period. Send an
-            // unsolicited one-shot quick SPDP response now (at most once per remote).
-            // We only re-announce our own public SPDP data, so this discloses nothing
-            // extra.
-            #[cfg(feature = "security")]
-            if let Sample::Value(participant_data) = &ds.value {
-              let remote_prefix = participant_data.participant_guid.prefix;
-              if remote_prefix != self.domain_participant.guid().prefix
-                && self.spdp_quick_response_sent.insert(remote_prefix)
-              {
-                self.discovery_timer.borrow_mut().set_timeout(
-                  StdDuration::from_millis(10),
-                  DiscoveryTimerEvent::SendParticipantInfo { reschedule: false },
-                );
-              }
-            }
           }
         }
         Ok(None) => {
@@ -1108,8 +810,6 @@ impl Discovery {
       id: participant_guidp,
       reason: LostReason::Disposed,
     });
-    #[cfg(feature = "security")]
-    self.spdp_quick_response_sent.remove(&participant_guidp);
   }
 
   fn send_endpoint_dispose_message(&self, endpoint_guid: GUID) {
@@ -1120,22 +820,10 @@ impl Discovery {
         .writer
         .dispose(&Endpoint_GUID(endpoint_guid), None)
         .unwrap_or_else(|e| error!("Disposing local Writer: {e:?}"));
-      #[cfg(feature = "security")]
-      self
-        .dcps_publications_secure
-        .writer
-        .dispose(&Endpoint_GUID(endpoint_guid), None)
-        .unwrap_or_else(|e| error!("Disposing local Writer: {e:?}"));
     } else {
       // is reader
       self
         .dcps_subscription
-        .writer
-        .dispose(&Endpoint_GUID(endpoint_guid), None)
-        .unwrap_or_else(|e| error!("Disposing local Reader: {e:?}"));
-      #[cfg(feature = "security")]
-      self
-        .dcps_subscriptions_secure
         .writer
         .dispose(&Endpoint_GUID(endpoint_guid), None)
         .unwrap_or_else(|e| error!("Disposing local Reader: {e:?}"));
@@ -1155,12 +843,6 @@ impl Discovery {
 
     self
       .dcps_participant
-      .writer
-      .dispose(&Participant_GUID(self.domain_participant.guid()), None)
-      .unwrap_or(());
-    #[cfg(feature = "security")]
-    self
-      .dcps_participant_secure
       .writer
       .dispose(&Participant_GUID(self.domain_participant.guid()), None)
       .unwrap_or(());
@@ -1198,14 +880,6 @@ impl Discovery {
       #[cfg(not(feature = "security"))]
       let permission = NormalDiscoveryPermission::Allow;
 
-      #[cfg(feature = "security")]
-      let permission = if let Some(security) = self.security_opt.as_mut() {
-        // Security is enabled. Do a secure read
-        security.check_nonsecure_subscription_read(&d, &self.discovery_db)
-      } else {
-        // No security configured, always allowed
-        NormalDiscoveryPermission::Allow
-      };
 
       if permission == NormalDiscoveryPermission::Allow {
         match d {
@@ -1277,14 +951,6 @@ impl Discovery {
       #[cfg(not(feature = "security"))]
       let permission = NormalDiscoveryPermission::Allow;
 
-      #[cfg(feature = "security")]
-      let permission = if let Some(security) = self.security_opt.as_mut() {
-        // Security is enabled. Do a secure read
-        security.check_nonsecure_publication_read(&d, &self.discovery_db)
-      } else {
-        // No security configured, always allowed
-        NormalDiscoveryPermission::Allow
-      };
 
       if permission == NormalDiscoveryPermission::Allow {
         match d {
@@ -1344,14 +1010,6 @@ impl Discovery {
       #[cfg(not(feature = "security"))]
       let permission = NormalDiscoveryPermission::Allow;
 
-      #[cfg(feature = "security")]
-      let permission = if let Some(security) = self.security_opt.as_mut() {
-        // Security is enabled. Do a secure read
-        security.check_topic_read(&t, &self.discovery_db)
-      } else {
-        // No security configured, always allowed
-        NormalDiscoveryPermission::Allow
-      };
 
       if permission == NormalDiscoveryPermission::Allow {
         match t {
@@ -1417,18 +1075,6 @@ impl Discovery {
     // Then from secure reader if needed
     #[cfg(not(feature = "security"))]
     let mut secure_samples = vec![];
-    #[cfg(feature = "security")]
-    let mut secure_samples = match self
-      .dcps_participant_message_secure
-      .reader
-      .take(usize::MAX, ReadCondition::any())
-    {
-      Ok(secure_samples) => secure_samples,
-      Err(e) => {
-        error!("Secure receive_participant_message: {e:?}");
-        return;
-      }
-    };
 
     samples.append(&mut secure_samples);
 
@@ -1451,10 +1097,6 @@ impl Discovery {
       5.0 * Duration::from(Self::SPDP_PUBLISH_PERIOD),
     );
 
-    #[cfg(feature = "security")]
-    if let Some(security) = self.security_opt.as_ref() {
-      security.secure_spdp_publish(&self.dcps_participant_secure.writer, data.clone());
-    }
 
     self
       .dcps_participant
@@ -1533,17 +1175,6 @@ impl Discovery {
       #[cfg(not(feature = "security"))]
       let write_result = self.dcps_participant_message.writer.write(msg, None);
 
-      #[cfg(feature = "security")]
-      let write_result = if let Some(security) = self.security_opt.as_ref() {
-        security.write_liveness_message(
-          &self.dcps_participant_message_secure.writer,
-          &self.dcps_participant_message.writer,
-          msg,
-        )
-      } else {
-        // No security enabled
-        self.dcps_participant_message.writer.write(msg, None)
-      };
 
       match write_result {
         Ok(_) => {
@@ -1567,198 +1198,11 @@ impl Discovery {
     }
   }
 
-  #[cfg(feature = "security")]
-  fn receive_participant_stateless_message(&mut self) {
-    if let Some(security) = self.security_opt.as_mut() {
-      // Security enabled. Get messages from the stateless data reader & feed to
-      // Secure Discovery.
-      match self
-        .dcps_participant_stateless_message
-        .reader
-        .into_iterator()
-      {
-        Ok(dr_iter) => {
-          for msg in dr_iter {
-            security.participant_stateless_message_read(
-              &msg,
-              &self.discovery_db,
-              &self.discovery_updated_sender,
-              &self.dcps_participant_stateless_message.writer,
-            );
-          }
-        }
-        Err(e) => {
-          error!("receive_participant_stateless_message: {e:?}");
-        }
-      };
-    }
-  }
 
-  #[cfg(feature = "security")]
-  fn receive_participant_volatile_message(&mut self) {
-    if let Some(security) = self.security_opt.as_mut() {
-      // Security enabled. Get messages from the volatile message reader & feed to
-      // Secure Discovery.
-      match self
-        .dcps_participant_volatile_message_secure
-        .reader
-        .into_iterator()
-      {
-        Ok(dr_iter) => {
-          for msg in dr_iter {
-            security.volatile_message_secure_read(&msg);
-          }
-        }
-        Err(e) => {
-          error!("receive_participant_volatile_message: {e:?}");
-        }
-      };
-    }
-  }
 
-  #[cfg(feature = "security")]
-  pub fn secure_spdp_receive(&mut self) {
-    let sample_iter = match self.dcps_participant_secure.reader.into_iterator() {
-      Ok(iter) => iter,
-      Err(e) => {
-        error!("secure_spdp_receive: {e:?}");
-        return;
-      }
-    };
 
-    for sample in sample_iter {
-      let permission = if let Some(security) = self.security_opt.as_mut() {
-        security.secure_participant_read(
-          &sample,
-          &self.discovery_db,
-          &self.discovery_updated_sender,
-        )
-      } else {
-        debug!("In secure_spdp_receive even though security not enabled?");
-        return;
-      };
 
-      if permission == NormalDiscoveryPermission::Allow {
-        match sample {
-          Sample::Value(sec_data) => {
-            let participant_data = sec_data.participant_data;
-            self.process_discovered_participant_data(&participant_data);
-          }
-          // Sample::Dispose means that DomainParticipant was disposed
-          Sample::Dispose(participant_guid) => {
-            self.process_participant_dispose(participant_guid.0.prefix);
-          }
-        }
-      }
-    }
-  }
 
-  #[cfg(feature = "security")]
-  pub fn secure_sedp_receive_subscription(&mut self, _read_history: Option<GuidPrefix>) {
-    let sec_subs: Vec<Sample<SubscriptionBuiltinTopicDataSecure, GUID>> =
-      match self.dcps_subscriptions_secure.reader.into_iterator() {
-        // into_iterator() took these samples out of the reader, so all of them
-        // must be processed.
-        Ok(ds) => ds
-          .map(|d| d.map_dispose(|g| g.0)) // map_dispose removes Endpoint_GUID wrapper around GUID
-          .collect(),
-        Err(e) => {
-          error!("secure_sedp_receive_subscription: {e:?}");
-          return;
-        }
-      };
-
-    for sec_sub_sample in sec_subs {
-      let permission = if let Some(security) = self.security_opt.as_mut() {
-        security.check_secure_subscription_read(&sec_sub_sample, &self.discovery_db)
-      } else {
-        debug!("In secure_sedp_receive_subscription even though security not enabled?");
-        return;
-      };
-
-      if permission == NormalDiscoveryPermission::Allow {
-        match sec_sub_sample {
-          Sample::Value(sec_sub) => {
-            // Currently we use only the DiscoveredReaderData field, no DataTag
-            let drd_from_topic = sec_sub.discovered_reader_data;
-            let drd = discovery_db_write(&self.discovery_db).update_subscription(&drd_from_topic);
-            self.send_discovery_notification(DiscoveryNotificationType::ReaderUpdated {
-              discovered_reader_data: drd,
-            });
-          }
-          Sample::Dispose(reader_guid) => {
-            info!("Secure Dispose Reader {reader_guid:?}");
-            discovery_db_write(&self.discovery_db).remove_topic_reader(reader_guid);
-            self.send_discovery_notification(DiscoveryNotificationType::ReaderLost { reader_guid });
-            self.send_participant_status(DomainParticipantStatusEvent::ReaderLost {
-              guid: reader_guid,
-              reason: LostReason::Disposed,
-            });
-          }
-        }
-      }
-    }
-  }
-
-  #[cfg(feature = "security")]
-  pub fn secure_sedp_receive_publication(&mut self, _read_history: Option<GuidPrefix>) {
-    let sec_pubs: Vec<Sample<PublicationBuiltinTopicDataSecure, GUID>> =
-      match self.dcps_publications_secure.reader.into_iterator() {
-        // into_iterator() took these samples out of the reader, so all of them
-        // must be processed.
-        Ok(ds) => ds
-          .map(|d| d.map_dispose(|g| g.0)) // map_dispose removes Endpoint_GUID wrapper around GUID
-          .collect(),
-        Err(e) => {
-          error!("secure_sedp_receive_publication: {e:?}");
-          return;
-        }
-      };
-
-    for sec_pub_sample in sec_pubs {
-      let permission = if let Some(security) = self.security_opt.as_mut() {
-        security.check_secure_publication_read(&sec_pub_sample, &self.discovery_db)
-      } else {
-        debug!("In secure_sedp_receive_publication even though security not enabled?");
-        return;
-      };
-
-      if permission == NormalDiscoveryPermission::Allow {
-        match sec_pub_sample {
-          Sample::Value(se_pub) => {
-            // Currently we use only the DiscoveredWriterData field, no DataTag
-            let dwd_from_topic = se_pub.discovered_writer_data;
-            let dwd = discovery_db_write(&self.discovery_db).update_publication(&dwd_from_topic);
-            self.send_discovery_notification(DiscoveryNotificationType::WriterUpdated {
-              discovered_writer_data: dwd,
-            });
-          }
-          Sample::Dispose(writer_guid) => {
-            info!("Secure Dispose Writer {writer_guid:?}");
-            discovery_db_write(&self.discovery_db).remove_topic_writer(writer_guid);
-            self.send_discovery_notification(DiscoveryNotificationType::WriterLost { writer_guid });
-            self.send_participant_status(DomainParticipantStatusEvent::WriterLost {
-              guid: writer_guid,
-              reason: LostReason::Disposed,
-            });
-          }
-        }
-      }
-    }
-  }
-
-  #[cfg(feature = "security")]
-  fn on_secure_discovery_message_resend_triggered(&mut self) {
-    if let Some(security) = self.security_opt.as_mut() {
-      // Security is enabled
-      security.resend_cached_secure_discovery_messages(
-        &self.dcps_participant_stateless_message.writer,
-        &self.dcps_participant_volatile_message_secure.writer,
-      );
-      // Note: the resend timer is rescheduled by the shared-timer dispatch loop
-      // after this method returns, so we must not reschedule it here.
-    }
-  }
 
   pub fn participant_cleanup(&self) {
     let removed = discovery_db_write(&self.discovery_db).participant_cleanup();
@@ -1791,17 +1235,6 @@ impl Discovery {
     #[cfg(not(feature = "security"))]
     let do_nonsecure_write = true;
 
-    #[cfg(feature = "security")]
-    let do_nonsecure_write = if let Some(security) = self.security_opt.as_ref() {
-      security.sedp_publish_single_reader(
-        &self.dcps_subscription.writer,
-        &self.dcps_subscriptions_secure.writer,
-        reader_data,
-      );
-      false
-    } else {
-      true // No security configured
-    };
 
     if do_nonsecure_write {
       match self
@@ -1892,17 +1325,6 @@ impl Discovery {
     #[cfg(not(feature = "security"))]
     let do_nonsecure_write = true;
 
-    #[cfg(feature = "security")]
-    let do_nonsecure_write = if let Some(security) = self.security_opt.as_ref() {
-      security.sedp_publish_single_writer(
-        &self.dcps_publication.writer,
-        &self.dcps_publications_secure.writer,
-        writer_data,
-      );
-      false
-    } else {
-      true // No security configured
-    };
 
     if do_nonsecure_write {
       match self
@@ -2099,37 +1521,7 @@ impl Discovery {
   // builtin_subscriber_qos_builder rather than empty QoS policy. The change
   // requires interop testing with differet DDSs, including security.
 
-  #[cfg(feature = "security")]
-  pub const fn create_participant_stateless_message_qos() -> QosPolicies {
-    // See section 7.4.3 "New DCPSParticipantStatelessMessage builtin Topic" of the
-    // Security spec
-    QosPolicyBuilder::new()
-      .reliability(Reliability::BestEffort) // Important!
-      .history(History::KeepLast { depth: 1 })
-      .build()
-  }
 
-  #[cfg(feature = "security")]
-  pub const fn create_participant_volatile_message_secure_qos() -> QosPolicies {
-    // See Table 18 – Non-default Qos policies for
-    // BuiltinParticipantVolatileMessageSecureWriter of the Security spec
-    //
-    // Base this on builtin_subscriber_qos_builder() (like the other built-in
-    // QoS) so that the fabricated remote writer proxy carries the same
-    // presentation/deadline/ownership/etc. policies as the locally created
-    // volatile reader (whose effective QoS inherits them from the built-in
-    // Subscriber). Using an empty QosPolicyBuilder here left presentation unset
-    // on the proxy while the reader required PresentationAccessScope::Topic,
-    // causing a spurious QoS incompatibility that prevented the volatile
-    // endpoints from matching and blocked all secure key exchange.
-    Self::builtin_subscriber_qos_builder()
-      .reliability(Reliability::Reliable {
-        max_blocking_time: Duration::from_std(StdDuration::from_millis(100)),
-      })
-      .history(History::KeepAll)
-      .durability(Durability::Volatile)
-      .build()
-  }
 
   fn send_discovery_notification(&self, dntype: DiscoveryNotificationType) {
     match self.discovery_updated_sender.send(dntype) {
@@ -2151,624 +1543,3 @@ impl Discovery {
 // -----------------------------------------------------------------------
 // -----------------------------------------------------------------------
 
-#[cfg(test)]
-mod tests {
-  use std::net::SocketAddr;
-
-  use chrono::Utc;
-  use speedy::{Endianness, Writable};
-
-  use super::*;
-  use crate::{
-    dds::{adapters::no_key::DeserializerAdapter, ddsdata::DDSData},
-    discovery::sedp_messages::TopicBuiltinTopicData,
-    messages::submessages::submessages::{InterpreterSubmessage, WriterSubmessage},
-    network::{constant::*, udp_listener::UDPListener, udp_sender::UDPSender},
-    rtps::submessage::*,
-    structure::cache_change::ChangeKind,
-    test::{
-      shape_type::ShapeType,
-      test_data::{
-        create_cdr_pl_rtps_data_message, spdp_participant_msg_mod, spdp_publication_msg,
-        spdp_subscription_msg,
-      },
-      test_domain::test_domain_id,
-    },
-    RepresentationIdentifier, SerializedPayload,
-  };
-
-  #[test]
-  fn sedp_topic_caches_get_sedp_reader_limits() {
-    let participant = DomainParticipant::new(test_domain_id(47)).expect("participant creation");
-    let dds_cache = participant.dds_cache();
-    let max_samples = |topic: &str| {
-      dds_cache
-        .read()
-        .unwrap()
-        .get_existing_topic_cache(topic)
-        .unwrap()
-        .lock()
-        .unwrap()
-        .max_keep_samples()
-    };
-
-    for topic in [
-      builtin_topic_names::DCPS_PUBLICATION,
-      builtin_topic_names::DCPS_SUBSCRIPTION,
-      builtin_topic_names::DCPS_TOPIC,
-    ] {
-      assert_eq!(max_samples(topic), 4096, "{topic} cache limit");
-    }
-    #[cfg(feature = "security")]
-    for topic in [
-      builtin_topic_names::DCPS_PUBLICATIONS_SECURE,
-      builtin_topic_names::DCPS_SUBSCRIPTIONS_SECURE,
-    ] {
-      assert_eq!(max_samples(topic), 4096, "{topic} cache limit");
-    }
-    assert_eq!(
-      max_samples(builtin_topic_names::DCPS_PARTICIPANT),
-      64,
-      "SPDP keeps the default cache limit"
-    );
-  }
-
-  #[test]
-  fn discovery_participant_data_test() {
-    let mut poll = mio1::Poll::new().unwrap();
-    let listener_port = spdp_well_known_unicast_port(test_domain_id(12), 0);
-
-    let mut udp_listener =
-      UDPListener::new_unicast("127.0.0.1", listener_port).expect("udp listener creation");
-    poll
-      .registry()
-      .register(
-        udp_listener.mio_socket(),
-        mio1::Token(0),
-        mio1::Interest::READABLE,
-      )
-      .unwrap();
-
-    // sending participant data to discovery
-    let udp_sender = UDPSender::new_with_random_port().expect("failed to create UDPSender");
-    let addresses = vec![SocketAddr::new("127.0.0.1".parse().unwrap(), listener_port)];
-
-    let tdata = spdp_participant_msg_mod(11000);
-    let msg_data = tdata
-      .write_to_vec_with_ctx(Endianness::LittleEndian)
-      .expect("Failed to write msg data");
-
-    udp_sender.send_to_all(&msg_data, &addresses);
-
-    let mut events = mio1::Events::with_capacity(10);
-    poll
-      .poll(&mut events, Some(StdDuration::from_secs(1)))
-      .unwrap();
-
-    let _data2 = udp_listener.get_message();
-    // TODO: we should have received our own participants info decoding the
-    // actual message might be good idea
-  }
-
-  #[test]
-  fn discovery_reader_data_test() {
-    use crate::{
-      serialization::pl_cdr_adapters::PlCdrSerialize, structure::locator::Locator, TopicKind,
-    };
-
-    let participant = DomainParticipant::new(test_domain_id(0)).expect("participant creation");
-
-    let topic = participant
-      .create_topic(
-        "Square".to_string(),
-        "ShapeType".to_string(),
-        &QosPolicies::qos_none(),
-        TopicKind::WithKey,
-      )
-      .unwrap();
-
-    let publisher = participant
-      .create_publisher(&QosPolicies::qos_none())
-      .unwrap();
-    let _writer = publisher
-      .create_datawriter_cdr::<ShapeType>(&topic, None)
-      .unwrap();
-
-    let subscriber = participant
-      .create_subscriber(&QosPolicies::qos_none())
-      .unwrap();
-    let _reader =
-      subscriber.create_datareader::<ShapeType, CDRDeserializerAdapter<ShapeType>>(&topic, None);
-
-    let mut poll = mio1::Poll::new().unwrap();
-    let listener_port = spdp_well_known_unicast_port(test_domain_id(14), 0);
-
-    let mut udp_listener = UDPListener::new_unicast("127.0.0.1", listener_port).unwrap();
-    poll
-      .registry()
-      .register(
-        udp_listener.mio_socket(),
-        mio1::Token(0),
-        mio1::Interest::READABLE,
-      )
-      .unwrap();
-
-    let udp_sender: UDPSender =
-      UDPSender::new_with_random_port().expect("failed to create UDPSender");
-    let addresses: Vec<SocketAddr> =
-      vec![SocketAddr::new("127.0.0.1".parse().unwrap(), listener_port)];
-
-    let mut tdata: crate::rtps::Message = spdp_subscription_msg();
-    let mut data: bytes::Bytes;
-    for submsg in &mut tdata.submessages {
-      match &mut submsg.body {
-        SubmessageBody::Writer(WriterSubmessage::Data(d, _)) => {
-          let mut drd: DiscoveredReaderData = PlCdrDeserializerAdapter::from_bytes(
-            &d.unwrap_serialized_payload_value(),
-            RepresentationIdentifier::PL_CDR_LE,
-          )
-          .unwrap();
-          drd.reader_proxy.unicast_locator_list.clear();
-          drd
-            .reader_proxy
-            .unicast_locator_list
-            .push(Locator::from(SocketAddr::new(
-              "127.0.0.1".parse().unwrap(),
-              11001,
-            )));
-          drd.reader_proxy.multicast_locator_list.clear();
-
-          data = drd
-            .to_pl_cdr_bytes(RepresentationIdentifier::PL_CDR_LE)
-            .unwrap();
-          d.update_serialized_payload_value(data.clone());
-        }
-        SubmessageBody::Interpreter(_) => (),
-        _ => continue,
-      }
-    }
-
-    let msg_data: Vec<u8> = tdata
-      .write_to_vec_with_ctx(Endianness::LittleEndian)
-      .expect("Failed to write msg data");
-
-    udp_sender.send_to_all(&msg_data, &addresses);
-
-    let mut events = mio1::Events::with_capacity(10);
-    poll
-      .poll(&mut events, Some(StdDuration::from_secs(1)))
-      .unwrap();
-
-    let _data2: Vec<u8> = udp_listener.get_message();
-  }
-
-  #[test]
-  fn discovery_writer_data_test() {
-    use crate::TopicKind;
-    let participant =
-      DomainParticipant::new(test_domain_id(0)).expect("Failed to create participant");
-
-    let topic = participant
-      .create_topic(
-        "Square".to_string(),
-        "ShapeType".to_string(),
-        &QosPolicies::qos_none(),
-        TopicKind::WithKey,
-      )
-      .unwrap();
-
-    let publisher = participant
-      .create_publisher(&QosPolicies::qos_none())
-      .unwrap();
-    let _writer = publisher
-      .create_datawriter_cdr::<ShapeType>(&topic, None)
-      .unwrap();
-
-    let subscriber = participant
-      .create_subscriber(&QosPolicies::qos_none())
-      .unwrap();
-    let _reader =
-      subscriber.create_datareader::<ShapeType, CDRDeserializerAdapter<ShapeType>>(&topic, None);
-
-    let mut poll = mio1::Poll::new().unwrap();
-    let mut udp_listener = UDPListener::new_unicast("127.0.0.1", 0).unwrap();
-    poll
-      .registry()
-      .register(
-        udp_listener.mio_socket(),
-        mio1::Token(0),
-        mio1::Interest::READABLE,
-      )
-      .unwrap();
-
-    let udp_sender = UDPSender::new_with_random_port().expect("failed to create UDPSender");
-    let addresses = vec![SocketAddr::new(
-      "127.0.0.1".parse().unwrap(),
-      spdp_well_known_unicast_port(test_domain_id(15), 0),
-    )];
-
-    let mut tdata = spdp_publication_msg();
-    for submsg in &mut tdata.submessages {
-      match &mut submsg.body {
-        SubmessageBody::Interpreter(v) => match v {
-          InterpreterSubmessage::InfoDestination(dst, _flags) => {
-            dst.guid_prefix = participant.guid_prefix();
-          }
-          _ => continue,
-        },
-        SubmessageBody::Writer(_) => (),
-        SubmessageBody::Reader(_) => (),
-        #[cfg(feature = "security")]
-        SubmessageBody::Security(_) => (),
-      }
-    }
-
-    let par_msg_data = spdp_participant_msg_mod(udp_listener.port())
-      .write_to_vec_with_ctx(Endianness::LittleEndian)
-      .expect("Failed to write participant data.");
-
-    let msg_data = tdata
-      .write_to_vec_with_ctx(Endianness::LittleEndian)
-      .expect("Failed to write msg data");
-
-    udp_sender.send_to_all(&par_msg_data, &addresses);
-    udp_sender.send_to_all(&msg_data, &addresses);
-
-    let mut events = Events::with_capacity(10);
-    poll
-      .poll(&mut events, Some(StdDuration::from_secs(1)))
-      .unwrap();
-
-    for _ in udp_listener.messages_bounded(usize::MAX) {
-      info!("Message received");
-    }
-  }
-
-  #[test]
-  fn discovery_topic_data_test() {
-    let _participant = DomainParticipant::new(test_domain_id(0));
-
-    let topic_data = DiscoveredTopicData::new(
-      Utc::now(),
-      TopicBuiltinTopicData {
-        key: None,
-        name: String::from("Square"),
-        type_name: String::from("ShapeType"),
-        durability: None,
-        deadline: None,
-        latency_budget: None,
-        liveliness: None,
-        reliability: None,
-        lifespan: None,
-        destination_order: None,
-        presentation: None,
-        history: None,
-        resource_limits: None,
-        ownership: None,
-      },
-    );
-
-    let rtps_message = create_cdr_pl_rtps_data_message(
-      &topic_data,
-      EntityId::SEDP_BUILTIN_TOPIC_READER,
-      EntityId::SEDP_BUILTIN_TOPIC_WRITER,
-    );
-
-    let udp_sender = UDPSender::new_with_random_port().expect("failed to create UDPSender");
-    let addresses = vec![SocketAddr::new(
-      "127.0.0.1".parse().unwrap(),
-      spdp_well_known_unicast_port(test_domain_id(16), 0),
-    )];
-
-    let rr = rtps_message
-      .write_to_vec_with_ctx(Endianness::LittleEndian)
-      .unwrap();
-
-    udp_sender.send_to_all(&rr, &addresses);
-  }
-
-  // Stores sample sn of an SEDP writer in a built-in reader's topic cache as the
-  // RTPS Reader does for reliably received DATA, but without notifying the
-  // DataReader. The sample stays pending until Discovery reads that DataReader
-  // for some other reason.
-  fn add_pending_sedp_sample(
-    participant: &DomainParticipant,
-    topic_name: &str,
-    writer_guid: GUID,
-    sn: i64,
-    data: DDSData,
-  ) {
-    use crate::{
-      structure::{cache_change::CacheChange, sequence_number::SequenceNumber},
-      WriteOptions,
-    };
-
-    let topic_cache = participant
-      .dds_cache()
-      .read()
-      .unwrap()
-      .get_existing_topic_cache(topic_name)
-      .unwrap();
-    let mut topic_cache = topic_cache.lock().unwrap();
-    let sn = SequenceNumber::new(sn);
-    topic_cache.add_change(
-      &Timestamp::now(),
-      CacheChange::new(writer_guid, sn, WriteOptions::default(), data),
-    );
-    topic_cache.mark_reliably_received_before(writer_guid, sn.plus_1());
-  }
-
-  // SEDP sample announcing an endpoint
-  fn sedp_value(endpoint_data: &impl PlCdrSerialize) -> DDSData {
-    DDSData::new(SerializedPayload::new_from_bytes(
-      RepresentationIdentifier::PL_CDR_LE,
-      endpoint_data
-        .to_pl_cdr_bytes(RepresentationIdentifier::PL_CDR_LE)
-        .unwrap(),
-    ))
-  }
-
-  // SEDP sample disposing an endpoint
-  fn sedp_dispose(endpoint: GUID) -> DDSData {
-    DDSData::new_disposed_by_key(
-      ChangeKind::NotAliveDisposed,
-      SerializedPayload::new_from_bytes(
-        RepresentationIdentifier::PL_CDR_LE,
-        Endpoint_GUID(endpoint)
-          .to_pl_cdr_bytes(RepresentationIdentifier::PL_CDR_LE)
-          .unwrap(),
-      ),
-    )
-  }
-
-  // When Discovery sees a participant for the first time, it reads the SEDP
-  // readers again for that participant ("rediscovery"). SEDP samples of other
-  // participants that are pending at that moment must not be lost: reading takes
-  // them out of the reader, and the reliable SEDP writer will not send them
-  // again.
-  #[test]
-  fn rediscovery_keeps_pending_sedp_samples_of_other_participants() {
-    use crate::{
-      dds::statusevents::{DataReaderStatus, DataWriterStatus},
-      discovery::sedp_messages::{
-        PublicationBuiltinTopicData, ReaderProxy, SubscriptionBuiltinTopicData, WriterProxy,
-      },
-      structure::guid::EntityKind,
-      StatusEvented, TopicKind,
-    };
-
-    // Status events reported so far by the observer and its local endpoints
-    #[derive(Default)]
-    struct Reported {
-      writer: Vec<DataWriterStatus>,
-      reader: Vec<DataReaderStatus>,
-      participant: Vec<DomainParticipantStatusEvent>,
-    }
-    impl Reported {
-      fn publication_matched(&self, remote_reader: GUID, current_change: i32) -> bool {
-        self.writer.iter().any(|s| {
-          matches!(s, DataWriterStatus::PublicationMatched { reader, current, .. }
-            if *reader == remote_reader && current.count_change() == current_change)
-        })
-      }
-      fn subscription_matched(&self, remote_writer: GUID, current_change: i32) -> bool {
-        self.reader.iter().any(|s| {
-          matches!(s, DataReaderStatus::SubscriptionMatched { writer, current, .. }
-            if *writer == remote_writer && current.count_change() == current_change)
-        })
-      }
-      fn disposed(&self, endpoint: GUID) -> bool {
-        self.participant.iter().any(|e| {
-          matches!(e,
-            DomainParticipantStatusEvent::ReaderLost { guid, reason: LostReason::Disposed }
-            | DomainParticipantStatusEvent::WriterLost { guid, reason: LostReason::Disposed }
-            if *guid == endpoint)
-        })
-      }
-    }
-
-    const DOMAIN_ID: u16 = 47; // not used by other tests
-    const TOPIC: &str = "pending";
-
-    let observer = DomainParticipant::new(DOMAIN_ID).expect("participant creation");
-    let observer_status = observer.status_listener();
-
-    // Readers and writers of some other participant, on the topic of the
-    // observer's local endpoints
-    let other = GuidPrefix::new(b"otherpartcpt");
-    let endpoint = |key, kind| GUID::new(other, EntityId::new([0, 0, key], kind));
-    let reader_guid = endpoint(1, EntityKind::READER_WITH_KEY_USER_DEFINED);
-    let writer_guid = endpoint(2, EntityKind::WRITER_WITH_KEY_USER_DEFINED);
-    let disposed_reader_guid = endpoint(3, EntityKind::READER_WITH_KEY_USER_DEFINED);
-    let disposed_writer_guid = endpoint(4, EntityKind::WRITER_WITH_KEY_USER_DEFINED);
-    let reader_data = |guid| DiscoveredReaderData {
-      reader_proxy: ReaderProxy::new(guid, false, vec![], vec![]),
-      subscription_topic_data: SubscriptionBuiltinTopicData::new(
-        guid,
-        None,
-        TOPIC.to_string(),
-        "ShapeType".to_string(),
-        &QosPolicies::qos_none(),
-        None,
-      ),
-      content_filter: None,
-      user_data: Vec::new(),
-    };
-    let writer_data = |guid| DiscoveredWriterData {
-      last_updated: std::time::Instant::now(),
-      writer_proxy: WriterProxy::new(guid, vec![], vec![]),
-      publication_topic_data: PublicationBuiltinTopicData::new(
-        guid,
-        None,
-        TOPIC.to_string(),
-        "ShapeType".to_string(),
-        None,
-      ),
-      user_data: Vec::new(),
-    };
-    let subscriptions_writer = GUID::new(other, EntityId::SEDP_BUILTIN_SUBSCRIPTIONS_WRITER);
-    let publications_writer = GUID::new(other, EntityId::SEDP_BUILTIN_PUBLICATIONS_WRITER);
-
-    // A reader and a writer that the observer knows and matches before the
-    // new participant appears. Their dispose is pending below.
-    add_pending_sedp_sample(
-      &observer,
-      builtin_topic_names::DCPS_SUBSCRIPTION,
-      subscriptions_writer,
-      1,
-      sedp_value(&reader_data(disposed_reader_guid)),
-    );
-    add_pending_sedp_sample(
-      &observer,
-      builtin_topic_names::DCPS_PUBLICATION,
-      publications_writer,
-      1,
-      sedp_value(&writer_data(disposed_writer_guid)),
-    );
-    // The observer's own SEDP announcements of its local endpoints come back
-    // through its SEDP readers. That wakes Discovery, which then processes the
-    // two samples above as well.
-    let topic = observer
-      .create_topic(
-        TOPIC.to_string(),
-        "ShapeType".to_string(),
-        &QosPolicies::qos_none(),
-        TopicKind::WithKey,
-      )
-      .unwrap();
-    let publisher = observer.create_publisher(&QosPolicies::qos_none()).unwrap();
-    let local_writer = publisher
-      .create_datawriter_cdr::<ShapeType>(&topic, None)
-      .unwrap();
-    let subscriber = observer
-      .create_subscriber(&QosPolicies::qos_none())
-      .unwrap();
-    let local_reader = subscriber
-      .create_datareader_cdr::<ShapeType>(&topic, None)
-      .unwrap();
-
-    let reader_known = |guid| {
-      observer
-        .discovered_readers()
-        .iter()
-        .any(|d| d.reader_proxy.remote_reader_guid == guid)
-    };
-    let writer_known = |guid| {
-      observer
-        .discovered_writers()
-        .iter()
-        .any(|d| d.writer_proxy.remote_writer_guid == guid)
-    };
-    let mut reported = Reported::default();
-    // Polls the condition, collecting status events, until it holds or the
-    // timeout expires
-    let mut wait_until = |timeout: StdDuration, condition: &dyn Fn(&Reported) -> bool| {
-      let deadline = std::time::Instant::now() + timeout;
-      loop {
-        reported
-          .writer
-          .extend(std::iter::from_fn(|| local_writer.try_recv_status()));
-        reported
-          .reader
-          .extend(std::iter::from_fn(|| local_reader.try_recv_status()));
-        reported
-          .participant
-          .extend(std::iter::from_fn(|| observer_status.try_recv_status()));
-        if condition(&reported) || std::time::Instant::now() >= deadline {
-          return condition(&reported);
-        }
-        std::thread::sleep(StdDuration::from_millis(20));
-      }
-    };
-    // Once the observer's own endpoints are in its DiscoveryDB, its own
-    // announcements have been processed, and nothing else wakes its SEDP
-    // readers until the new participant appears.
-    assert!(
-      wait_until(StdDuration::from_secs(10), &|r| {
-        reader_known(local_reader.guid())
-          && writer_known(local_writer.guid())
-          && r.publication_matched(disposed_reader_guid, 1)
-          && r.subscription_matched(disposed_writer_guid, 1)
-      }),
-      "the observer did not match its local endpoints with the other participant's endpoints"
-    );
-
-    // A new reader and writer, and the dispose of the ones above, received by
-    // the observer's SEDP readers but not yet processed by its Discovery.
-    add_pending_sedp_sample(
-      &observer,
-      builtin_topic_names::DCPS_SUBSCRIPTION,
-      subscriptions_writer,
-      2,
-      sedp_value(&reader_data(reader_guid)),
-    );
-    add_pending_sedp_sample(
-      &observer,
-      builtin_topic_names::DCPS_SUBSCRIPTION,
-      subscriptions_writer,
-      3,
-      sedp_dispose(disposed_reader_guid),
-    );
-    add_pending_sedp_sample(
-      &observer,
-      builtin_topic_names::DCPS_PUBLICATION,
-      publications_writer,
-      2,
-      sedp_value(&writer_data(writer_guid)),
-    );
-    add_pending_sedp_sample(
-      &observer,
-      builtin_topic_names::DCPS_PUBLICATION,
-      publications_writer,
-      3,
-      sedp_dispose(disposed_writer_guid),
-    );
-
-    // A new participant appears. The observer's Discovery processes its SPDP
-    // sample while the SEDP samples above are still pending.
-    let newcomer = DomainParticipant::new(DOMAIN_ID).expect("participant creation");
-
-    let observer_db = observer.discovery_db();
-    assert!(
-      wait_until(StdDuration::from_secs(10), &|_| {
-        discovery_db_read(&observer_db)
-          .find_participant_proxy(newcomer.guid_prefix())
-          .is_some()
-      }),
-      "the observer did not discover the new participant"
-    );
-    wait_until(StdDuration::from_secs(2), &|r| {
-      reader_known(reader_guid)
-        && writer_known(writer_guid)
-        && !reader_known(disposed_reader_guid)
-        && !writer_known(disposed_writer_guid)
-        && r.publication_matched(reader_guid, 1)
-        && r.subscription_matched(writer_guid, 1)
-        && r.publication_matched(disposed_reader_guid, -1)
-        && r.subscription_matched(disposed_writer_guid, -1)
-        && r.disposed(disposed_reader_guid)
-        && r.disposed(disposed_writer_guid)
-    });
-    assert!(
-      reader_known(reader_guid) && writer_known(writer_guid),
-      "the pending SEDP samples were dropped when the new participant was discovered"
-    );
-    assert!(
-      !reader_known(disposed_reader_guid) && !writer_known(disposed_writer_guid),
-      "the pending SEDP disposes were dropped when the new participant was discovered"
-    );
-    assert!(
-      reported.publication_matched(reader_guid, 1) && reported.subscription_matched(writer_guid, 1),
-      "the local endpoints were not matched with the pending reader and writer"
-    );
-    assert!(
-      reported.publication_matched(disposed_reader_guid, -1)
-        && reported.subscription_matched(disposed_writer_guid, -1),
-      "the local endpoints are still matched with the disposed reader and writer"
-    );
-    assert!(
-      reported.disposed(disposed_reader_guid) && reported.disposed(disposed_writer_guid),
-      "the disposed reader and writer were not reported lost"
-    );
-  }
-}

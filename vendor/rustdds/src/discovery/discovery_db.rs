@@ -35,8 +35,6 @@ use super::{
 };
 #[cfg(not(feature = "security"))]
 use crate::no_security::EndpointSecurityInfo;
-#[cfg(feature = "security")]
-use crate::{discovery::secure_discovery::AuthenticationStatus, security::EndpointSecurityInfo};
 
 // If remote participant does not specify lease duration, how long silence
 // until we pronounce it dead.
@@ -52,9 +50,6 @@ pub(crate) struct DiscoveryDB {
   participant_proxies: BTreeMap<GuidPrefix, SpdpDiscoveredParticipantData>,
   participant_last_life_signs: BTreeMap<GuidPrefix, Instant>,
 
-  // Authentication statuses of participants
-  #[cfg(feature = "security")]
-  authentication_statuses: BTreeMap<GuidPrefix, AuthenticationStatus>,
 
   // local writer proxies for topics (topic name acts as key)
   local_topic_writers: BTreeMap<GUID, DiscoveredWriterData>,
@@ -129,8 +124,6 @@ impl DiscoveryDB {
       my_guid,
       participant_proxies: BTreeMap::new(),
       participant_last_life_signs: BTreeMap::new(),
-      #[cfg(feature = "security")]
-      authentication_statuses: BTreeMap::new(),
       local_topic_writers: BTreeMap::new(),
       local_topic_readers: BTreeMap::new(),
       external_topic_readers: BTreeMap::new(),
@@ -229,8 +222,6 @@ impl DiscoveryDB {
     info!("removing participant {guid_prefix:?}");
     self.participant_proxies.remove(&guid_prefix);
     self.participant_last_life_signs.remove(&guid_prefix);
-    #[cfg(feature = "security")]
-    self.authentication_statuses.remove(&guid_prefix);
 
     if active_disposal {
       self.remove_topic_reader_with_prefix(guid_prefix);
@@ -275,15 +266,7 @@ impl DiscoveryDB {
     self.external_topic_readers.remove(&guid);
   }
 
-  #[cfg(feature = "security")]
-  pub fn get_topic_reader(&self, guid: &GUID) -> Option<&DiscoveredReaderData> {
-    self.external_topic_readers.get(guid)
-  }
 
-  #[cfg(feature = "security")]
-  pub fn get_topic_writer(&self, guid: &GUID) -> Option<&DiscoveredWriterData> {
-    self.external_topic_writers.get(guid)
-  }
 
   fn remove_topic_writer_with_prefix(&mut self, guid_prefix: GuidPrefix) {
     // TODO: Implement this using .drain_filter() in BTreeMap once it lands in
@@ -670,7 +653,7 @@ impl DiscoveryDB {
       reader_proxy: ReaderProxy::from(reader_proxy),
       subscription_topic_data: subscription_data,
       content_filter,
-      user_data: Vec::new(),
+      user_data: reader.qos_policy.user_data.clone(), // artitwin
     }
   }
 
@@ -794,20 +777,6 @@ impl DiscoveryDB {
     combined
   }
 
-  // // TODO: return iterator somehow?
-  #[cfg(test)] // used only for testing
-  pub fn get_local_topic_readers<T: TopicDescription>(
-    &self,
-    topic: &T,
-  ) -> Vec<&DiscoveredReaderData> {
-    let topic_name = topic.name();
-    self
-      .local_topic_readers
-      .iter()
-      .filter(|(_, p)| *p.subscription_topic_data.topic_name() == topic_name)
-      .map(|(_, p)| p)
-      .collect()
-  }
 
   pub fn update_lease_duration(&mut self, data: &ParticipantMessageData) {
     let now = Instant::now();
@@ -818,361 +787,6 @@ impl DiscoveryDB {
       .for_each(|(_guid, p)| p.last_updated = now);
   }
 
-  #[cfg(feature = "security")]
-  pub fn get_authentication_status(&self, guid_prefix: GuidPrefix) -> Option<AuthenticationStatus> {
-    self.authentication_statuses.get(&guid_prefix).copied()
-  }
 
-  #[cfg(feature = "security")]
-  pub fn update_authentication_status(
-    &mut self,
-    guid_prefix: GuidPrefix,
-    status: AuthenticationStatus,
-  ) {
-    self.authentication_statuses.insert(guid_prefix, status);
-  }
 }
 
-#[cfg(test)]
-mod tests {
-  use std::{sync::Mutex, time::Duration as StdDuration};
-
-  use byteorder::LittleEndian;
-
-  use super::*;
-  use crate::{
-    dds::{
-      qos::QosPolicies,
-      statusevents::{sync_status_channel, DataReaderStatus},
-      topic::TopicKind,
-      with_key::simpledatareader::ReaderCommand,
-    },
-    mio_source,
-    polling::{wake_channel, LoopWaker},
-    serialization::CDRSerializerAdapter,
-    structure::guid::*,
-    test::{
-      random_data::RandomData,
-      test_data::{reader_proxy_data, spdp_participant_data, subscription_builtin_topic_data},
-      test_domain::test_domain_id,
-    },
-  };
-
-  #[test]
-  fn discdb_participant_operations() {
-    let (discovery_db_event_sender, _discovery_db_event_receiver) =
-      std::sync::mpsc::sync_channel::<()>(4);
-    let (status_sender, _status_receiver) = sync_status_channel(16).unwrap();
-
-    let mut discoverydb = DiscoveryDB::new(
-      GUID::new_participant_guid(),
-      discovery_db_event_sender,
-      status_sender,
-    );
-    let mut data = spdp_participant_data().unwrap();
-    data.lease_duration = Some(Duration::from(StdDuration::from_secs(1)));
-
-    discoverydb.update_participant(&data);
-    assert_eq!(discoverydb.participant_proxies.len(), 1);
-
-    discoverydb.update_participant(&data);
-    assert_eq!(discoverydb.participant_proxies.len(), 1);
-
-    std::thread::sleep(StdDuration::from_secs(2));
-    discoverydb.participant_cleanup();
-    assert!(discoverydb.participant_proxies.is_empty());
-
-    // TODO: more operations tests
-  }
-
-  #[test]
-  fn discdb_writer_proxies() {
-    let (discovery_db_event_sender, _discovery_db_event_receiver) =
-      std::sync::mpsc::sync_channel::<()>(4);
-    let (status_sender, _status_receiver) = sync_status_channel(16).unwrap();
-    let _discoverydb = DiscoveryDB::new(
-      GUID::new_participant_guid(),
-      discovery_db_event_sender,
-      status_sender,
-    );
-    let topic_name = String::from("some_topic");
-    let type_name = String::from("RandomData");
-    let _dreader = DiscoveredReaderData::default(topic_name, type_name);
-
-    // TODO: more tests :)
-  }
-
-  #[test]
-  fn discdb_subscription_operations() {
-    let (discovery_db_event_sender, _discovery_db_event_receiver) =
-      std::sync::mpsc::sync_channel::<()>(4);
-    let (status_sender, _status_receiver) = sync_status_channel(16).unwrap();
-
-    let mut discovery_db = DiscoveryDB::new(
-      GUID::new_participant_guid(),
-      discovery_db_event_sender,
-      status_sender,
-    );
-
-    let domain_participant =
-      DomainParticipant::new(test_domain_id(0)).expect("Failed to create publisher");
-    let topic = domain_participant
-      .create_topic(
-        "Foobar".to_string(),
-        "RandomData".to_string(),
-        &QosPolicies::qos_none(),
-        TopicKind::WithKey,
-      )
-      .unwrap();
-    let topic2 = domain_participant
-      .create_topic(
-        "Barfoo".to_string(),
-        "RandomData".to_string(),
-        &QosPolicies::qos_none(),
-        TopicKind::WithKey,
-      )
-      .unwrap();
-
-    let publisher1 = domain_participant
-      .create_publisher(&QosPolicies::qos_none())
-      .unwrap();
-    let dw = publisher1
-      .create_datawriter::<RandomData, CDRSerializerAdapter<RandomData, LittleEndian>>(&topic, None)
-      .unwrap();
-
-    let writer_data = DiscoveredWriterData::new(&dw, &topic, &domain_participant, None);
-
-    discovery_db.update_local_topic_writer(writer_data);
-    assert_eq!(discovery_db.local_topic_writers.len(), 1);
-
-    let publisher2 = domain_participant
-      .create_publisher(&QosPolicies::qos_none())
-      .unwrap();
-    let dw2 = publisher2
-      .create_datawriter::<RandomData, CDRSerializerAdapter<RandomData, LittleEndian>>(
-        &topic2, None,
-      )
-      .unwrap();
-    let writer_data2 = DiscoveredWriterData::new(&dw2, &topic2, &domain_participant, None);
-    discovery_db.update_local_topic_writer(writer_data2);
-    assert_eq!(discovery_db.local_topic_writers.len(), 2);
-
-    // creating data
-    let reader1 = reader_proxy_data().unwrap();
-    let reader1sub = subscription_builtin_topic_data().unwrap();
-    // reader1sub.set_key(reader1.remote_reader_guid);
-    // reader1sub.set_topic_name(&topic.name());
-    let dreader1 = DiscoveredReaderData {
-      reader_proxy: reader1.clone(),
-      subscription_topic_data: reader1sub.clone(),
-      content_filter: None,
-      user_data: Vec::new(),
-    };
-    discovery_db.update_subscription(&dreader1);
-
-    let reader2 = reader_proxy_data().unwrap();
-    let reader2sub = subscription_builtin_topic_data().unwrap();
-    // reader2sub.set_key(reader2.remote_reader_guid);
-    // reader2sub.set_topic_name(&topic2.name());
-    let dreader2 = DiscoveredReaderData {
-      reader_proxy: reader2,
-      subscription_topic_data: reader2sub,
-      content_filter: None,
-      user_data: Vec::new(),
-    };
-    discovery_db.update_subscription(&dreader2);
-
-    let reader3 = reader1;
-    let reader3sub = reader1sub;
-    let dreader3 = DiscoveredReaderData {
-      reader_proxy: reader3,
-      subscription_topic_data: reader3sub,
-      content_filter: None,
-      user_data: Vec::new(),
-    };
-    discovery_db.update_subscription(&dreader3);
-
-    // TODO: there might be a need for different scenarios
-  }
-
-  #[test]
-  fn discdb_external_endpoint_snapshots() {
-    let (discovery_db_event_sender, _discovery_db_event_receiver) =
-      std::sync::mpsc::sync_channel::<()>(4);
-    let (status_sender, _status_receiver) = sync_status_channel(16).unwrap();
-
-    let mut discovery_db = DiscoveryDB::new(
-      GUID::new_participant_guid(),
-      discovery_db_event_sender,
-      status_sender,
-    );
-
-    // Nothing discovered yet.
-    assert_eq!(discovery_db.get_all_external_topic_readers().count(), 0);
-    assert_eq!(discovery_db.get_all_external_topic_writers().count(), 0);
-
-    // Discover one external Reader via SEDP subscription data.
-    let reader = reader_proxy_data().unwrap();
-    let reader_sub = subscription_builtin_topic_data().unwrap();
-    let dreader = DiscoveredReaderData {
-      reader_proxy: reader,
-      subscription_topic_data: reader_sub,
-      content_filter: None,
-      user_data: Vec::new(),
-    };
-    discovery_db.update_subscription(&dreader);
-
-    // Discover one external Writer via SEDP publication data.
-    let domain_participant =
-      DomainParticipant::new(test_domain_id(0)).expect("Failed to create participant");
-    let topic = domain_participant
-      .create_topic(
-        "Foobar".to_string(),
-        "RandomData".to_string(),
-        &QosPolicies::qos_none(),
-        TopicKind::WithKey,
-      )
-      .unwrap();
-    let publisher = domain_participant
-      .create_publisher(&QosPolicies::qos_none())
-      .unwrap();
-    let dw = publisher
-      .create_datawriter::<RandomData, CDRSerializerAdapter<RandomData, LittleEndian>>(&topic, None)
-      .unwrap();
-    let writer_data = DiscoveredWriterData::new(&dw, &topic, &domain_participant, None);
-    discovery_db.update_publication(&writer_data);
-
-    // Both accessors return the discovered endpoints as a snapshot.
-    let readers = discovery_db
-      .get_all_external_topic_readers()
-      .cloned()
-      .collect::<Vec<_>>();
-    let writers = discovery_db
-      .get_all_external_topic_writers()
-      .cloned()
-      .collect::<Vec<_>>();
-    assert_eq!(readers.len(), 1);
-    assert_eq!(writers.len(), 1);
-    assert_eq!(
-      readers[0].reader_proxy.remote_reader_guid,
-      dreader.reader_proxy.remote_reader_guid
-    );
-    assert_eq!(
-      writers[0].writer_proxy.remote_writer_guid,
-      writer_data.writer_proxy.remote_writer_guid
-    );
-  }
-
-  #[test]
-  fn discdb_local_topic_reader() {
-    let (discovery_db_event_sender, _discovery_db_event_receiver) =
-      std::sync::mpsc::sync_channel::<()>(4);
-
-    let dp = DomainParticipant::new(test_domain_id(0)).expect("Failed to create participant");
-    let topic = dp
-      .create_topic(
-        "some topic name".to_string(),
-        "Wazzup".to_string(),
-        &QosPolicies::qos_none(),
-        TopicKind::WithKey,
-      )
-      .unwrap();
-    let (status_sender, _status_receiver) = sync_status_channel(16).unwrap();
-    let mut discoverydb = DiscoveryDB::new(
-      GUID::new_participant_guid(),
-      discovery_db_event_sender,
-      status_sender,
-    );
-
-    // Create reader ingredients
-    let (notification_sender1, _notification_receiver1) =
-      crate::mio_source::notification_channel(100);
-    let (_notification_event_source1, notification_event_sender1) =
-      mio_source::make_poll_channel().unwrap();
-    let data_reader_waker1 = Arc::new(Mutex::new(None));
-
-    let (status_sender1, _status_receiver1) = sync_status_channel::<DataReaderStatus>(4).unwrap();
-    let (_reader_commander1, reader_command_receiver1) =
-      wake_channel::<ReaderCommand>(100, &LoopWaker::new());
-
-    let topic_cache =
-      dp.dds_cache()
-        .write()
-        .unwrap()
-        .add_new_topic(topic.name(), topic.get_type(), &topic.qos());
-
-    let reader1_ing = ReaderIngredients {
-      guid: GUID::dummy_test_guid(EntityKind::READER_NO_KEY_USER_DEFINED),
-      notification_sender: notification_sender1,
-      status_sender: status_sender1,
-      topic_name: topic.name(),
-      topic_cache_handle: topic_cache.clone(),
-      like_stateless: false,
-      qos_policy: QosPolicies::qos_none(),
-      data_reader_command_receiver: reader_command_receiver1,
-      data_reader_waker: data_reader_waker1,
-      poll_event_sender: notification_event_sender1,
-      security_plugins: None,
-      discovery_notify: None,
-    };
-
-    // Add the reader to the database and verify the info is updated
-    discoverydb.update_local_topic_reader(DiscoveryDB::local_topic_reader_data(
-      &dp,
-      &topic,
-      &reader1_ing,
-      None,
-    ));
-    assert_eq!(discoverydb.local_topic_readers.len(), 1);
-    assert_eq!(discoverydb.get_local_topic_readers(&topic).len(), 1);
-
-    // Verify that the info does not change if the reader is added a second time
-    discoverydb.update_local_topic_reader(DiscoveryDB::local_topic_reader_data(
-      &dp,
-      &topic,
-      &reader1_ing,
-      None,
-    ));
-    assert_eq!(discoverydb.local_topic_readers.len(), 1);
-    assert_eq!(discoverydb.get_local_topic_readers(&topic).len(), 1);
-
-    // Create second reader ingredients for the same topic
-    let (notification_sender2, _notification_receiver2) =
-      crate::mio_source::notification_channel(100);
-    let (_notification_event_source2, notification_event_sender2) =
-      mio_source::make_poll_channel().unwrap();
-    let data_reader_waker2 = Arc::new(Mutex::new(None));
-
-    let (status_sender2, _status_receiver2) = sync_status_channel::<DataReaderStatus>(4).unwrap();
-    let (_reader_commander2, reader_command_receiver2) =
-      wake_channel::<ReaderCommand>(100, &LoopWaker::new());
-
-    let mut guid2 = GUID::dummy_test_guid(EntityKind::READER_NO_KEY_USER_DEFINED);
-    guid2.prefix = GuidPrefix::new(b"Another fake"); // GUID needs to be different in order to be added
-
-    let reader2_ing = ReaderIngredients {
-      guid: guid2,
-      notification_sender: notification_sender2,
-      status_sender: status_sender2,
-      topic_name: topic.name(),
-      topic_cache_handle: topic_cache,
-      like_stateless: false,
-      qos_policy: QosPolicies::qos_none(),
-      data_reader_command_receiver: reader_command_receiver2,
-      data_reader_waker: data_reader_waker2,
-      poll_event_sender: notification_event_sender2,
-      security_plugins: None,
-      discovery_notify: None,
-    };
-
-    // Add the second reader to the database and verify the info is updated
-    discoverydb.update_local_topic_reader(DiscoveryDB::local_topic_reader_data(
-      &dp,
-      &topic,
-      &reader2_ing,
-      None,
-    ));
-    assert_eq!(discoverydb.get_local_topic_readers(&topic).len(), 2);
-    assert_eq!(discoverydb.get_all_local_topic_readers().count(), 2);
-  }
-}

@@ -46,12 +46,8 @@ use crate::{
   },
   Key, Keyed,
 };
-#[cfg(feature = "security")]
-use crate::security::EndpointSecurityInfo;
 #[cfg(not(feature = "security"))]
 use crate::no_security::EndpointSecurityInfo;
-#[cfg(test)]
-use crate::structure::guid::EntityKind;
 
 // We need a wrapper to distinguish between Participant and Endpoint GUIDs.
 // They need to be distinguished, because the PL_CDR serialization is different:
@@ -186,9 +182,6 @@ pub struct SubscriptionBuiltinTopicData {
   related_datawriter_key: Option<GUID>,
   topic_aliases: Option<Vec<String>>, /* Option is a bit redundant, but it indicates if the
                                        * parameter was present or not */
-  // DDS Security:
-  #[cfg(feature = "security")]
-  security_info: Option<EndpointSecurityInfo>,
 }
 
 impl SubscriptionBuiltinTopicData {
@@ -226,9 +219,6 @@ impl SubscriptionBuiltinTopicData {
       related_datawriter_key: None, // Note: Not implemented
       topic_aliases: None,          // Note: Not implemented
 
-      // DDS Security
-      #[cfg(feature = "security")]
-      security_info: _security_info,
     };
 
     sbtd.set_qos(qos);
@@ -251,10 +241,6 @@ impl SubscriptionBuiltinTopicData {
     &self.type_name
   }
 
-  #[cfg(feature = "security")]
-  pub fn security_info(&self) -> &Option<EndpointSecurityInfo> {
-    &self.security_info
-  }
 
   pub fn set_qos(&mut self, qos: &QosPolicies) {
     self.durability = qos.durability;
@@ -287,9 +273,8 @@ impl SubscriptionBuiltinTopicData {
       resource_limits: None, // nor Resource Limits, see Figure 8.30 in RTPS spec 2.5
       lifespan: self.lifespan,
       data_representation: self.data_representation.clone(),
-
-      #[cfg(feature = "security")]
-      property: None, // TODO: no property QoS?
+      user_data: Vec::new(), // artitwin: with the endpoint
+ // TODO: no property QoS?
     }
   }
 
@@ -318,26 +303,6 @@ pub struct DiscoveredReaderData {
 }
 
 impl DiscoveredReaderData {
-  // This is for generating test data only
-  #[cfg(test)]
-  pub fn default(topic_name: String, type_name: String) -> Self {
-    let rguid = GUID::dummy_test_guid(EntityKind::READER_WITH_KEY_BUILT_IN);
-    let reader_proxy = ReaderProxy::new(rguid, false, vec![], vec![]);
-    let subscription_topic_data = SubscriptionBuiltinTopicData::new(
-      rguid,
-      None,
-      topic_name,
-      type_name,
-      &QosPolicies::builder().build(),
-      None,
-    );
-    Self {
-      reader_proxy,
-      subscription_topic_data,
-      content_filter: None,
-      user_data: Vec::new(),
-    }
-  }
 }
 
 impl Keyed for DiscoveredReaderData {
@@ -408,20 +373,14 @@ impl PlCdrDeserialize for DiscoveredReaderData {
 
     #[cfg(not(feature = "security"))]
     let security_info = None;
-    #[cfg(feature = "security")]
-    let security_info: Option<EndpointSecurityInfo> = get_option_from_pl_map(
-      &pl_map,
-      ctx,
-      ParameterId::PID_ENDPOINT_SECURITY_INFO,
-      "endpoint security info",
-    )?;
 
     let qos = QosPolicies::from_parameter_list(ctx, &pl_map)?;
 
+    // artitwin: the octets without their length
     let user_data = pl_map
       .get(&ParameterId::PID_USER_DATA)
       .and_then(|v| v.first())
-      .map(|p| p.value.clone())
+      .and_then(|p| Vec::<u8>::read_from_buffer_with_ctx(ctx, &p.value).ok())
       .unwrap_or_default();
 
     Ok(DiscoveredReaderData {
@@ -494,11 +453,9 @@ impl ParameterListable for DiscoveredReaderData {
           related_datawriter_key,
           topic_aliases,
 
-          #[cfg(feature = "security")]
-          security_info,
         },
       content_filter,
-      user_data: _,
+      user_data, // artitwin
     } = self;
 
     let mut pl = ParameterList::new();
@@ -520,6 +477,11 @@ impl ParameterListable for DiscoveredReaderData {
           emit!($pid, m, $type)
         }
       };
+    }
+
+    // artitwin
+    if !user_data.is_empty() {
+      emit!(PID_USER_DATA, user_data, Vec<u8>);
     }
 
     // ReaderProxy
@@ -573,12 +535,6 @@ impl ParameterListable for DiscoveredReaderData {
       ContentFilterProperty
     );
 
-    #[cfg(feature = "security")]
-    emit_option!(
-      PID_ENDPOINT_SECURITY_INFO,
-      security_info,
-      EndpointSecurityInfo
-    );
 
     Ok(pl)
   }
@@ -651,9 +607,6 @@ pub struct PublicationBuiltinTopicData {
   pub related_datareader_key: Option<GUID>,
   pub topic_aliases: Option<Vec<String>>, /* Option is a bit redundant, but it indicates
                                            * if the parameter was present or not */
-  // DDS Security:
-  #[cfg(feature = "security")]
-  pub security_info: Option<EndpointSecurityInfo>,
 }
 
 impl PublicationBuiltinTopicData {
@@ -689,8 +642,6 @@ impl PublicationBuiltinTopicData {
       related_datareader_key: None, // TODO
       topic_aliases: None,          // TODO
 
-      #[cfg(feature = "security")]
-      security_info: _security_info,
     }
   }
 
@@ -736,8 +687,8 @@ impl PublicationBuiltinTopicData {
       resource_limits: None, // nor Resource Limits, see Figure 8.30 in RTPS spec 2.5
       lifespan: self.lifespan,
       data_representation: self.data_representation.clone(),
-      #[cfg(feature = "security")]
-      property: None, // TODO: no property Qos?
+      user_data: Vec::new(), // artitwin: with the endpoint
+ // TODO: no property Qos?
     }
   }
 
@@ -757,10 +708,6 @@ impl PublicationBuiltinTopicData {
     )
   }
 
-  #[cfg(feature = "security")]
-  pub fn security_info(&self) -> &Option<EndpointSecurityInfo> {
-    &self.security_info
-  }
 }
 
 // =======================================================================
@@ -810,7 +757,7 @@ impl DiscoveredWriterData {
       last_updated: Instant::now(),
       writer_proxy,
       publication_topic_data,
-      user_data: Vec::new(),
+      user_data: writer.qos().user_data, // artitwin
     }
   }
 }
@@ -864,23 +811,17 @@ impl PlCdrDeserialize for DiscoveredWriterData {
       "Max size serialized",
     )?;
 
-    #[cfg(feature = "security")]
-    let security_info: Option<EndpointSecurityInfo> = get_option_from_pl_map(
-      &pl_map,
-      ctx,
-      ParameterId::PID_ENDPOINT_SECURITY_INFO,
-      "endpoint security info",
-    )?;
 
     #[cfg(not(feature = "security"))]
     let security_info: Option<EndpointSecurityInfo> = None;
 
     let qos = QosPolicies::from_parameter_list(ctx, &pl_map)?;
 
+    // artitwin: the octets without their length
     let user_data = pl_map
       .get(&ParameterId::PID_USER_DATA)
       .and_then(|v| v.first())
-      .map(|p| p.value.clone())
+      .and_then(|p| Vec::<u8>::read_from_buffer_with_ctx(ctx, &p.value).ok())
       .unwrap_or_default();
 
     Ok(DiscoveredWriterData {
@@ -953,10 +894,8 @@ impl ParameterListable for DiscoveredWriterData {
           service_instance_name,
           related_datareader_key,
           topic_aliases,
-          #[cfg(feature = "security")]
-          security_info,
         },
-      user_data: _,
+      user_data, // artitwin
     } = self;
 
     let mut pl = ParameterList::new();
@@ -978,6 +917,11 @@ impl ParameterListable for DiscoveredWriterData {
           emit!($pid, m, $type)
         }
       };
+    }
+
+    // artitwin
+    if !user_data.is_empty() {
+      emit!(PID_USER_DATA, user_data, Vec<u8>);
     }
 
     // ReaderProxy
@@ -1026,12 +970,6 @@ impl ParameterListable for DiscoveredWriterData {
       );
     }
 
-    #[cfg(feature = "security")]
-    emit_option!(
-      PID_ENDPOINT_SECURITY_INFO,
-      security_info,
-      EndpointSecurityInfo
-    );
 
     Ok(pl)
   }
@@ -1097,8 +1035,8 @@ impl HasQoSPolicy for TopicBuiltinTopicData {
       resource_limits: self.resource_limits,
       lifespan: self.lifespan,
       data_representation: None, // Topic-level DATA_REPRESENTATION not tracked
-      #[cfg(feature = "security")]
-      property: None, // TODO: no property Qos?
+      user_data: Vec::new(), // artitwin
+ // TODO: no property Qos?
     }
   }
 }
@@ -1313,202 +1251,3 @@ impl Key for ParticipantMessageDataKey {}
 // =======================================================================
 // =======================================================================
 
-#[cfg(test)]
-mod tests {
-  use byteorder::LittleEndian;
-  use log::info;
-  use test_log::test; // to capture logging macros run by test cases
-
-  use crate::{
-    dds::adapters::no_key::{DeserializerAdapter, SerializerAdapter},
-    rtps::Message,
-    serialization::pl_cdr_adapters::*,
-    test::test_data::{
-      content_filter_data, publication_builtin_topic_data, reader_proxy_data,
-      subscription_builtin_topic_data, topic_data, writer_proxy_data,
-    },
-  };
-  use super::*;
-
-  /* do not test separate ser/deser of components, as these are never seen on wire individually
-    #[test]
-    fn td_reader_proxy_ser_deser() {
-      let reader_proxy = reader_proxy_data().unwrap();
-
-      let sdata = to_bytes::<ReaderProxy, LittleEndian>(&reader_proxy).unwrap();
-      let reader_proxy2: ReaderProxy =
-        PlCdrDeserializerAdapter::from_bytes(&sdata, RepresentationIdentifier::PL_CDR_LE).unwrap();
-      assert_eq!(reader_proxy, reader_proxy2);
-      let sdata2 = to_bytes::<ReaderProxy, LittleEndian>(&reader_proxy2).unwrap();
-      assert_eq!(sdata, sdata2);
-    }
-
-    #[test]
-    fn td_writer_proxy_ser_deser() {
-      let writer_proxy = writer_proxy_data().unwrap();
-
-      let sdata = to_bytes::<WriterProxy, LittleEndian>(&writer_proxy).unwrap();
-      let writer_proxy2: WriterProxy =
-        PlCdrDeserializerAdapter::from_bytes(&sdata, RepresentationIdentifier::PL_CDR_LE).unwrap();
-      assert_eq!(writer_proxy, writer_proxy2);
-      let sdata2 = to_bytes::<WriterProxy, LittleEndian>(&writer_proxy2).unwrap();
-      assert_eq!(sdata, sdata2);
-    }
-
-    #[test]
-    fn td_subscription_builtin_topic_data_ser_deser() {
-      let sub_topic_data = subscription_builtin_topic_data().unwrap();
-
-      let sdata = to_bytes::<SubscriptionBuiltinTopicData, LittleEndian>(&sub_topic_data).unwrap();
-      let sub_topic_data2: SubscriptionBuiltinTopicData =
-        PlCdrDeserializerAdapter::from_bytes(&sdata, RepresentationIdentifier::PL_CDR_LE).unwrap();
-      assert_eq!(sub_topic_data, sub_topic_data2);
-      let sdata2 = to_bytes::<SubscriptionBuiltinTopicData, LittleEndian>(&sub_topic_data2).unwrap();
-      assert_eq!(sdata, sdata2);
-    }
-
-    #[test]
-    fn td_publication_builtin_topic_data_ser_deser() {
-      let pub_topic_data = publication_builtin_topic_data().unwrap();
-
-      let sdata = to_bytes::<PublicationBuiltinTopicData, LittleEndian>(&pub_topic_data).unwrap();
-      let pub_topic_data2: PublicationBuiltinTopicData =
-        PlCdrDeserializerAdapter::from_bytes(&sdata, RepresentationIdentifier::PL_CDR_LE).unwrap();
-      assert_eq!(pub_topic_data, pub_topic_data2);
-      let sdata2 = to_bytes::<PublicationBuiltinTopicData, LittleEndian>(&pub_topic_data2).unwrap();
-      assert_eq!(sdata, sdata2);
-    }
-  */
-  #[test]
-  fn td_discovered_reader_data_ser_deser() {
-    let mut reader_proxy = reader_proxy_data().unwrap();
-    let sub_topic_data = subscription_builtin_topic_data().unwrap();
-    reader_proxy.remote_reader_guid = sub_topic_data.key;
-    let content_filter = content_filter_data().unwrap();
-
-    let drd = DiscoveredReaderData {
-      reader_proxy,
-      subscription_topic_data: sub_topic_data,
-      content_filter: Some(content_filter),
-      user_data: Vec::new(),
-    };
-
-    // serialize
-    let sdata = drd
-      .to_pl_cdr_bytes(RepresentationIdentifier::PL_CDR_LE)
-      .unwrap();
-    info!("td_discovered_reader_data_ser_deser serialized data is {sdata:x?}");
-    // deserialize back
-    let drd2: DiscoveredReaderData =
-      PlCdrDeserializerAdapter::from_bytes(&sdata, RepresentationIdentifier::PL_CDR_LE)
-        .unwrap_or_else(|e| {
-          println!("DiscoveredReaderData deserialize fail: {e:?}");
-          panic!();
-        });
-
-    // check objects are equal
-    assert_eq!(drd, drd2);
-    let sdata2 =
-      PlCdrSerializerAdapter::<DiscoveredReaderData, LittleEndian>::to_bytes(&drd2).unwrap();
-    assert_eq!(sdata, sdata2);
-
-    let raw_data = Bytes::from_static(&[
-      0x52, 0x54, 0x50, 0x53, 0x02, 0x03, 0x00, 0x00, 0x39, 0xbc, 0xd6, 0xb1, 0x4f, 0xa2, 0x49,
-      0x72, 0x81, 0x7d, 0xd4, 0x54, 0x09, 0x01, 0x08, 0x00, 0xa8, 0x3b, 0x56, 0x5f, 0xfa, 0xa6,
-      0xa9, 0x75, 0x15, 0x05, 0xdc, 0x00, 0x00, 0x00, 0x10, 0x00, 0x00, 0x00, 0x04, 0xc7, 0x00,
-      0x00, 0x04, 0xc2, 0x00, 0x00, 0x00, 0x00, 0x01, 0x00, 0x00, 0x00, 0x00, 0x01, 0x00, 0x00,
-      0x43, 0x00, 0x04, 0x00, 0x00, 0x00, 0x00, 0x00, 0x50, 0x00, 0x10, 0x00, 0x39, 0xbc, 0xd6,
-      0xb1, 0x4f, 0xa2, 0x49, 0x72, 0x81, 0x7d, 0xd4, 0x54, 0x00, 0x00, 0x01, 0xc1, 0x5a, 0x00,
-      0x10, 0x00, 0x39, 0xbc, 0xd6, 0xb1, 0x4f, 0xa2, 0x49, 0x72, 0x81, 0x7d, 0xd4, 0x54, 0x4f,
-      0xe7, 0xe7, 0x07, 0x2f, 0x00, 0x18, 0x00, 0x01, 0x00, 0x00, 0x00, 0xfd, 0x1c, 0x00, 0x00,
-      0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x0a, 0x50, 0x8e,
-      0xc9, 0x2f, 0x00, 0x18, 0x00, 0x01, 0x00, 0x00, 0x00, 0xfd, 0x1c, 0x00, 0x00, 0x00, 0x00,
-      0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0xc0, 0xa8, 0x45, 0x14, 0x2f,
-      0x00, 0x18, 0x00, 0x01, 0x00, 0x00, 0x00, 0xfd, 0x1c, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00,
-      0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0xac, 0x11, 0x00, 0x01, 0x30, 0x00, 0x18,
-      0x00, 0x01, 0x00, 0x00, 0x00, 0xe9, 0x1c, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00,
-      0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0xef, 0xff, 0x00, 0x01, 0x05, 0x00, 0x0c, 0x00, 0x07,
-      0x00, 0x00, 0x00, 0x53, 0x71, 0x75, 0x61, 0x72, 0x65, 0x00, 0x00, 0x07, 0x00, 0x0c, 0x00,
-      0x07, 0x00, 0x00, 0x00, 0x53, 0x71, 0x75, 0x61, 0x72, 0x65, 0x00, 0x00, 0x01, 0x00, 0x00,
-      0x00,
-    ]);
-
-    let msg = Message::read_from_buffer(&raw_data).unwrap();
-    info!("{msg:?}");
-  }
-
-  #[test]
-  fn td_discovered_writer_data_ser_deser() {
-    let mut writer_proxy = writer_proxy_data().unwrap();
-    let pub_topic_data = publication_builtin_topic_data().unwrap();
-    writer_proxy.remote_writer_guid = pub_topic_data.key;
-
-    let dwd = DiscoveredWriterData {
-      last_updated: Instant::now(),
-      writer_proxy,
-      publication_topic_data: pub_topic_data,
-      user_data: Vec::new(),
-    };
-
-    let sdata = dwd
-      .to_pl_cdr_bytes(RepresentationIdentifier::PL_CDR_LE)
-      .unwrap();
-    let mut dwd2: DiscoveredWriterData =
-      PlCdrDeserializerAdapter::from_bytes(&sdata, RepresentationIdentifier::PL_CDR_LE).unwrap();
-    // last updated is not serialized thus copying value for correct result
-    dwd2.last_updated = dwd.last_updated;
-
-    info!("td_discovered_writer_data_ser_deser serialized data is {sdata:x?}");
-
-    assert_eq!(dwd, dwd2);
-    let sdata2 =
-      PlCdrSerializerAdapter::<DiscoveredWriterData, LittleEndian>::to_bytes(&dwd2).unwrap();
-    assert_eq!(sdata, sdata2);
-  }
-
-  // Do not test ser/deser. This is never seen on the wire out of
-  // DiscoveredTopicData #[test]
-  // fn td_topic_data_ser_deser() {
-  //   let topic_data = topic_data().unwrap();
-
-  //   let sdata = to_bytes::<TopicBuiltinTopicData,
-  // LittleEndian>(&topic_data).unwrap();   let topic_data2:
-  // TopicBuiltinTopicData =     PlCdrDeserializerAdapter::from_bytes(&sdata,
-  // RepresentationIdentifier::PL_CDR_LE).unwrap();   assert_eq!(topic_data,
-  // topic_data2);   let sdata2 = to_bytes::<TopicBuiltinTopicData,
-  // LittleEndian>(&topic_data2).unwrap();   assert_eq!(sdata, sdata2);
-  // }
-
-  #[test]
-  fn td_discovered_topic_data_ser_deser() {
-    let topic_data = topic_data().unwrap();
-
-    let dtd = DiscoveredTopicData::new(Utc::now(), topic_data);
-
-    let sdata = dtd
-      .to_pl_cdr_bytes(RepresentationIdentifier::PL_CDR_LE)
-      .unwrap();
-    let dtd2: DiscoveredTopicData =
-      PlCdrDeserializerAdapter::from_bytes(&sdata, RepresentationIdentifier::PL_CDR_LE).unwrap();
-    assert_eq!(dtd.topic_data, dtd2.topic_data);
-    let sdata2 =
-      PlCdrSerializerAdapter::<DiscoveredTopicData, LittleEndian>::to_bytes(&dtd2).unwrap();
-    assert_eq!(sdata, sdata2);
-  }
-
-  // TODO: somehow get some actual bytes of ParticipantMessageData
-  // #[test]
-  // fn td_participant_message_data_ser_deser() {
-  //   let mut pmd_file = File::open("participant_message_data.bin").unwrap();
-  //   let mut buffer: [u8; 1024] = [0; 1024];
-  //   let _len = pmd_file.read(&mut buffer).unwrap();
-
-  //   let rpi = CDRDeserializerAdapter::<ParticipantMessageData>::from_bytes(
-  //     &buffer,
-  //     RepresentationIdentifier::CDR_LE,
-  //   )
-  //   .unwrap();
-
-  //   let _data2 = to_bytes::<ParticipantMessageData,
-  // LittleEndian>(&rpi).unwrap(); }
-}

@@ -6,8 +6,6 @@ pub mod heartbeat;
 pub mod heartbeat_frag;
 pub mod nack_frag;
 
-#[cfg(feature = "security")]
-pub mod secure_body;
 
 pub mod info_destination;
 pub mod info_reply;
@@ -16,14 +14,6 @@ pub mod info_timestamp;
 
 pub mod elements;
 
-#[cfg(feature = "security")]
-pub mod secure_postfix;
-#[cfg(feature = "security")]
-pub mod secure_prefix;
-#[cfg(feature = "security")]
-pub mod secure_rtps_postfix;
-#[cfg(feature = "security")]
-pub mod secure_rtps_prefix;
 
 pub mod submessage;
 

@@ -102,25 +102,3 @@ impl<C: Context> Writable<C> for VendorId {
   }
 }
 
-#[cfg(test)]
-mod tests {
-  use speedy::Endianness;
-
-  use super::*;
-
-  #[test]
-  fn minimum_bytes_needed() {
-    assert_eq!(
-      2,
-      <VendorId as Readable<Endianness>>::minimum_bytes_needed()
-    );
-  }
-
-  serialization_test!( type = VendorId,
-  {
-      vendor_unknown,
-      VendorId::VENDOR_UNKNOWN,
-      le = [0x00, 0x00],
-      be = [0x00, 0x00]
-  });
-}

@@ -181,11 +181,6 @@ impl UDPListener {
     }
   }
 
-  #[cfg(test)]
-  pub fn new_unicast(host: &str, port: u16) -> io::Result<Self> {
-    let host = host.parse().map_err(io::Error::other)?;
-    Self::new_unicast_with_buf_size(port, 0, Some(&[host]))
-  }
 
   pub fn new_unicast_with_buf_size(
     port: u16,
@@ -205,10 +200,6 @@ impl UDPListener {
     })
   }
 
-  #[cfg(test)]
-  pub fn new_multicast(_host: &str, port: u16, multicast_group: Ipv4Addr) -> io::Result<Self> {
-    Self::new_multicast_with_buf_size(port, multicast_group, 0, None)
-  }
 
   pub fn new_multicast_with_buf_size(
     port: u16,
@@ -279,44 +270,7 @@ impl UDPListener {
     &mut self.socket
   }
 
-  #[cfg(test)]
-  pub fn port(&self) -> u16 {
-    match self.socket.local_addr() {
-      Ok(add) => add.port(),
-      _ => 0,
-    }
-  }
 
-  // TODO: remove this. It is used only for tests.
-  // We cannot read a single packet only, because we use edge-triggered polls.
-  #[cfg(test)]
-  pub fn get_message(&self) -> Vec<u8> {
-    let mut buf: [u8; MAX_MESSAGE_SIZE] = [0; MAX_MESSAGE_SIZE];
-
-    // try getting the message several times
-    for _ in 0..10 {
-      match self.socket.recv(&mut buf) {
-        Ok(nbytes) => {
-          assert!(nbytes > 0, "tests should always read data");
-
-          return buf[..nbytes].to_vec();
-        }
-        Err(e) => {
-          // handle EAGAIN on UNIX platforms.
-          //
-          // this means we need to wait for the kernel to give us the data.
-          if e.kind() == io::ErrorKind::WouldBlock {
-            std::thread::sleep(core::time::Duration::from_millis(50));
-            continue;
-          }
-
-          panic!("test helper (`get_message`) failed! err: {e}");
-        }
-      }
-    }
-
-    panic!("test helper didn't recv message after ten attempts.");
-  }
 
   /// Drain up to `max_messages` datagrams waiting in the socket, each paired
   /// with its [`PacketOrigin`] (source address + receiving interface, when
@@ -486,15 +440,6 @@ impl UDPListener {
     }
   }
 
-  #[cfg(test)] // normally done in .drop()
-  pub fn leave_multicast(&self, address: &Ipv4Addr) -> io::Result<()> {
-    if address.is_multicast() {
-      return self
-        .socket
-        .leave_multicast_v4(address, &Ipv4Addr::UNSPECIFIED);
-    }
-    io::Result::Err(io::Error::other("Not a multicast address"))
-  }
 }
 
 #[cfg(unix)]
@@ -514,56 +459,3 @@ fn sockaddr_storage_to_socketaddr(addr: nix::sys::socket::SockaddrStorage) -> Op
   }
 }
 
-#[cfg(test)]
-mod tests {
-  // use std::os::unix::io::AsRawFd;
-  // use nix::sys::socket::setsockopt;
-  // use nix::sys::socket::sockopt::IpMulticastLoop;
-  use std::{thread, time};
-
-  use super::*;
-  use crate::network::udp_sender::*;
-
-  #[test]
-  fn udpl_single_address() {
-    let listener = UDPListener::new_unicast("127.0.0.1", 10001).unwrap();
-    let sender = UDPSender::new_with_random_port().expect("failed to create UDPSender");
-
-    let data: Vec<u8> = vec![0, 1, 2, 3, 4];
-
-    let addrs = vec![SocketAddr::new("127.0.0.1".parse().unwrap(), 10001)];
-    sender.send_to_all(&data, &addrs);
-
-    let rec_data = listener.get_message();
-
-    assert_eq!(rec_data.len(), 5); // It appears that this test may randomly fail.
-    assert_eq!(rec_data, data);
-  }
-
-  #[test]
-  fn udpl_multicast_address() {
-    let listener =
-      UDPListener::new_multicast("0.0.0.0", 10002, Ipv4Addr::new(239, 255, 0, 1)).unwrap();
-    let sender = UDPSender::new_with_random_port().unwrap();
-
-    // setsockopt(sender.socket.as_raw_fd(), IpMulticastLoop, &true)
-    //  .expect("Unable set IpMulticastLoop option on socket");
-
-    let data: Vec<u8> = vec![2, 4, 6];
-
-    sender
-      .send_multicast(&data, Ipv4Addr::new(239, 255, 0, 1), 10002)
-      .expect("Failed to send multicast");
-
-    thread::sleep(time::Duration::from_secs(1));
-
-    let rec_data = listener.get_message();
-
-    listener
-      .leave_multicast(&Ipv4Addr::new(239, 255, 0, 1))
-      .unwrap();
-
-    assert_eq!(rec_data.len(), 3);
-    assert_eq!(rec_data, data);
-  }
-}

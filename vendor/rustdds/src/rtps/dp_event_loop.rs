@@ -27,7 +27,7 @@ use crate::{
     constant::SPDP_LOCALHOST_PEER_COUNT,
     udp_listener::UDPListener,
     udp_sender::UDPSender,
-    util::{local_interface_table, localhost_spdp_peer_locators, IfAddr},
+    util::{local_interface_table, localhost_spdp_peer_locators, spdp_peer_locators, IfAddr},
   },
   polling::{
     new_shared_timer, timeout_until, wake_channel, LoopWaker, ReadyReceiver, SharedTimer,
@@ -54,12 +54,6 @@ use crate::{
   //QosPolicies,
   EndpointDescription,
 };
-#[cfg(feature = "security")]
-use crate::{
-  discovery::secure_discovery::AuthenticationStatus,
-  security::{security_plugins::SecurityPluginsHandle, EndpointSecurityInfo},
-  security_warn,
-};
 #[cfg(not(feature = "security"))]
 use crate::no_security::security_plugins::SecurityPluginsHandle;
 
@@ -83,9 +77,6 @@ pub struct DPEventLoop {
   udp_listeners: HashMap<Token, UDPListener>,
   message_receiver: MessageReceiver, // This contains our Readers
 
-  // If security is enabled, this contains the security plugins
-  #[cfg(feature = "security")]
-  security_plugins_opt: Option<SecurityPluginsHandle>,
 
   // Adding readers
   add_reader_receiver: TokenReceiverPair<ReaderIngredients>,
@@ -140,6 +131,7 @@ pub struct DPEventLoop {
   // route same-host peers over loopback. See
   // `src/rtps/loopback_same_host_design.md`.
   same_host_loopback: bool,
+  spdp_peers: Vec<IpAddr>, // artitwin
 }
 
 impl DPEventLoop {
@@ -164,6 +156,7 @@ impl DPEventLoop {
     only_networks: Option<Arc<[IpAddr]>>,
     socket_send_buffer_size: usize,
     same_host_loopback: bool,
+    spdp_peers: Vec<IpAddr>, // artitwin
     reader_ready: ReadyReceiver<EntityId>,
     writer_ready: ReadyReceiver<EntityId>,
     waker: LoopWaker,
@@ -238,8 +231,6 @@ impl DPEventLoop {
       ),
       interface_observations,
       local_interfaces,
-      #[cfg(feature = "security")]
-      security_plugins_opt,
       add_reader_receiver,
       remove_reader_receiver,
       add_writer_receiver,
@@ -257,6 +248,7 @@ impl DPEventLoop {
       participant_status_sender,
       discovery_command_sender,
       same_host_loopback,
+      spdp_peers,
     })
   }
 
@@ -443,10 +435,6 @@ impl DPEventLoop {
             .writers
             .get_mut(&writer_guid.entity_id)
             .map(|w| w.handle_heartbeat_tick(manual_assertion));
-        }
-        #[cfg(feature = "security")]
-        ParticipantAuthenticationStatusChanged { guid_prefix } => {
-          self.on_remote_participant_authentication_status_changed(guid_prefix);
         }
       }
     }
@@ -639,14 +627,6 @@ impl DPEventLoop {
     }
   }
 
-  #[cfg(feature = "security")] // Currently used only with security.
-                               // Just remove attribute if used also without.
-  fn send_participant_status(&self, event: DomainParticipantStatusEvent) {
-    self
-      .participant_status_sender
-      .try_send(event)
-      .unwrap_or_else(|e| error!("Cannot report participant status: {e:?}"));
-  }
 
   fn handle_reader_action(&mut self, pending_removals: &mut Vec<GUID>) {
     while let Ok(new_reader_ing) = self.add_reader_receiver.receiver.try_recv() {
@@ -727,44 +707,6 @@ impl DPEventLoop {
       STANDARD_BUILTIN_WRITERS_INIT_LIST.to_vec(),
     );
 
-    #[cfg(feature = "security")]
-    let (readers_init_list, writers_init_list) = if self.security_plugins_opt.is_none() {
-      // No security enabled, just the standard endpoints
-      let readers_init_list = STANDARD_BUILTIN_READERS_INIT_LIST.to_vec();
-      let writers_init_list = STANDARD_BUILTIN_WRITERS_INIT_LIST.to_vec();
-
-      (readers_init_list, writers_init_list)
-    } else {
-      // Security enabled. The endpoints are selected based on the authentication
-      // status of the remote participant
-      let mut readers_init_list = vec![];
-      let mut writers_init_list = vec![];
-
-      match db.get_authentication_status(participant_guid_prefix) {
-        Some(AuthenticationStatus::Authenticating) => {
-          // Add just the stateless endpoint used for authentication
-          readers_init_list.extend_from_slice(AUTHENTICATION_BUILTIN_READERS_INIT_LIST);
-          writers_init_list.extend_from_slice(AUTHENTICATION_BUILTIN_WRITERS_INIT_LIST);
-        }
-        Some(AuthenticationStatus::Authenticated) => {
-          // Match all builtin endpoints
-          readers_init_list.extend_from_slice(STANDARD_BUILTIN_READERS_INIT_LIST);
-          writers_init_list.extend_from_slice(STANDARD_BUILTIN_WRITERS_INIT_LIST);
-          readers_init_list.extend_from_slice(SECURE_BUILTIN_READERS_INIT_LIST);
-          writers_init_list.extend_from_slice(SECURE_BUILTIN_WRITERS_INIT_LIST);
-        }
-        Some(AuthenticationStatus::Unauthenticated) => {
-          // Match only the regular builtin endpoints (see Security spec section 8.8.2.1)
-          readers_init_list.extend_from_slice(STANDARD_BUILTIN_READERS_INIT_LIST);
-          writers_init_list.extend_from_slice(STANDARD_BUILTIN_WRITERS_INIT_LIST);
-        }
-        _ => {
-          // Not adding any endpoints when authentication status is Rejected
-          // or None
-        }
-      }
-      (readers_init_list, writers_init_list)
-    };
 
     // Never create send-destinations (built-in reader proxies) toward our *own*
     // participant. We already know our own endpoints locally, so a self reader
@@ -867,13 +809,6 @@ impl DPEventLoop {
       .borrow_mut()
       .remove(participant_guid_prefix);
 
-    #[cfg(feature = "security")]
-    if let Some(security_plugins_handle) = &self.security_plugins_opt {
-      security_plugins_handle
-        .get_plugins()
-        .unregister_remote_participant(&participant_guid_prefix)
-        .unwrap_or_else(|e| error!("{e}"));
-    }
   }
 
   fn remote_reader_discovered(&mut self, remote_reader: &DiscoveredReaderData) {
@@ -899,57 +834,6 @@ impl DPEventLoop {
       if remote_reader.subscription_topic_data.topic_name() == writer.topic_name() {
         #[cfg(not(feature = "security"))]
         let match_to_reader = true;
-        #[cfg(feature = "security")]
-        let match_to_reader = if let Some(plugins_handle) = self.security_plugins_opt.as_ref() {
-          // Security is enabled.
-          let local_writer_guid = writer.guid();
-          let remote_reader_guid = remote_reader.reader_proxy.remote_reader_guid;
-
-          // Check do we have compatible security with the remote
-          let local_writer_sec_info_opt = plugins_handle
-            .get_plugins()
-            .get_writer_sec_attributes(writer.guid(), writer.topic_name().clone())
-            .map(EndpointSecurityInfo::from)
-            .ok();
-          let remote_reader_sec_info_opt = remote_reader
-            .subscription_topic_data
-            .security_info()
-            .clone();
-
-          let compatible = check_are_endpoints_securities_compatible(
-            local_writer_sec_info_opt,
-            remote_reader_sec_info_opt,
-          );
-          if !compatible {
-            security_warn!(
-              "Local writer {:?} and remote reader {:?} have incompatible security, ignoring the \
-               remote.",
-              writer.guid(),
-              remote_reader_guid
-            );
-            false // match_to_reader
-          } else {
-            // Signal Secure discovery to exchange keys with the remote
-            // TODO: do this only at first encounter with the remote / before keys have been
-            // sent, not every time
-            self
-              .discovery_command_sender
-              .send(DiscoveryCommand::StartKeyExchangeWithRemoteEndpoint {
-                local_endpoint_guid: local_writer_guid,
-                remote_endpoint_guid: remote_reader_guid,
-              })
-              .unwrap_or_else(|e| {
-                error!(
-                  "Could not signal Secure Discovery to start the key exchange with remote reader \
-                   {remote_reader_guid:?}. Reason: {e}."
-                );
-              });
-            true // match_to_reader
-          }
-        } else {
-          // No security enabled. Always match
-          true // match_to_reader
-        };
 
         if match_to_reader {
           // Should we check if the participant has published a QoS for the topic?
@@ -989,55 +873,6 @@ impl DPEventLoop {
       if &remote_writer.publication_topic_data.topic_name == reader.topic_name() {
         #[cfg(not(feature = "security"))]
         let match_to_writer = true;
-        #[cfg(feature = "security")]
-        let match_to_writer = if let Some(plugins_handle) = self.security_plugins_opt.as_ref() {
-          // Security is enabled.
-          let local_reader_guid = reader.guid();
-          let remote_writer_guid = remote_writer.writer_proxy.remote_writer_guid;
-
-          // Check do we have compatible security with the remote
-          let local_reader_sec_info_opt = plugins_handle
-            .get_plugins()
-            .get_reader_sec_attributes(local_reader_guid, reader.topic_name().clone())
-            .map(EndpointSecurityInfo::from)
-            .ok();
-          let remote_writer_sec_info_opt =
-            remote_writer.publication_topic_data.security_info.clone();
-
-          let compatible = check_are_endpoints_securities_compatible(
-            local_reader_sec_info_opt,
-            remote_writer_sec_info_opt,
-          );
-
-          if !compatible {
-            security_warn!(
-              "Local reader {:?} and remote writer {:?} have incompatible security, ignoring the \
-               remote.",
-              local_reader_guid,
-              remote_writer_guid
-            );
-            false // match_to_writer
-          } else {
-            // Signal Secure discovery to exchange keys with the remote
-            // TODO: do this only at first encounter with the remote / before keys have been
-            // sent, not every time
-            if let Err(e) = self.discovery_command_sender.send(
-              DiscoveryCommand::StartKeyExchangeWithRemoteEndpoint {
-                local_endpoint_guid: local_reader_guid,
-                remote_endpoint_guid: remote_writer_guid,
-              },
-            ) {
-              error!(
-                "Could not signal Secure Discovery to start the key exchange with remote writer \
-                 {remote_writer_guid:?}. Reason: {e}."
-              );
-            }
-            true // match_to_writer
-          }
-        } else {
-          // No security enabled. Always match
-          true // match_to_writer
-        };
 
         if match_to_writer {
           let offered_qos = remote_writer.publication_topic_data.qos();
@@ -1080,16 +915,6 @@ impl DPEventLoop {
       // poll waker, so there is no per-reader registration to drop. A timeout
       // already scheduled for this reader is ignored on dispatch (lookup miss).
 
-      #[cfg(feature = "security")]
-      if let Some(plugins_handle) = self.security_plugins_opt.as_ref() {
-        // Security is enabled. Unregister the reader with the crypto plugin.
-        // Currently the unregister method is called for every reader, and errors are
-        // ignored. If this is inconvenient, add a check if the reader has been
-        // registered/is secure, and unregister only if it is so
-        let _ = plugins_handle
-          .get_plugins()
-          .unregister_local_reader(&reader_guid);
-      }
     } else {
       warn!("Tried to remove nonexistent Reader {reader_guid:?}");
     }
@@ -1114,14 +939,18 @@ impl DPEventLoop {
     // - every writer may route a confirmed same-host peer over loopback.
     // See `src/rtps/loopback_same_host_design.md`.
     new_writer.set_prefer_loopback_same_host(self.same_host_loopback);
-    if self.same_host_loopback
-      && new_writer.guid().entity_id == EntityId::SPDP_BUILTIN_PARTICIPANT_WRITER
-    {
-      new_writer.set_extra_unicast_destinations(localhost_spdp_peer_locators(
-        self.domain_info.domain_id,
-        self.domain_info.participant_id,
-        SPDP_LOCALHOST_PEER_COUNT,
-      ));
+    // artitwin: and to the peers that were asked for
+    if new_writer.guid().entity_id == EntityId::SPDP_BUILTIN_PARTICIPANT_WRITER {
+      let mut peers = match self.same_host_loopback {
+        true => localhost_spdp_peer_locators(
+          self.domain_info.domain_id,
+          self.domain_info.participant_id,
+          SPDP_LOCALHOST_PEER_COUNT,
+        ),
+        false => vec![],
+      };
+      peers.extend(spdp_peer_locators(self.domain_info.domain_id, &self.spdp_peers));
+      new_writer.set_extra_unicast_destinations(peers);
     }
 
     // The doorbell is a shared ready-queue plus the poll waker, not a
@@ -1134,65 +963,9 @@ impl DPEventLoop {
       // The timer is shared and stays with the loop. Stale timeouts are ignored
       // on dispatch (lookup miss).
 
-      #[cfg(feature = "security")]
-      if let Some(plugins_handle) = self.security_plugins_opt.as_ref() {
-        // Security is enabled. Unregister the writer with the crypto plugin.
-        // Currently the unregister method is called for every writer, and errors are
-        // ignored. If this is inconvenient, add a check if the writer has been
-        // registered/is secure, and unregister only if it is so
-        let _ = plugins_handle
-          .get_plugins()
-          .unregister_local_writer(writer_guid);
-      }
     }
   }
 
-  #[cfg(feature = "security")]
-  fn on_remote_participant_authentication_status_changed(&mut self, remote_guidp: GuidPrefix) {
-    let auth_status = discovery_db_read(&self.discovery_db).get_authentication_status(remote_guidp);
-
-    auth_status.map(|status| {
-      self.send_participant_status(DomainParticipantStatusEvent::Authentication {
-        participant: remote_guidp,
-        status,
-      });
-    });
-
-    match auth_status {
-      Some(AuthenticationStatus::Authenticated) => {
-        // The participant has been authenticated
-        // First connect the built-in endpoints
-        self.update_participant(remote_guidp);
-        // Then start the key exchange
-        if let Err(e) = self.discovery_command_sender.send(
-          DiscoveryCommand::StartKeyExchangeWithRemoteParticipant {
-            participant_guid_prefix: remote_guidp,
-          },
-        ) {
-          error!(
-            "Could not signal Discovery to start the key exchange with remote. Reason: {e}. \
-             Remote: {remote_guidp:?}"
-          );
-        }
-      }
-      Some(AuthenticationStatus::Authenticating) => {
-        // The following call should connect the endpoints used for authentication
-        self.update_participant(remote_guidp);
-      }
-      Some(AuthenticationStatus::Rejected) => {
-        // TODO: disconnect endpoints from the participant?
-        info!(
-          "Status Rejected in on_remote_participant_authentication_status_changed with \
-           {remote_guidp:?}. TODO!"
-        );
-      }
-      other => {
-        info!(
-          "Status {other:?}, in on_remote_participant_authentication_status_changed. What to do?"
-        );
-      }
-    }
-  }
 
   fn inform_discovery_about_new_local_endpoint(&self, guid: GUID) {
     let discovery_command = if guid.entity_id.kind().is_writer() {
@@ -1211,416 +984,8 @@ impl DPEventLoop {
   }
 }
 
-#[cfg(feature = "security")]
-fn check_are_endpoints_securities_compatible(
-  local_info_opt: Option<EndpointSecurityInfo>,
-  remote_info_opt: Option<EndpointSecurityInfo>,
-) -> bool {
-  let (local_info, remote_info) = match (local_info_opt, remote_info_opt) {
-    (None, None) => {
-      // Neither has security info. Pass?
-      return true;
-    }
-    (Some(_info), None) | (None, Some(_info)) => {
-      // Only one of the endpoints has security info. Reject.
-      return false;
-    }
-    (Some(local_info), Some(remote_info)) => (local_info, remote_info),
-  };
-
-  // See Security specification section 7.2.8 EndpointSecurityInfo
-  if local_info.endpoint_security_attributes.is_valid()
-    && local_info.plugin_endpoint_security_attributes.is_valid()
-    && remote_info.endpoint_security_attributes.is_valid()
-    && remote_info.plugin_endpoint_security_attributes.is_valid()
-  {
-    // When all masks are valid, values need to be equal
-    local_info == remote_info
-  } else {
-    // From the spec:
-    // "If the is_valid is set to zero on either of the masks, the comparison
-    // between the local and remote setting for the EndpointSecurityInfo shall
-    // ignore the attribute"
-
-    // TODO: Does it actually make sense to ignore the masks if they're not valid?
-    // Seems a bit strange. Currently we require that all masks are valid
-    false
-  }
-}
 
 // -----------------------------------------------------------
 // -----------------------------------------------------------
 // -----------------------------------------------------------
 
-#[cfg(test)]
-mod tests {
-  use std::{sync::Mutex, thread};
-
-  use super::*;
-  use crate::{
-    dds::{
-      qos::QosPolicies,
-      statusevents::{sync_status_channel, DataReaderStatus},
-      typedesc::TypeDesc,
-      with_key::simpledatareader::ReaderCommand,
-    },
-    mio_source,
-    polling::{ready_channel, wake_channel, wake_channel_unbounded, LoopWaker},
-  };
-
-  //#[test]
-  // TODO: Investigate why this fails in the github CI pipeline
-  // Then re-enable this test.
-  #[allow(dead_code)]
-  fn dpew_add_and_remove_readers() {
-    // Test sending 'add reader' and 'remove reader' commands to DP event loop
-    // TODO: There are no assertions in this test case. Does in actually test
-    // anything?
-
-    // Create DP communication channels
-    let waker = LoopWaker::new();
-    let (sender_add_reader, receiver_add) = wake_channel::<ReaderIngredients>(8, &waker);
-    let (sender_remove_reader, receiver_remove) = wake_channel::<GUID>(4, &waker);
-    let (_add_writer_sender, add_writer_receiver) = wake_channel::<WriterIngredients>(8, &waker);
-    let (_remove_writer_sender, remove_writer_receiver) = wake_channel::<GUID>(4, &waker);
-    let (stop_poll_sender, stop_poll_receiver) = wake_channel_unbounded(&waker);
-    let (_discovery_update_notification_sender, discovery_update_notification_receiver) =
-      wake_channel(8, &waker);
-    let discovery_waker = LoopWaker::new();
-    let (discovery_command_sender, _discovery_command_receiver) =
-      wake_channel::<DiscoveryCommand>(64, &discovery_waker);
-    let (spdp_liveness_sender, _spdp_liveness_receiver) = wake_channel(8, &discovery_waker);
-    let (_reader_ready_tx, reader_ready) = ready_channel(&waker);
-    let (_writer_ready_tx, writer_ready) = ready_channel(&waker);
-    let (participant_status_sender, _participant_status_receiver) =
-      sync_status_channel(16).unwrap();
-
-    let dds_cache = Arc::new(RwLock::new(DDSCache::new()));
-    let dds_cache_clone = Arc::clone(&dds_cache);
-    let (discovery_db_event_sender, _discovery_db_event_receiver) =
-      std::sync::mpsc::sync_channel(4);
-
-    let discovery_db = Arc::new(RwLock::new(DiscoveryDB::new(
-      GUID::new_participant_guid(),
-      discovery_db_event_sender,
-      participant_status_sender.clone(),
-    )));
-
-    let domain_info = DomainInfo {
-      domain_participant_guid: GUID::default(),
-      domain_id: 0,
-      participant_id: 0,
-    };
-
-    // Start event loop
-    let child = thread::spawn(move || {
-      let dp_event_loop = DPEventLoop::new(
-        domain_info,
-        dds_cache_clone,
-        HashMap::new(),
-        discovery_db,
-        GuidPrefix::default(),
-        TokenReceiverPair {
-          token: ADD_READER_TOKEN,
-          receiver: receiver_add,
-        },
-        TokenReceiverPair {
-          token: REMOVE_READER_TOKEN,
-          receiver: receiver_remove,
-        },
-        TokenReceiverPair {
-          token: ADD_WRITER_TOKEN,
-          receiver: add_writer_receiver,
-        },
-        TokenReceiverPair {
-          token: REMOVE_WRITER_TOKEN,
-          receiver: remove_writer_receiver,
-        },
-        stop_poll_receiver,
-        discovery_update_notification_receiver,
-        discovery_command_sender,
-        spdp_liveness_sender,
-        participant_status_sender,
-        None,
-        None,
-        0,
-        true,
-        reader_ready,
-        writer_ready,
-        waker,
-      )
-      .expect("DPEventLoop::new in test");
-      dp_event_loop.event_loop();
-    });
-
-    // Create a topic cache
-    let topic_cache = dds_cache.write().unwrap().add_new_topic(
-      "test".to_string(),
-      TypeDesc::new("test_type".to_string()),
-      &QosPolicies::qos_none(),
-    );
-
-    let num_of_readers = 3;
-
-    // Send some 'add reader' commands
-    let mut reader_guids = Vec::new();
-    for i in 0..num_of_readers {
-      let new_guid = GUID::default();
-
-      // Create mechanisms for notifications, statuses & commands
-      let (notification_sender, _notification_receiver) =
-        crate::mio_source::notification_channel(100);
-      let (_notification_event_source, notification_event_sender) =
-        mio_source::make_poll_channel().unwrap();
-      let data_reader_waker = Arc::new(Mutex::new(None));
-
-      let (status_sender, _status_receiver) = sync_status_channel::<DataReaderStatus>(4).unwrap();
-
-      let (_reader_command_sender, reader_command_receiver) =
-        wake_channel::<ReaderCommand>(10, &LoopWaker::new());
-
-      let new_reader_ing = ReaderIngredients {
-        guid: new_guid,
-        notification_sender,
-        status_sender,
-        topic_cache_handle: topic_cache.clone(),
-        topic_name: "test".to_string(),
-        like_stateless: false,
-        qos_policy: QosPolicies::qos_none(),
-        data_reader_command_receiver: reader_command_receiver,
-        data_reader_waker: data_reader_waker.clone(),
-        poll_event_sender: notification_event_sender,
-        security_plugins: None,
-        discovery_notify: None,
-      };
-
-      reader_guids.push(new_reader_ing.guid);
-      info!("\nSent reader number {}: {:?}\n", i, new_reader_ing);
-      sender_add_reader.send(new_reader_ing).unwrap();
-      std::thread::sleep(Duration::new(0, 100));
-    }
-
-    // Send a command to remove the second reader
-    info!("\nremoving the second\n");
-    let some_guid = reader_guids[1];
-    sender_remove_reader.send(some_guid).unwrap();
-    std::thread::sleep(Duration::new(0, 100));
-
-    info!("\nsending end token\n");
-    stop_poll_sender.send(EventLoopCommand::Stop).unwrap();
-    child.join().unwrap();
-  }
-
-  // TODO: Rewrite / remove this test - all asserts in it use
-  // DataReader::get_requested_deadline_missed_status which is
-  // currently commented out
-
-  // #[test]
-  // fn dpew_test_reader_commands() {
-  //   let somePolicies = QosPolicies {
-  //     durability: None,
-  //     presentation: None,
-  //     deadline: Some(Deadline(DurationDDS::from_millis(500))),
-  //     latency_budget: None,
-  //     ownership: None,
-  //     liveliness: None,
-  //     time_based_filter: None,
-  //     reliability: None,
-  //     destination_order: None,
-  //     history: None,
-  //     resource_limits: None,
-  //     lifespan: None,
-  //   };
-  //   let dp = DomainParticipant::new(0).expect("Failed to create
-  // participant");   let sub = dp.create_subscriber(&somePolicies).unwrap();
-
-  //   let topic_1 = dp
-  //     .create_topic("TOPIC_1", "something", &somePolicies,
-  // TopicKind::WithKey)     .unwrap();
-  //   let _topic_2 = dp
-  //     .create_topic("TOPIC_2", "something", &somePolicies,
-  // TopicKind::WithKey)     .unwrap();
-  //   let _topic_3 = dp
-  //     .create_topic("TOPIC_3", "something", &somePolicies,
-  // TopicKind::WithKey)     .unwrap();
-
-  //   // Adding readers
-  //   let (sender_add_reader, receiver_add) = mio_channel::channel::<Reader>();
-  //   let (_sender_remove_reader, receiver_remove) =
-  // mio_channel::channel::<GUID>();
-
-  //   let (_add_writer_sender, add_writer_receiver) = mio_channel::channel();
-  //   let (_remove_writer_sender, remove_writer_receiver) =
-  // mio_channel::channel();
-
-  //   let (_stop_poll_sender, stop_poll_receiver) = mio_channel::channel();
-
-  //   let (_discovery_update_notification_sender,
-  // discovery_update_notification_receiver) =     mio_channel::channel();
-
-  //   let dds_cache = Arc::new(RwLock::new(DDSCache::new()));
-  //   let discovery_db = Arc::new(RwLock::new(DiscoveryDB::new()));
-
-  //   let domain_info = DomainInfo {
-  //     domain_participant_guid: GUID::default(),
-  //     domain_id: 0,
-  //     participant_id: 0,
-  //   };
-
-  //   let dp_event_loop = DPEventLoop::new(
-  //     domain_info,
-  //     HashMap::new(),
-  //     dds_cache,
-  //     discovery_db,
-  //     GuidPrefix::default(),
-  //     TokenReceiverPair {
-  //       token: ADD_READER_TOKEN,
-  //       receiver: receiver_add,
-  //     },
-  //     TokenReceiverPair {
-  //       token: REMOVE_READER_TOKEN,
-  //       receiver: receiver_remove,
-  //     },
-  //     TokenReceiverPair {
-  //       token: ADD_WRITER_TOKEN,
-  //       receiver: add_writer_receiver,
-  //     },
-  //     TokenReceiverPair {
-  //       token: REMOVE_WRITER_TOKEN,
-  //       receiver: remove_writer_receiver,
-  //     },
-  //     stop_poll_receiver,
-  //     discovery_update_notification_receiver,
-  //   );
-
-  //   let (sender_stop, receiver_stop) = mio_channel::channel::<i32>();
-  //   dp_event_loop
-  //     .poll
-  //     .register(
-  //       &receiver_stop,
-  //       STOP_POLL_TOKEN,
-  //       Ready::readable(),
-  //       PollOpt::edge(),
-  //     )
-  //     .expect("Failed to register receivers.");
-
-  //   let child = thread::spawn(move ||
-  // DPEventLoop::event_loop(dp_event_loop));
-
-  //   //TODO IF THIS IS SET TO 1 TEST SUCCEEDS
-  //   let n = 1;
-
-  //   let mut reader_guids = Vec::new();
-  //   let mut data_readers: Vec<DataReader<RandomData,
-  // CDRDeserializerAdapter<RandomData>>> = vec![];   let _topics: Vec<Topic>
-  // = vec![];   for i in 0..n {
-  //     //topics.push(topic);
-  //     let new_guid = GUID::default();
-
-  //     let (send, _rec) = crate::mio_source::notification_channel(100);
-  //     let (status_sender, status_receiver_DataReader) =
-  //       mio_extras::channel::sync_channel::<DataReaderStatus>(1000);
-  //     let (reader_commander, reader_command_receiver) =
-  //       mio_extras::channel::sync_channel::<ReaderCommand>(1000);
-
-  //     let mut new_reader = Reader::new(
-  //       new_guid,
-  //       send,
-  //       status_sender,
-  //       Arc::new(RwLock::new(DDSCache::new())),
-  //       "test".to_string(),
-  //       QosPolicies::qos_none(),
-  //       reader_command_receiver,
-  //     );
-
-  //     let somePolicies = QosPolicies {
-  //       durability: None,
-  //       presentation: None,
-  //       deadline: Some(Deadline(DurationDDS::from_millis(50))),
-  //       latency_budget: None,
-  //       ownership: None,
-  //       liveliness: None,
-  //       time_based_filter: None,
-  //       reliability: None,
-  //       destination_order: None,
-  //       history: None,
-  //       resource_limits: None,
-  //       lifespan: None,
-  //     };
-
-  //     let mut datareader = sub
-  //       .create_datareader::<RandomData, CDRDeserializerAdapter<RandomData>>(
-  //         topic_1.clone(),
-  //         Some(somePolicies.clone()),
-  //       )
-  //       .unwrap();
-
-  //     datareader.set_status_change_receiver(status_receiver_DataReader);
-  //     datareader.set_reader_commander(reader_commander);
-  //     data_readers.push(datareader);
-
-  //     //new_reader.set_qos(&somePolicies).unwrap();
-  //     new_reader.matched_writer_add(GUID::default(),
-  // EntityId::UNKNOWN, vec![], vec![]);     reader_guids.
-  // push(new_reader.guid().clone());     info!("\nSent reader number {}:
-  // {:?}\n", i, &new_reader);     sender_add_reader.send(new_reader).
-  // unwrap();     std::thread::sleep(Duration::from_millis(100));
-  //   }
-  //   thread::sleep(Duration::from_millis(100));
-
-  //   let status = data_readers
-  //     .get_mut(0)
-  //     .unwrap()
-  //     .get_requested_deadline_missed_status();
-  //   info!("Received status change: {:?}", status);
-  //   assert_eq!(
-  //     status.unwrap(),
-  //     Some(RequestedDeadlineMissedStatus::from_count(
-  //       CountWithChange::start_from(3, 3)
-  //     )),
-  //   );
-  //   thread::sleep(Duration::from_millis(150));
-
-  //   let status2 = data_readers
-  //     .get_mut(0)
-  //     .unwrap()
-  //     .get_requested_deadline_missed_status();
-  //   info!("Received status change: {:?}", status2);
-  //   assert_eq!(
-  //     status2.unwrap(),
-  //     Some(RequestedDeadlineMissedStatus::from_count(
-  //       CountWithChange::start_from(6, 3)
-  //     ))
-  //   );
-
-  //   let status3 = data_readers
-  //     .get_mut(0)
-  //     .unwrap()
-  //     .get_requested_deadline_missed_status();
-  //   info!("Received status change: {:?}", status3);
-  //   assert_eq!(
-  //     status3.unwrap(),
-  //     Some(RequestedDeadlineMissedStatus::from_count(
-  //       CountWithChange::start_from(6, 0)
-  //     ))
-  //   );
-
-  //   thread::sleep(Duration::from_millis(50));
-
-  //   let status4 = data_readers
-  //     .get_mut(0)
-  //     .unwrap()
-  //     .get_requested_deadline_missed_status();
-  //   info!("Received status change: {:?}", status4);
-  //   assert_eq!(
-  //     status4.unwrap(),
-  //     Some(RequestedDeadlineMissedStatus::from_count(
-  //       CountWithChange::start_from(7, 1)
-  //     ))
-  //   );
-
-  //   info!("\nsending end token\n");
-  //   sender_stop.send(0).unwrap();
-  //   child.join().unwrap();
-  // }
-}

@@ -22,19 +22,8 @@ use crate::{
     time::Timestamp,
   },
 };
-#[cfg(feature = "security")]
-use crate::security::{
-  cryptographic::{DecodeOutcome, DecodedSubmessage},
-  security_plugins::SecurityPluginsHandle,
-};
-#[cfg(feature = "security")]
-use crate::messages::submessages::{secure_postfix::SecurePostfix, secure_prefix::SecurePrefix};
 #[cfg(not(feature = "security"))]
 use crate::no_security::SecurityPluginsHandle;
-#[cfg(test)]
-use crate::dds::ddsdata::DDSData;
-#[cfg(test)]
-use crate::structure::sequence_number::SequenceNumber;
 
 const RTPS_MESSAGE_HEADER_SIZE: usize = 20;
 
@@ -52,24 +41,7 @@ const RTPS_MESSAGE_HEADER_SIZE: usize = 20;
 #[derive(Clone, Eq, PartialEq, Debug)]
 struct SecureReceiverState {}
 
-#[cfg(feature = "security")]
-#[derive(Clone, Eq, PartialEq, Debug)]
-enum SecureReceiverState {
-  // SecurePrefix received
-  Prefix(SecurePrefix),
-  // Submessage after SecurePrefix
-  SecureSubmessage(SecurePrefix, Submessage),
-}
 
-// This type identifies what kind of security wrapper was unwrapped from a
-// resulting submessage. There may be several layers, such as entire RTPS
-// message was secured, or individual submessage was secured, or both. The
-// purpose is to communicate the wrapping to Readers and Writers.
-#[cfg(feature = "security")]
-#[derive(Clone, Debug)]
-pub struct SecureWrapping {
-  // TODO
-}
 
 // This is partial receiver state to be sent to a Reader or a Writer with a
 // Submessage
@@ -84,9 +56,6 @@ pub struct MessageReceiverState<'a> {
 
   pub source_timestamp: Option<Timestamp>,
 
-  #[allow(dead_code)] // TODO: Remove this when/if SecureWrapping actually does something.
-  #[cfg(feature = "security")]
-  pub secure_rtps_wrapped: Option<SecureWrapping>,
 }
 
 impl Default for MessageReceiverState<'_> {
@@ -96,8 +65,6 @@ impl Default for MessageReceiverState<'_> {
       unicast_reply_locator_list: &[],
       multicast_reply_locator_list: &[],
       source_timestamp: Some(Timestamp::INVALID),
-      #[cfg(feature = "security")]
-      secure_rtps_wrapped: None,
     }
   }
 }
@@ -135,12 +102,6 @@ pub(crate) struct MessageReceiver {
 
   submessage_count: usize, // Used in tests and error messages only?
   secure_receiver_state: Option<SecureReceiverState>,
-  #[cfg(feature = "security")]
-  secure_rtps_wrapped: Option<SecureWrapping>,
-  #[cfg(feature = "security")]
-  // For certain topics we have to allow unprotected rtps messages even if the domain is
-  // rtps-protected
-  must_be_rtps_protection_special_case: bool,
 }
 
 impl MessageReceiver {
@@ -169,11 +130,6 @@ impl MessageReceiver {
 
       submessage_count: 0,
       secure_receiver_state: None,
-      #[cfg(feature = "security")]
-      secure_rtps_wrapped: None,
-      #[cfg(feature = "security")]
-      // Protection on by default
-      must_be_rtps_protection_special_case: true,
     }
   }
 
@@ -190,10 +146,6 @@ impl MessageReceiver {
 
     self.secure_receiver_state = None; // This exists regardless of security
 
-    #[cfg(feature = "security")]
-    {
-      self.secure_rtps_wrapped = None;
-    }
   }
 
   fn partial_message_receiver_state(
@@ -210,8 +162,6 @@ impl MessageReceiver {
       unicast_reply_locator_list: &self.unicast_reply_locator_list,
       multicast_reply_locator_list: &self.multicast_reply_locator_list,
       source_timestamp: self.source_timestamp,
-      #[cfg(feature = "security")]
-      secure_rtps_wrapped: self.secure_rtps_wrapped.clone(),
     };
     (state, reader, self.security_plugins.as_ref())
   }
@@ -315,65 +265,6 @@ impl MessageReceiver {
     #[cfg(not(feature = "security"))]
     let decoded_message = rtps_message;
 
-    #[cfg(feature = "security")]
-    let decoded_message = match &self.security_plugins {
-      None => {
-        self.must_be_rtps_protection_special_case = false; // No plugins, no protection
-        rtps_message
-      }
-
-      Some(security_plugins_handle) => {
-        let security_plugins = security_plugins_handle.get_plugins();
-
-        // If the first submessage is SecureRTPSPrefix, the message has to be decoded
-        // using the cryptographic plugin
-        if let Some(Submessage {
-          body: SubmessageBody::Security(SecuritySubmessage::SecureRTPSPrefix(..)),
-          ..
-        }) = rtps_message.submessages.first()
-        {
-          match security_plugins.decode_rtps_message(rtps_message, &self.source_guid_prefix) {
-            Ok(DecodeOutcome::Success(message)) => {
-              self.must_be_rtps_protection_special_case = false; // Message was protected
-              message
-            }
-            Ok(DecodeOutcome::KeysNotFound(header_key_id)) => {
-              return trace!(
-                "No matching message decode keys found for the key id {:?} for the remote \
-                 participant {:?}",
-                header_key_id,
-                self.source_guid_prefix
-              )
-            }
-            Ok(DecodeOutcome::ValidatingReceiverSpecificMACFailed) => {
-              return trace!("Failed to validate the receiver-specif MAC for the rtps message.");
-            }
-            Ok(DecodeOutcome::ParticipantCryptoHandleNotFound(guid_prefix)) => {
-              return trace!(
-                "No participant crypto handle found for the participant {guid_prefix:?} for rtps \
-                 message decoding."
-              )
-            }
-            Err(e) => return error!("{e:?}"),
-          }
-        } else {
-          if security_plugins.rtps_not_protected(&self.dest_guid_prefix) {
-            // The domain is not rtps-protected, the additional check does not apply
-            self.must_be_rtps_protection_special_case = false;
-          } else {
-            // The messages in a rtps-protected domain are expected to start
-            // with SecureRTPSPrefix. The only exception is if the
-            // message contains only submessages for the following
-            // builtin topics: DCPSParticipants,
-            // DCPSParticipantStatelessMessage,
-            // DCPSParticipantVolatileMessageSecure
-            // (8.4.2.4, table 27).
-            self.must_be_rtps_protection_special_case = true;
-          }
-          rtps_message
-        }
-      }
-    };
 
     // Process the submessages
     for submessage in decoded_message.submessages {
@@ -428,21 +319,6 @@ impl MessageReceiver {
                 #[cfg(not(feature = "security"))]
                 Some(_) => {}
 
-                #[cfg(feature = "security")]
-                Some(plugins_handle) => {
-                  for target_entity_id in available_target_entity_ids {
-                    let destination_guid = GUID {
-                      prefix: self.dest_guid_prefix,
-                      entity_id: target_entity_id,
-                    };
-                    if plugins_handle
-                      .get_plugins()
-                      .submessage_not_protected(&destination_guid)
-                    {
-                      self.handle_writer_submessage(target_entity_id, submessage.clone());
-                    }
-                  }
-                }
               }
             } else {
               match security_plugins_clone {
@@ -451,24 +327,6 @@ impl MessageReceiver {
                 #[cfg(not(feature = "security"))]
                 Some(_) => {}
 
-                #[cfg(feature = "security")]
-                Some(plugins_handle) => {
-                  let destination_guid = GUID {
-                    prefix: self.dest_guid_prefix,
-                    entity_id: receiver_entity_id,
-                  };
-                  if plugins_handle
-                    .get_plugins()
-                    .submessage_not_protected(&destination_guid)
-                  {
-                    self.handle_writer_submessage(receiver_entity_id, submessage);
-                  } else {
-                    error!(
-                      "No reader with unprotected submessages found for the GUID \
-                       {destination_guid:?}"
-                    );
-                  }
-                }
               }
             }
           }
@@ -478,104 +336,16 @@ impl MessageReceiver {
             {
               self.handle_reader_submessage(submessage);
             }
-            #[cfg(feature = "security")]
-            match self
-              .security_plugins
-              .as_ref()
-              .map(SecurityPluginsHandle::get_plugins)
-            {
-              None => self.handle_reader_submessage(submessage),
-              Some(plugins) => {
-                let destination_guid = GUID {
-                  prefix: self.dest_guid_prefix,
-                  entity_id: submessage.receiver_entity_id(),
-                };
-                #[cfg(feature = "security")]
-                // This match branch can only be taken with security feature
-                if plugins.submessage_not_protected(&destination_guid) {
-                  self.handle_reader_submessage(submessage);
-                } else {
-                  error!(
-                    "No writer with unprotected submessages found for the GUID \
-                     {destination_guid:?}"
-                  );
-                }
-              }
-            }
           }
 
-          #[cfg(feature = "security")]
-          SubmessageBody::Security(m) => {
-            if self.dest_guid_prefix != self.own_guid_prefix
-              && self.dest_guid_prefix != GuidPrefix::UNKNOWN
-            {
-              trace!(
-                "Message is not for this participant. Dropping. dest_guid_prefix={:?} participant \
-                 guid={:?}",
-                self.dest_guid_prefix,
-                self.own_guid_prefix
-              );
-            } else {
-              match m {
-                SecuritySubmessage::SecureBody(_sec_body, _sec_body_flags) => {
-                  warn!("SecureBody submessage without SecurePrefix. Discarding.");
-                }
-                SecuritySubmessage::SecurePrefix(sec_prefix, _) => {
-                  // just store secure prefix
-                  self.secure_receiver_state = Some(SecureReceiverState::Prefix(sec_prefix));
-                }
-                SecuritySubmessage::SecurePostfix(_sec_postfix, _sec_postfix_flags) => {
-                  warn!("SecurePostfix submessage out of sequence. Discarding.");
-                }
-                SecuritySubmessage::SecureRTPSPrefix(..) => {
-                  // DDS Security spec Section "7.3.6.6.3 Validity" requires that this is the
-                  // first submessage in a message, in which case it has been taken care of by
-                  // decode_rtps_message
-                  warn!(
-                    "SecureRTPSPrefix is only allowed at the start of the message, now received \
-                     at count={}.",
-                    self.submessage_count
-                  );
-                }
-                SecuritySubmessage::SecureRTPSPostfix(
-                  _sec_rtps_postfix,
-                  _sec_rtps_postfix_flags,
-                ) => {
-                  warn!("SecureRTPSPostfix submessage out of sequence. Discarding.");
-                }
-              } // match
-            } // if
-          }
         } // match submessage kind
       } // state None
 
       #[cfg(not(feature = "security"))]
       Some(_) => {}
-      // No security feature => secure_receiver_state is always None.
-      #[cfg(feature = "security")]
-      Some(SecureReceiverState::Prefix(sec_prefix)) => {
-        self.secure_receiver_state = Some(SecureReceiverState::SecureSubmessage(
-          sec_prefix, submessage,
-        ));
-      } // state Prefix
+ // state Prefix
 
-      #[cfg(feature = "security")]
-      Some(SecureReceiverState::SecureSubmessage(sec_prefix, sec_submessage)) => {
-        // Secure prefix and a single other submessage received.
-        // Now expecting postfix, and only that.
-        match submessage.body {
-          SubmessageBody::Security(SecuritySubmessage::SecurePostfix(sec_postfix, _)) => {
-            self.handle_secure_submessage(&sec_prefix, &sec_submessage, &sec_postfix);
-          }
-          other => {
-            warn!(
-              "Expected SecurePostfix submessage after SecurePrefix and payload submessage. \
-               Discarding."
-            );
-            debug!("Unexpected submessage instead: {other:?}");
-          }
-        }
-      } // state SecureSubmessage
+ // state SecureSubmessage
     } // match secure_submessage_state
   } // fn
 
@@ -594,22 +364,6 @@ impl MessageReceiver {
       return;
     }
 
-    #[cfg(feature = "security")]
-    if self.must_be_rtps_protection_special_case {
-      match target_reader_entity_id {
-        // These submessages are the special case
-        EntityId::SPDP_BUILTIN_PARTICIPANT_READER
-        | EntityId::P2P_BUILTIN_PARTICIPANT_STATELESS_READER
-        | EntityId::P2P_BUILTIN_PARTICIPANT_VOLATILE_SECURE_READER => (),
-        // Otherwise we have to reject
-        other => {
-          return error!(
-            "Received an unprotected message containing a writer submessage for the reader \
-             {other:?} in an rtps-protected domain."
-          )
-        }
-      }
-    }
 
     let (mr_state, target_reader, security_plugins) =
       self.partial_message_receiver_state(&target_reader_entity_id);
@@ -692,51 +446,6 @@ impl MessageReceiver {
     reader.handle_data_msg(data, data_flags, mr_state);
   }
 
-  #[cfg(feature = "security")]
-  fn decode_and_handle_data(
-    security_plugins: Option<&SecurityPluginsHandle>,
-    source_guid: &GUID,
-    data: Data,
-    data_flags: BitFlags<DATA_Flags, u8>,
-    reader: &mut Reader,
-    mr_state: &MessageReceiverState<'_>,
-  ) {
-    let Data {
-      inline_qos,
-      serialized_payload,
-      ..
-    } = data.clone();
-
-    serialized_payload
-      // If there is an encoded_payload, decode it
-      .map(
-        |encoded_payload| match security_plugins.map(SecurityPluginsHandle::get_plugins) {
-          Some(security_plugins) => security_plugins
-            .decode_serialized_payload(
-              encoded_payload,
-              inline_qos.unwrap_or_default(),
-              source_guid,
-              &reader.guid(),
-            )
-            .map_err(|e| error!("{e:?}")),
-          None => Ok(encoded_payload),
-        },
-      )
-      .transpose()
-      // If there were no errors, give to the reader
-      .map(|decoded_payload| {
-        reader.handle_data_msg(
-          Data {
-            serialized_payload: decoded_payload,
-            ..data
-          },
-          data_flags,
-          mr_state,
-        );
-      })
-      // Errors have already been printed
-      .ok();
-  }
 
   #[cfg(not(feature = "security"))]
   // see security version below
@@ -768,69 +477,6 @@ impl MessageReceiver {
     drop(datafrag);
   }
 
-  #[cfg(feature = "security")]
-  fn decode_and_handle_datafrag(
-    security_plugins: Option<&SecurityPluginsHandle>,
-    source_guid: &GUID,
-    datafrag: DataFrag,
-    datafrag_flags: BitFlags<DATAFRAG_Flags, u8>,
-    reader: &mut Reader,
-    mr_state: &MessageReceiverState<'_>,
-  ) {
-    let DataFrag {
-      inline_qos,
-      serialized_payload: encoded_payload,
-      ..
-    } = datafrag.clone();
-
-    match security_plugins.map(SecurityPluginsHandle::get_plugins) {
-      Some(security_plugins) => {
-        // Decode
-        security_plugins
-          .decode_serialized_payload(
-            encoded_payload,
-            inline_qos.unwrap_or_default(),
-            source_guid,
-            &reader.guid(),
-          )
-          .map_err(|e| error!("{e:?}"))
-      }
-      None => Ok(encoded_payload),
-    }
-    .ok()
-    // Deserialize
-    .and_then(|serialized_payload| {
-      // The check that used to be in DataFrag deserialization
-      if serialized_payload.len()
-        > (datafrag.fragments_in_submessage as usize) * (datafrag.fragment_size as usize)
-      {
-        error!(
-          "{:?}",
-          std::io::Error::other(format!(
-            "Invalid DataFrag. serializedData length={} should be less than or equal to \
-             (fragments_in_submessage={}) x (fragment_size={})",
-            serialized_payload.len(),
-            datafrag.fragments_in_submessage,
-            datafrag.fragment_size
-          ),)
-        );
-        None
-      } else {
-        Some(serialized_payload)
-      }
-    })
-    // If there were no errors, give DecodedDataFrag to the reader
-    .map(|decoded_payload| {
-      reader.handle_datafrag_msg(
-        &DataFrag {
-          serialized_payload: decoded_payload,
-          ..datafrag
-        },
-        datafrag_flags,
-        mr_state,
-      );
-    });
-  }
 
   fn handle_reader_submessage(&self, submessage: ReaderSubmessage) {
     if self.dest_guid_prefix != self.own_guid_prefix && self.dest_guid_prefix != GuidPrefix::UNKNOWN
@@ -843,22 +489,6 @@ impl MessageReceiver {
       return;
     }
 
-    #[cfg(feature = "security")]
-    if self.must_be_rtps_protection_special_case {
-      match submessage.receiver_entity_id() {
-        // These submessages are the special case
-        EntityId::SPDP_BUILTIN_PARTICIPANT_WRITER
-        | EntityId::P2P_BUILTIN_PARTICIPANT_STATELESS_WRITER
-        | EntityId::P2P_BUILTIN_PARTICIPANT_VOLATILE_SECURE_WRITER => (),
-        // Otherwise we have to reject
-        other => {
-          return error!(
-            "Received an unprotected message containing a reader submessage for the writer \
-             {other:?} in an rtps-protected domain."
-          )
-        }
-      }
-    }
 
     match submessage {
       ReaderSubmessage::AckNack(acknack, _) => {
@@ -895,136 +525,6 @@ impl MessageReceiver {
     }
   }
 
-  #[cfg(feature = "security")]
-  fn handle_secure_submessage(
-    &mut self,
-    sec_prefix: &SecurePrefix,
-    encoded_submessage: &Submessage,
-    sec_postfix: &SecurePostfix,
-  ) {
-    let security_plugins = self.security_plugins.clone();
-    match security_plugins {
-      None => {
-        warn!("Cannot handle secure submessage: No security plugins configured.");
-      }
-      Some(ref security_plugins_handle) => {
-        // Call 8.5.1.9.6 Operation: preprocess_secure_submsg to determine what
-        // the submessage contains and then proceed to decode and process accordingly.
-
-        let decode_result = security_plugins_handle.get_plugins().decode_submessage(
-          (
-            sec_prefix.clone(),
-            encoded_submessage.clone(),
-            sec_postfix.clone(),
-          ),
-          &self.source_guid_prefix,
-        );
-        match decode_result {
-          Err(e) => {
-            error!("Submessage decoding failed: {e:?}");
-          }
-          Ok(DecodeOutcome::Success(DecodedSubmessage::Writer(
-            decoded_writer_submessage,
-            approved_receiving_datareader_crypto_handles,
-          ))) => {
-            let receiver_entity_id = decoded_writer_submessage.receiver_entity_id();
-
-            // If the receiver entity ID is unknown, we try to find the correct id based on
-            // whether it matches the crypto handle
-            if receiver_entity_id == EntityId::UNKNOWN {
-              let sending_writer_entity_id = decoded_writer_submessage.sender_entity_id();
-
-              if let Some(target_reader)=self.available_readers.values().find(|target_reader| {
-                (
-                // Reader must contain the writer
-                target_reader.contains_writer(sending_writer_entity_id)
-                    // But there are two exceptions:
-                    // 1. SPDP reader must read from unknown SPDP writers
-                    //  TODO: This logic here is uglyish. Can we just inject a
-                    //  presupposed writer (proxy) to the built-in reader as it is created?
-                    || (sending_writer_entity_id == EntityId::SPDP_BUILTIN_PARTICIPANT_WRITER
-                      && target_reader.entity_id() == EntityId::SPDP_BUILTIN_PARTICIPANT_READER)
-                    // 2. ParticipantStatelessReader does not contain any writers, since it is stateless
-                    || (sending_writer_entity_id == EntityId::P2P_BUILTIN_PARTICIPANT_STATELESS_WRITER
-                      && target_reader.entity_id() == EntityId::P2P_BUILTIN_PARTICIPANT_STATELESS_READER)
-                    )
-                    &&
-                    security_plugins_handle.get_plugins()
-                    .confirm_local_endpoint_guid(&approved_receiving_datareader_crypto_handles,
-                      &GUID { prefix: self.dest_guid_prefix,entity_id: target_reader.entity_id() })
-              }){
-                self.handle_writer_submessage(target_reader.entity_id(), decoded_writer_submessage);
-              }else{
-                debug!(
-                  "No matching reader found for writer submessage from {sending_writer_entity_id:?} \
-                   (receiver entity id is UNKNOWN)"
-                );
-              }
-            } else {
-              let receiver_guid = GUID {
-                prefix: self.dest_guid_prefix,
-                entity_id: receiver_entity_id,
-              };
-              if security_plugins_handle
-                .get_plugins()
-                .confirm_local_endpoint_guid(
-                  &approved_receiving_datareader_crypto_handles,
-                  &receiver_guid,
-                )
-              {
-                self.handle_writer_submessage(receiver_entity_id, decoded_writer_submessage);
-              } else {
-                error!("Destination GUID did not match the handle used for decoding.");
-              }
-            }
-          }
-          Ok(DecodeOutcome::Success(DecodedSubmessage::Reader(
-            decoded_reader_submessage,
-            approved_receiving_datawriter_crypto_handles,
-          ))) => {
-            let receiver_entity_id = decoded_reader_submessage.receiver_entity_id();
-            let receiver_guid = GUID {
-              prefix: self.dest_guid_prefix,
-              entity_id: receiver_entity_id,
-            };
-            if security_plugins_handle
-              .get_plugins()
-              .confirm_local_endpoint_guid(
-                &approved_receiving_datawriter_crypto_handles,
-                &receiver_guid,
-              )
-            {
-              self.handle_reader_submessage(decoded_reader_submessage);
-            } else {
-              error!("Destination GUID did not match the handle used for decoding.");
-            }
-          }
-          Ok(DecodeOutcome::Success(DecodedSubmessage::Interpreter(interpreter_submessage))) => {
-            // This is not defined in the specification, but we accept for compatibility, as
-            // we would also accept unprotected ones.
-            self.handle_interpreter_submessage(interpreter_submessage);
-          }
-          Ok(DecodeOutcome::KeysNotFound(header_key_id)) => {
-            trace!(
-              "No matching submessage decode keys found for the key id {:?} for the remote \
-               participant {:?}",
-              header_key_id,
-              self.source_guid_prefix
-            );
-          }
-          Ok(DecodeOutcome::ValidatingReceiverSpecificMACFailed) => {
-            trace!("No endpoints passed the receiver-specific MAC validation for the submessage.");
-          }
-          Ok(DecodeOutcome::ParticipantCryptoHandleNotFound(guid_prefix)) => {
-            trace!(
-              "No participant crypto handle found for the participant {guid_prefix:?} for \
-               submessage decoding."
-            );
-          }
-        }
-      }
-    };
-  }
 
   fn handle_interpreter_submessage(&mut self, interpreter_submessage: InterpreterSubmessage)
   // no return value, just change state of self.
@@ -1098,34 +598,7 @@ impl MessageReceiver {
     }
   }
 
-  // use for test and debugging only
-  #[cfg(test)]
-  fn get_reader_and_history_cache_change(
-    &self,
-    reader_id: EntityId,
-    sequence_number: SequenceNumber,
-  ) -> Option<DDSData> {
-    Some(
-      self
-        .available_readers
-        .get(&reader_id)
-        .unwrap()
-        .history_cache_change_data(sequence_number)
-        .unwrap(),
-    )
-  }
 
-  #[cfg(test)]
-  fn get_reader_history_cache_start_and_end_seq_num(
-    &self,
-    reader_id: EntityId,
-  ) -> Vec<SequenceNumber> {
-    self
-      .available_readers
-      .get(&reader_id)
-      .unwrap()
-      .history_cache_sequence_start_and_end_numbers()
-  }
 } // impl messageReceiver
 
 // ------------------------------------------------------------------------------------------------------
@@ -1134,222 +607,3 @@ impl MessageReceiver {
 // ------------------------------------------------------------------------------------------------------
 // ------------------------------------------------------------------------------------------------------
 
-#[cfg(test)]
-mod tests {
-  use std::{
-    rc::Rc,
-    sync::{Arc, Mutex, RwLock},
-  };
-
-  use speedy::{Readable, Writable};
-  use log::info;
-  use serde::{Deserialize, Serialize};
-  use byteorder::LittleEndian;
-
-  use crate::{
-    dds::{
-      qos::QosPolicies,
-      statusevents::{sync_status_channel, DataReaderStatus},
-      typedesc::TypeDesc,
-      with_key::simpledatareader::ReaderCommand,
-    },
-    messages::header::Header,
-    mio_source,
-    network::udp_sender::UDPSender,
-    polling::{new_shared_timer, wake_channel, LoopWaker},
-    rtps::reader::ReaderIngredients,
-    serialization::from_bytes,
-    structure::{dds_cache::DDSCache, guid::EntityKind},
-  };
-  use super::*;
-
-  #[test]
-
-  fn test_shapes_demo_message_deserialization() {
-    // The following message bytes contain serialized INFO_DST, INFO_TS, DATA &
-    // HEARTBEAT submessages. The DATA submessage contains a ShapeType value.
-    // The bytes have been captured from WireShark.
-    let udp_bits1 = Bytes::from_static(&[
-      0x52, 0x54, 0x50, 0x53, 0x02, 0x03, 0x01, 0x0f, 0x01, 0x0f, 0x99, 0x06, 0x78, 0x34, 0x00,
-      0x00, 0x01, 0x00, 0x00, 0x00, 0x0e, 0x01, 0x0c, 0x00, 0x01, 0x03, 0x00, 0x0c, 0x29, 0x2d,
-      0x31, 0xa2, 0x28, 0x20, 0x02, 0x08, 0x09, 0x01, 0x08, 0x00, 0x1a, 0x15, 0xf3, 0x5e, 0x00,
-      0xcc, 0xfb, 0x13, 0x15, 0x05, 0x2c, 0x00, 0x00, 0x00, 0x10, 0x00, 0x00, 0x00, 0x00, 0x07,
-      0x00, 0x00, 0x01, 0x02, 0x00, 0x00, 0x00, 0x00, 0x5b, 0x00, 0x00, 0x00, 0x00, 0x01, 0x00,
-      0x00, 0x04, 0x00, 0x00, 0x00, 0x52, 0x45, 0x44, 0x00, 0x69, 0x00, 0x00, 0x00, 0x17, 0x00,
-      0x00, 0x00, 0x1e, 0x00, 0x00, 0x00, 0x07, 0x01, 0x1c, 0x00, 0x00, 0x00, 0x00, 0x07, 0x00,
-      0x00, 0x01, 0x02, 0x00, 0x00, 0x00, 0x00, 0x5b, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00,
-      0x5b, 0x00, 0x00, 0x00, 0x1f, 0x00, 0x00, 0x00,
-    ]);
-
-    // The message bytes contain the following guid prefix as the message target.
-    let target_gui_prefix = GuidPrefix::new(&[
-      0x01, 0x03, 0x00, 0x0c, 0x29, 0x2d, 0x31, 0xa2, 0x28, 0x20, 0x02, 0x08,
-    ]);
-
-    // The message bytes contain the following guid as the message source
-    let remote_writer_guid = GUID::new(
-      GuidPrefix::new(&[
-        0x01, 0x0f, 0x99, 0x06, 0x78, 0x34, 0x00, 0x00, 0x01, 0x00, 0x00, 0x00,
-      ]),
-      EntityId::create_custom_entity_id([0, 0, 1], EntityKind::WRITER_WITH_KEY_USER_DEFINED),
-    );
-
-    // Create a message receiver
-    let waker = LoopWaker::new();
-    let (acknack_sender, _acknack_receiver) = wake_channel(8, &waker);
-    let (spdp_liveness_sender, _spdp_liveness_receiver) = wake_channel(8, &waker);
-    let mut message_receiver = MessageReceiver::new(
-      target_gui_prefix,
-      acknack_sender,
-      spdp_liveness_sender,
-      None,
-      Rc::new(RefCell::new(InterfaceObservations::new())),
-    );
-
-    // Create a reader to process the message
-    let entity =
-      EntityId::create_custom_entity_id([0, 0, 0], EntityKind::READER_WITH_KEY_USER_DEFINED);
-    let reader_guid = GUID::new_with_prefix_and_id(target_gui_prefix, entity);
-
-    let (notification_sender, _notification_receiver) =
-      crate::mio_source::notification_channel(100);
-    let (_notification_event_source, notification_event_sender) =
-      mio_source::make_poll_channel().unwrap();
-    let data_reader_waker = Arc::new(Mutex::new(None));
-
-    let (status_sender, _status_receiver) = sync_status_channel::<DataReaderStatus>(4).unwrap();
-    let (participant_status_sender, _participant_status_receiver) =
-      sync_status_channel(16).unwrap();
-
-    let (_reader_command_sender, reader_command_receiver) =
-      wake_channel::<ReaderCommand>(10, &LoopWaker::new());
-
-    let qos_policy = QosPolicies::qos_none();
-
-    let dds_cache = Arc::new(RwLock::new(DDSCache::new()));
-
-    let topic_cache_handle = dds_cache.write().unwrap().add_new_topic(
-      "test".to_string(),
-      TypeDesc::new("test".to_string()),
-      &qos_policy,
-    );
-    let reader_ing = ReaderIngredients {
-      guid: reader_guid,
-      notification_sender,
-      status_sender,
-      topic_name: "test".to_string(),
-      topic_cache_handle: topic_cache_handle.clone(),
-      like_stateless: false,
-      qos_policy,
-      data_reader_command_receiver: reader_command_receiver,
-      data_reader_waker: data_reader_waker.clone(),
-      poll_event_sender: notification_event_sender,
-      security_plugins: None,
-      discovery_notify: None,
-    };
-
-    let mut new_reader = Reader::new(
-      reader_ing,
-      Rc::new(UDPSender::new_with_random_port().unwrap()),
-      new_shared_timer(),
-      participant_status_sender,
-    );
-
-    // Add info of the writer to the reader
-    new_reader.matched_writer_add(
-      remote_writer_guid,
-      EntityId::UNKNOWN,
-      vec![],
-      vec![],
-      &QosPolicies::qos_none(),
-    );
-
-    // Add reader to message reader and process the bytes message
-    message_receiver.add_reader(new_reader);
-
-    message_receiver.handle_received_packet(&udp_bits1, PacketOrigin::UNKNOWN);
-
-    // Verify the message reader has recorded the right amount of submessages
-    assert_eq!(message_receiver.submessage_count, 4);
-
-    // This is not correct way to read history cache values but it serves as a test
-    let sequence_numbers =
-      message_receiver.get_reader_history_cache_start_and_end_seq_num(reader_guid.entity_id);
-    info!("history change sequence number range: {sequence_numbers:?}");
-
-    // Get the DDSData (serialized) from the topic cache / history cache
-    let a = message_receiver
-      .get_reader_and_history_cache_change(
-        reader_guid.entity_id,
-        *sequence_numbers.first().unwrap(),
-      )
-      .expect("No data in topic cache");
-    info!("reader history cache DATA: {:?}", a.data());
-
-    // Deserialize the ShapesType value from the data
-    #[derive(Serialize, Deserialize, Debug, PartialEq, Eq)]
-    struct ShapeType {
-      color: String,
-      x: i32,
-      y: i32,
-      size: i32,
-    }
-    let (deserialized_shape_type, _) = from_bytes::<ShapeType, LittleEndian>(&a.data()).unwrap();
-    info!("deserialized shapeType: {deserialized_shape_type:?}");
-
-    // Verify the color in the deserialized value is correct
-    assert_eq!(deserialized_shape_type.color, "RED");
-  }
-
-  #[test]
-  fn mr_test_submsg_count() {
-    // Udp packet with INFO_DST, INFO_TS, DATA, HEARTBEAT
-    let udp_bits1 = Bytes::from_static(&[
-      0x52, 0x54, 0x50, 0x53, 0x02, 0x03, 0x01, 0x0f, 0x01, 0x0f, 0x99, 0x06, 0x78, 0x34, 0x00,
-      0x00, 0x01, 0x00, 0x00, 0x00, 0x0e, 0x01, 0x0c, 0x00, 0x01, 0x03, 0x00, 0x0c, 0x29, 0x2d,
-      0x31, 0xa2, 0x28, 0x20, 0x02, 0x08, 0x09, 0x01, 0x08, 0x00, 0x18, 0x15, 0xf3, 0x5e, 0x00,
-      0x5c, 0xf0, 0x34, 0x15, 0x05, 0x2c, 0x00, 0x00, 0x00, 0x10, 0x00, 0x00, 0x00, 0x00, 0x07,
-      0x00, 0x00, 0x01, 0x02, 0x00, 0x00, 0x00, 0x00, 0x43, 0x00, 0x00, 0x00, 0x00, 0x01, 0x00,
-      0x00, 0x04, 0x00, 0x00, 0x00, 0x52, 0x45, 0x44, 0x00, 0x21, 0x00, 0x00, 0x00, 0x89, 0x00,
-      0x00, 0x00, 0x1e, 0x00, 0x00, 0x00, 0x07, 0x01, 0x1c, 0x00, 0x00, 0x00, 0x00, 0x07, 0x00,
-      0x00, 0x01, 0x02, 0x00, 0x00, 0x00, 0x00, 0x43, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00,
-      0x43, 0x00, 0x00, 0x00, 0x07, 0x00, 0x00, 0x00,
-    ]);
-    // Udp packet with INFO_DST, ACKNACK
-    let udp_bits2 = Bytes::from_static(&[
-      0x52, 0x54, 0x50, 0x53, 0x02, 0x03, 0x01, 0x0f, 0x01, 0x0f, 0x99, 0x06, 0x78, 0x34, 0x00,
-      0x00, 0x01, 0x00, 0x00, 0x00, 0x0e, 0x01, 0x0c, 0x00, 0x01, 0x03, 0x00, 0x0c, 0x29, 0x2d,
-      0x31, 0xa2, 0x28, 0x20, 0x02, 0x08, 0x06, 0x03, 0x18, 0x00, 0x00, 0x00, 0x04, 0xc7, 0x00,
-      0x00, 0x04, 0xc2, 0x00, 0x00, 0x00, 0x00, 0x02, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00,
-      0x03, 0x00, 0x00, 0x00,
-    ]);
-
-    let guid_new = GUID::default();
-    let waker = LoopWaker::new();
-    let (acknack_sender, _acknack_receiver) = wake_channel(8, &waker);
-    let (spdp_liveness_sender, _spdp_liveness_receiver) = wake_channel(8, &waker);
-    let mut message_receiver = MessageReceiver::new(
-      guid_new.prefix,
-      acknack_sender,
-      spdp_liveness_sender,
-      None,
-      Rc::new(RefCell::new(InterfaceObservations::new())),
-    );
-
-    message_receiver.handle_received_packet(&udp_bits1, PacketOrigin::UNKNOWN);
-    assert_eq!(message_receiver.submessage_count, 4);
-
-    message_receiver.handle_received_packet(&udp_bits2, PacketOrigin::UNKNOWN);
-    assert_eq!(message_receiver.submessage_count, 2);
-  }
-
-  #[test]
-  fn mr_test_header() {
-    let guid_new = GUID::default();
-    let header = Header::new(guid_new.prefix);
-
-    let bytes = header.write_to_vec().unwrap();
-    let new_header = Header::read_from_buffer(&bytes).unwrap();
-    assert_eq!(header, new_header);
-  }
-}

@@ -26,19 +26,6 @@ use crate::{
   },
   Timestamp,
 };
-#[cfg(feature = "security")]
-use crate::messages::submessages::{
-  secure_body::SecureBody,
-  secure_postfix::SecurePostfix,
-  secure_prefix::SecurePrefix,
-  secure_rtps_postfix::SecureRTPSPostfix,
-  secure_rtps_prefix::SecureRTPSPrefix,
-  submessage::SecuritySubmessage,
-  submessage_flag::{
-    SECUREBODY_Flags, SECUREPOSTFIX_Flags, SECUREPREFIX_Flags, SECURERTPSPOSTFIX_Flags,
-    SECURERTPSPREFIX_Flags,
-  },
-};
 
 #[derive(Debug, PartialEq, Eq, Clone)]
 pub struct Submessage {
@@ -114,16 +101,6 @@ impl Submessage {
       }))
     };
 
-    #[cfg(feature = "security")]
-    let original_bytes = Some(original_submessage_bytes.clone());
-    #[cfg(feature = "security")]
-    let mk_s_subm = move |s: SecuritySubmessage| {
-      io::Result::<Option<Self>>::Ok(Some(Submessage {
-        header: sub_header,
-        body: SubmessageBody::Security(s),
-        original_bytes,
-      }))
-    };
 
     let original_bytes = Some(original_submessage_bytes.clone());
     let mk_i_subm = move |s: InterpreterSubmessage| {
@@ -234,47 +211,7 @@ impl Submessage {
         Ok(None) // nothing to do here
       }
 
-      #[cfg(feature = "security")]
-      SubmessageKind::SEC_BODY => {
-        let f = BitFlags::<SECUREBODY_Flags>::from_bits_truncate(sub_header.flags);
-        mk_s_subm(SecuritySubmessage::SecureBody(
-          SecureBody::read_from_buffer_with_ctx(e, &sub_content_buffer)?,
-          f,
-        ))
-      }
 
-      #[cfg(feature = "security")]
-      SubmessageKind::SEC_PREFIX => {
-        let f = BitFlags::<SECUREPREFIX_Flags>::from_bits_truncate(sub_header.flags);
-        mk_s_subm(SecuritySubmessage::SecurePrefix(
-          SecurePrefix::read_from_buffer_with_ctx(e, &sub_content_buffer)?,
-          f,
-        ))
-      }
-      #[cfg(feature = "security")]
-      SubmessageKind::SEC_POSTFIX => {
-        let f = BitFlags::<SECUREPOSTFIX_Flags>::from_bits_truncate(sub_header.flags);
-        mk_s_subm(SecuritySubmessage::SecurePostfix(
-          SecurePostfix::read_from_buffer_with_ctx(e, &sub_content_buffer)?,
-          f,
-        ))
-      }
-      #[cfg(feature = "security")]
-      SubmessageKind::SRTPS_PREFIX => {
-        let f = BitFlags::<SECURERTPSPREFIX_Flags>::from_bits_truncate(sub_header.flags);
-        mk_s_subm(SecuritySubmessage::SecureRTPSPrefix(
-          SecureRTPSPrefix::read_from_buffer_with_ctx(e, &sub_content_buffer)?,
-          f,
-        ))
-      }
-      #[cfg(feature = "security")]
-      SubmessageKind::SRTPS_POSTFIX => {
-        let f = BitFlags::<SECURERTPSPOSTFIX_Flags>::from_bits_truncate(sub_header.flags);
-        mk_s_subm(SecuritySubmessage::SecureRTPSPostfix(
-          SecureRTPSPostfix::read_from_buffer_with_ctx(e, &sub_content_buffer)?,
-          f,
-        ))
-      }
       unknown_kind => {
         let kind = u8::from(unknown_kind);
         if kind >= 0x80 {
@@ -300,8 +237,6 @@ pub enum SubmessageBody {
   Writer(WriterSubmessage),
   Reader(ReaderSubmessage),
 
-  #[cfg(feature = "security")]
-  Security(SecuritySubmessage),
 
   Interpreter(InterpreterSubmessage),
 }
@@ -311,8 +246,6 @@ impl<C: Context> Writable<C> for SubmessageBody {
       SubmessageBody::Writer(m) => writer.write_value(&m),
       SubmessageBody::Reader(m) => writer.write_value(&m),
       SubmessageBody::Interpreter(m) => writer.write_value(&m),
-      #[cfg(feature = "security")]
-      SubmessageBody::Security(m) => writer.write_value(&m),
     }
   }
 }
@@ -326,155 +259,3 @@ impl<C: Context> Writable<C> for Submessage {
   }
 }
 
-#[cfg(test)]
-mod tests {
-  use log::info;
-  use hex_literal::hex;
-
-  use crate::{messages::submessages::submessages::*, rtps::submessage::*};
-
-  #[test]
-  fn submessage_data_submessage_deserialization() {
-    // this is wireshark captured shapes demo data_submessage
-    let serialized_data_submessage = Bytes::from_static(&[
-      0x15, 0x05, 0x2c, 0x00, 0x00, 0x00, 0x10, 0x00, 0x00, 0x00, 0x00, 0x07, 0x00, 0x00, 0x01,
-      0x02, 0x00, 0x00, 0x00, 0x00, 0x5b, 0x00, 0x00, 0x00, 0x00, 0x01, 0x00, 0x00, 0x04, 0x00,
-      0x00, 0x00, 0x52, 0x45, 0x44, 0x00, 0x69, 0x00, 0x00, 0x00, 0x17, 0x00, 0x00, 0x00, 0x1e,
-      0x00, 0x00, 0x00,
-    ]);
-
-    let header = SubmessageHeader::read_from_buffer(&serialized_data_submessage[0..4])
-      .expect("could not create submessage header");
-    let flags = BitFlags::<DATA_Flags>::from_bits_truncate(header.flags);
-    let suba = Data::deserialize_data(&serialized_data_submessage.slice(4..), flags)
-      .expect("DATA deserialization failed.");
-    let sub = Submessage {
-      header,
-      body: SubmessageBody::Writer(WriterSubmessage::Data(suba, flags)),
-      original_bytes: Some(serialized_data_submessage.clone()),
-    };
-    info!("{sub:?}");
-
-    let message_buffer = sub.write_to_vec().expect("DATA serialization failed");
-
-    assert_eq!(serialized_data_submessage, message_buffer);
-  }
-
-  #[test]
-  fn submessage_heartbeat_deserialization() {
-    let serialized_heartbeat_message: Vec<u8> = vec![
-      0x07, 0x01, 0x1c, 0x00, 0x00, 0x00, 0x00, 0x07, 0x00, 0x00, 0x01, 0x02, 0x00, 0x00, 0x00,
-      0x00, 0x5b, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x5b, 0x00, 0x00, 0x00, 0x1f, 0x00,
-      0x00, 0x00,
-    ];
-
-    let header = SubmessageHeader::read_from_buffer(&serialized_heartbeat_message[0..4])
-      .expect("could not create submessage header");
-    let flags = BitFlags::<HEARTBEAT_Flags>::from_bits_truncate(header.flags);
-    let e = endianness_flag(header.flags);
-    let suba = Heartbeat::read_from_buffer_with_ctx(e, &serialized_heartbeat_message[4..])
-      .expect("deserialization failed.");
-    let sub = Submessage {
-      header,
-      body: SubmessageBody::Writer(WriterSubmessage::Heartbeat(suba, flags)),
-      original_bytes: Some(serialized_heartbeat_message.clone().into()),
-    };
-    info!("{sub:?}");
-
-    let message_buffer = sub.write_to_vec().expect("serialization failed");
-
-    assert_eq!(serialized_heartbeat_message, message_buffer);
-  }
-
-  #[test]
-  fn submessage_info_dst_deserialization() {
-    let serialized_info_dst_message: Vec<u8> = vec![
-      0x0e, 0x01, 0x0c, 0x00, 0x01, 0x03, 0x00, 0x0c, 0x29, 0x2d, 0x31, 0xa2, 0x28, 0x20, 0x02,
-      0x08,
-    ];
-
-    let header = SubmessageHeader::read_from_buffer(&serialized_info_dst_message[0..4])
-      .expect("could not create submessage header");
-    let flags = BitFlags::<INFODESTINATION_Flags>::from_bits_truncate(header.flags);
-    let e = endianness_flag(header.flags);
-    let suba = InfoDestination::read_from_buffer_with_ctx(e, &serialized_info_dst_message[4..])
-      .expect("deserialization failed.");
-    let sub = Submessage {
-      header,
-      body: SubmessageBody::Interpreter(InterpreterSubmessage::InfoDestination(suba, flags)),
-      original_bytes: Some(serialized_info_dst_message.clone().into()),
-    };
-    info!("{sub:?}");
-
-    let message_buffer = sub.write_to_vec().expect("serialization failed");
-
-    assert_eq!(serialized_info_dst_message, message_buffer);
-  }
-
-  #[test]
-
-  fn submessage_acknack_fuzz_deserialization() {
-    // We have received an ACKNACK submessage with too large
-    // SequenceNumberSet. Please see
-    // https://github.com/jhelovuo/RustDDS/issues/287
-    // for details.
-    let serialized_info_submessage: Vec<u8> = hex!(
-      "
-      06 05 00 00 ff ff ff ff ff ff ff ff ff ff ff ff
-      ff ff ff ff ff ff ff ff ff ff ff ff ff ff ff ff
-      ff ff ff ff ff ff ff e1 e1 e1 e1 e1 e1 e1 e1 e1
-      e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1
-      e1 ff ff ff ff ff ff ff ff ff ff ff ff ff ff ff
-      ff ff ff ff ff e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1
-      e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1
-      e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1
-      e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1
-      e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 cf 13 ff ff ff
-      ff ff ff ff ff ff ff ff ff ff 00 00 00 e1 e1 e1
-      e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1
-      e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1
-      e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1
-      cf 13 ff ff ff ff ff ff ff ff ff ff ff ff ff 00
-      00 00 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1
-      e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1
-      e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1
-      e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1 e1
-      e1 e1 e1 e1 e1 ff ff ff ff ff ff ff ff ff f7 ff
-      ff ff ff 00 00 00 1e ff ff ff ff ff ff ff ff ff
-      ff ff ff ff ff ff ff ff ff ff ff"
-    )
-    .to_vec();
-
-    let header = SubmessageHeader::read_from_buffer(&serialized_info_submessage[0..4])
-      .expect("could not create submessage header");
-    let e = endianness_flag(header.flags);
-
-    // This is a malformed submessage. We expect the decoder to report that, but not
-    // panic.
-    assert!(AckNack::read_from_buffer_with_ctx(e, &serialized_info_submessage[4..]).is_err());
-  }
-
-  // #[test]
-  // fn submessage_info_ts_deserialization() {
-  //   let serializedInfoTSMessage: Vec<u8> = vec![
-  //     0x09, 0x01, 0x08, 0x00, 0x1a, 0x15, 0xf3, 0x5e, 0x00, 0xcc, 0xfb, 0x13,
-  //   ];
-  //   let header =
-  // SubmessageHeader::read_from_buffer(&serializedInfoTSMessage[0..4])
-  //     .expect("could not create submessage header");
-  //   let flags =
-  // BitFlags::<INFOTIMESTAMP_Flags>::from_bits_truncate(header.flags);
-  //   let e = endianness_flag(header.flags);
-  //   let suba = InfoTimestamp::read_from_buffer_with_ctx(e,
-  // &serializedInfoTSMessage[4..])     .expect("deserialization failed.");
-  //   let sub = SubMessage {
-  //     header,
-  //     body: SubmessageBody::Interpreter(InterpreterSubmessage::
-  // InfoTimestamp(suba, flags)),   };
-  //   info!("{:?}", sub);
-
-  //   let message_buffer = sub.write_to_vec().expect("serialization failed");
-
-  //   assert_eq!(serializedInfoTSMessage, message_buffer);
-  // }
-}

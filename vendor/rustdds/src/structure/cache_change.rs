@@ -21,15 +21,6 @@ pub struct CacheChange {
   pub data_value: DDSData,
 }
 
-#[cfg(test)]
-impl PartialEq for CacheChange {
-  fn eq(&self, other: &Self) -> bool {
-    self.writer_guid == other.writer_guid
-      && self.sequence_number == other.sequence_number
-      && self.write_options == other.write_options
-      && self.data_value == other.data_value
-  }
-}
 
 impl CacheChange {
   pub fn new(

@@ -23,21 +23,3 @@ impl fmt::Display for TopicKind {
   }
 }
 
-#[cfg(test)]
-mod tests {
-  use super::*;
-
-  serialization_test!(type = TopicKind,
-  {
-      topic_kind_no_key,
-      TopicKind::NoKey,
-      le = [0x01, 0x00, 0x00, 0x00],
-      be = [0x00, 0x00, 0x00, 0x01]
-  },
-  {
-      topic_kind_with_key,
-      TopicKind::WithKey,
-      le = [0x02, 0x00, 0x00, 0x00],
-      be = [0x00, 0x00, 0x00, 0x02]
-  });
-}

@@ -1,7 +1,5 @@
 use std::time::Duration;
 
-#[cfg(feature = "mio_06")]
-use mio_06::Evented;
 
 use crate::{
   dds::{
@@ -392,15 +390,7 @@ impl<'a, D, SA> StatusEvented<'a, DataWriterStatus, StatusReceiverStream<'a, Dat
 where
   SA: SerializerAdapter<D>,
 {
-  #[cfg(feature = "mio_06")]
-  fn as_status_evented(&mut self) -> &dyn Evented {
-    self.keyed_datawriter.as_status_evented()
-  }
 
-  #[cfg(feature = "mio_08")]
-  fn as_status_source(&mut self) -> &mut dyn mio_08::event::Source {
-    self.keyed_datawriter.as_status_source()
-  }
 
   fn as_status_source_mio1(&mut self) -> &mut dyn mio1::event::Source {
     self.keyed_datawriter.as_status_source_mio1()
@@ -464,91 +454,3 @@ where
   } // fn
 } // impl
 
-#[cfg(test)]
-mod tests {
-  use byteorder::LittleEndian;
-
-  use super::*;
-  use crate::{
-    dds::{participant::DomainParticipant, topic::TopicKind},
-    serialization::*,
-    test::{random_data::*, test_domain::test_domain_id},
-  };
-
-  #[test]
-  fn dw_write_test() {
-    let domain_participant =
-      DomainParticipant::new(test_domain_id(0)).expect("Failed to create participant");
-    let qos = QosPolicies::qos_none();
-    let _default_dw_qos = QosPolicies::qos_none();
-    let publisher = domain_participant
-      .create_publisher(&qos)
-      .expect("Failed to create publisher");
-    let topic = domain_participant
-      .create_topic(
-        "Aasii".to_string(),
-        "Huh?".to_string(),
-        &qos,
-        TopicKind::NoKey,
-      )
-      .expect("Failed to create topic");
-
-    let data_writer: DataWriter<RandomData, CDRSerializerAdapter<RandomData, LittleEndian>> =
-      publisher
-        .create_datawriter_no_key(&topic, None)
-        .expect("Failed to create datawriter");
-
-    let mut data = RandomData {
-      a: 4,
-      b: "Fobar".to_string(),
-    };
-
-    data_writer
-      .write(data.clone(), None)
-      .expect("Unable to write data");
-
-    data.a = 5;
-    let timestamp: Timestamp = Timestamp::now();
-    data_writer
-      .write(data, Some(timestamp))
-      .expect("Unable to write data with timestamp");
-
-    // TODO: verify that data is sent/written correctly
-    // TODO: write also with timestamp
-  }
-
-  #[test]
-  fn dw_wait_for_ack_test() {
-    let domain_participant =
-      DomainParticipant::new(test_domain_id(0)).expect("Failed to create participant");
-    let qos = QosPolicies::qos_none();
-    let publisher = domain_participant
-      .create_publisher(&qos)
-      .expect("Failed to create publisher");
-    let topic = domain_participant
-      .create_topic(
-        "Aasii".to_string(),
-        "Huh?".to_string(),
-        &qos,
-        TopicKind::NoKey,
-      )
-      .expect("Failed to create topic");
-
-    let data_writer: DataWriter<RandomData, CDRSerializerAdapter<RandomData, LittleEndian>> =
-      publisher
-        .create_datawriter_no_key(&topic, None)
-        .expect("Failed to create datawriter");
-
-    let data = RandomData {
-      a: 4,
-      b: "Fobar".to_string(),
-    };
-
-    data_writer.write(data, None).expect("Unable to write data");
-
-    let res = data_writer
-      .wait_for_acknowledgments(Duration::from_secs(2))
-      .unwrap();
-    assert!(res); // no "Reliable" QoS policy => "succeeds" immediately
-  }
-}

@@ -131,74 +131,7 @@ where
   // }
 }
 
-// This is  not part of DDS spec. We implement mio Eventd so that the
-// application can asynchronously poll DataReader(s).
-#[cfg(feature = "mio_06")]
-impl<D, DA> mio_06::Evented for SimpleDataReader<D, DA>
-where
-  DA: DeserializerAdapter<D>,
-{
-  // We just delegate all the operations to notification_receiver, since it
-  // already implements mio_06::Evented
-  fn register(
-    &self,
-    poll: &mio_06::Poll,
-    token: mio_06::Token,
-    interest: mio_06::Ready,
-    opts: mio_06::PollOpt,
-  ) -> io::Result<()> {
-    self
-      .keyed_simpledatareader
-      .register(poll, token, interest, opts)
-  }
 
-  fn reregister(
-    &self,
-    poll: &mio_06::Poll,
-    token: mio_06::Token,
-    interest: mio_06::Ready,
-    opts: mio_06::PollOpt,
-  ) -> io::Result<()> {
-    self
-      .keyed_simpledatareader
-      .reregister(poll, token, interest, opts)
-  }
-
-  fn deregister(&self, poll: &mio_06::Poll) -> io::Result<()> {
-    self.keyed_simpledatareader.deregister(poll)
-  }
-}
-
-#[cfg(feature = "mio_08")]
-impl<D, DA> mio_08::event::Source for SimpleDataReader<D, DA>
-where
-  DA: DeserializerAdapter<D>,
-{
-  fn register(
-    &mut self,
-    registry: &mio_08::Registry,
-    token: mio_08::Token,
-    interests: mio_08::Interest,
-  ) -> io::Result<()> {
-    mio_08::event::Source::register(&mut self.keyed_simpledatareader, registry, token, interests)
-    // self.keyed_simpledatareader.register(registry, token, interests)
-  }
-
-  fn reregister(
-    &mut self,
-    registry: &mio_08::Registry,
-    token: mio_08::Token,
-    interests: mio_08::Interest,
-  ) -> io::Result<()> {
-    mio_08::event::Source::reregister(&mut self.keyed_simpledatareader, registry, token, interests)
-    // self.keyed_simpledatareader.reregister(registry, token, interests)
-  }
-
-  fn deregister(&mut self, registry: &mio_08::Registry) -> io::Result<()> {
-    mio_08::event::Source::deregister(&mut self.keyed_simpledatareader, registry)
-    // self.keyed_simpledatareader.deregister(registry)
-  }
-}
 
 impl<D, DA> mio1::event::Source for SimpleDataReader<D, DA>
 where
@@ -235,15 +168,7 @@ where
   D: 'static,
   DA: DeserializerAdapter<D>,
 {
-  #[cfg(feature = "mio_06")]
-  fn as_status_evented(&mut self) -> &dyn mio_06::Evented {
-    self.keyed_simpledatareader.as_status_evented()
-  }
 
-  #[cfg(feature = "mio_08")]
-  fn as_status_source(&mut self) -> &mut dyn mio_08::event::Source {
-    self.keyed_simpledatareader.as_status_source()
-  }
 
   fn as_status_source_mio1(&mut self) -> &mut dyn mio1::event::Source {
     self.keyed_simpledatareader.as_status_source_mio1()

@@ -438,77 +438,7 @@ where
   }
 }
 
-// This is  not part of DDS spec. We implement mio mio_06::Evented so that the
-// application can asynchronously poll DataReader(s).
-#[cfg(feature = "mio_06")]
-impl<D, DA> mio_06::Evented for SimpleDataReader<D, DA>
-where
-  D: Keyed,
-  DA: DeserializerAdapter<D>,
-{
-  // We just delegate all the operations to notification_receiver, since it
-  // already implements mio_06::Evented
-  fn register(
-    &self,
-    poll: &mio_06::Poll,
-    token: mio_06::Token,
-    interest: mio_06::Ready,
-    opts: mio_06::PollOpt,
-  ) -> io::Result<()> {
-    self
-      .notification_receiver
-      .lock()
-      .unwrap()
-      .register(poll, token, interest, opts)
-  }
 
-  fn reregister(
-    &self,
-    poll: &mio_06::Poll,
-    token: mio_06::Token,
-    interest: mio_06::Ready,
-    opts: mio_06::PollOpt,
-  ) -> io::Result<()> {
-    self
-      .notification_receiver
-      .lock()
-      .unwrap()
-      .reregister(poll, token, interest, opts)
-  }
-
-  fn deregister(&self, poll: &mio_06::Poll) -> io::Result<()> {
-    self.notification_receiver.lock().unwrap().deregister(poll)
-  }
-}
-
-#[cfg(feature = "mio_08")]
-impl<D, DA> mio_08::event::Source for SimpleDataReader<D, DA>
-where
-  D: Keyed,
-  DA: DeserializerAdapter<D>,
-{
-  fn register(
-    &mut self,
-    registry: &mio_08::Registry,
-    token: mio_08::Token,
-    interests: mio_08::Interest,
-  ) -> io::Result<()> {
-    self.event_source.register(registry, token, interests)
-  }
-
-  fn reregister(
-    &mut self,
-    registry: &mio_08::Registry,
-    token: mio_08::Token,
-    interests: mio_08::Interest,
-  ) -> io::Result<()> {
-    self.event_source.reregister(registry, token, interests)
-  }
-
-  fn deregister(&mut self, registry: &mio_08::Registry) -> io::Result<()> {
-    self.event_source.deregister(registry)
-  }
-}
 
 impl<D, DA> mio1::event::Source for SimpleDataReader<D, DA>
 where
@@ -544,15 +474,7 @@ where
   D: Keyed,
   DA: DeserializerAdapter<D>,
 {
-  #[cfg(feature = "mio_06")]
-  fn as_status_evented(&mut self) -> &dyn mio_06::Evented {
-    self.status_receiver.as_status_evented()
-  }
 
-  #[cfg(feature = "mio_08")]
-  fn as_status_source(&mut self) -> &mut dyn mio_08::event::Source {
-    self.status_receiver.as_status_source()
-  }
 
   fn as_status_source_mio1(&mut self) -> &mut dyn mio1::event::Source {
     self.status_receiver.as_status_source_mio1()

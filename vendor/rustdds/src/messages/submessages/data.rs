@@ -9,9 +9,6 @@ use crate::{
   serialization::{padding_needed_for_alignment_4, round_up_to_4},
   structure::{guid::EntityId, sequence_number::SequenceNumber},
 };
-// use log::debug;
-#[cfg(test)]
-use super::elements::serialized_payload::SerializedPayload;
 
 /// This Submessage is sent from an RTPS Writer (NO_KEY or WITH_KEY)
 /// to an RTPS Reader (NO_KEY or WITH_KEY)
@@ -159,27 +156,8 @@ impl Data {
     )
   }
 
-  #[cfg(test)]
-  pub(crate) fn unwrap_serialized_payload(&self) -> SerializedPayload {
-    self
-      .serialized_payload
-      .as_ref()
-      .map(SerializedPayload::from_bytes)
-      .unwrap()
-      .unwrap()
-  }
 
-  #[cfg(test)]
-  pub(crate) fn unwrap_serialized_payload_value(&self) -> Bytes {
-    self.unwrap_serialized_payload().value
-  }
 
-  #[cfg(test)]
-  pub(crate) fn update_serialized_payload_value(&mut self, new_value: Bytes) {
-    let mut payload = self.unwrap_serialized_payload();
-    payload.value = new_value;
-    self.serialized_payload = Some(payload.into());
-  }
 }
 
 impl<C: Context> Writable<C> for Data {

