@@ -77,10 +77,10 @@ struct Examination<'c> {
 }
 
 impl Examination<'_> {
-    /// Sum of the scores of the joints that both examinations know.
-    fn score_beside(&self, other: &Self) -> f64 {
+    /// The joints that both examinations know.
+    fn joints_beside(&self, other: &Self) -> Vec<&Examined<'_>> {
         let is_known = |j: &usize| other.examined.iter().any(|(o, _, _)| o == j);
-        self.examined.iter().filter(|(j, _, _)| is_known(j)).map(|(_, e, _)| e.score).sum()
+        self.examined.iter().filter(|(j, _, _)| is_known(j)).map(|(_, e, _)| e).collect()
     }
 }
 
@@ -135,8 +135,10 @@ impl<'a> Bench<'a> {
         }
         let sampled = self.examination(Hold::Linear, None)?;
         monitor.check()?;
-        let gain = sampled.score_beside(&held) - held.score_beside(&sampled);
-        if is_sampled(gain) {
+        let own = sampled.joints_beside(&held);
+        let other = held.joints_beside(&sampled);
+        let gain = own.iter().map(|e| e.score).sum::<f64>() - other.iter().map(|e| e.score).sum::<f64>();
+        if is_sampled(gain, &own, &other) {
             let warnings = held.warnings;
             return Ok((Examination { warnings, ..sampled }, EffortHold::new(Hold::Linear, Some(gain))));
         }

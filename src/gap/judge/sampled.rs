@@ -7,6 +7,7 @@ use crate::{
     judge::{
         assess::Examined,
         name_weight::least_gain,
+        proof::proven_gap,
         search::{fitted_from_seed, fitted_twin},
     },
     model::{effect::Place, joint_model::JointModel, plant::Plant},
@@ -34,8 +35,22 @@ pub fn promised_gain(held: &Examined, plant: &Plant, fitted: Vec<JointLog>) -> f
     best - held.score
 }
 
-/// Whether a gain of score shows that efforts are sampled.
+/// Whether a gain of score shows that efforts are sampled: it does where the joints with sampled efforts also
+/// predict the held-out runs better. A likelihood alone does not decide between two readings under which the
+/// model is not whole.
 #[must_use]
-pub fn is_sampled(gain: f64) -> bool {
-    gain > least_gain(1)
+pub fn is_sampled(gain: f64, sampled: &[&Examined], held: &[&Examined]) -> bool {
+    gain > least_gain(1) && unseen_log_error(sampled) < unseen_log_error(held)
+}
+
+/// Sum over joints of the logarithm of the root mean square residual of the held-out runs under what was
+/// found, or what is nearest to it.
+fn unseen_log_error(joints: &[&Examined]) -> f64 {
+    let mut sum = 0.0;
+    for joint in joints.iter().filter(|joint| !joint.held_out.logs.is_empty()) {
+        let twin = joint.diagnosis.model.without_effects();
+        let (gap, _, _) = proven_gap(&joint.held_out, &twin, joint.diagnosis.effects_or_nearest());
+        sum += gap.after.ln();
+    }
+    sum
 }
