@@ -35,8 +35,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! That is one call. Two depths lie below it: [`stages`] has the stages as functions on plain types (frames, meshes,
-//! models; no files, no progress), with their engines in the same crates:
+//! That is one call. Two depths lie below it: [`stages`] has the stages as functions on plain types (frames,
+//! meshes, models; no files, no progress), with their engines in the same crates:
 //!
 //! ```no_run
 //! use artitwin::stages::{export, run};
@@ -69,8 +69,7 @@
 
 mod cli;
 
-/// The crates of the stages, in the order of the data flow: what a program uses that needs a step of the method
-/// by itself.
+/// The crates of the stages, for a program that needs a step of the method by itself.
 pub mod stages {
     pub use {
         articulate, capture, evaluate, export, field, gap, geometry, io, model, numeric, run, surface, synth,

@@ -70,14 +70,16 @@ impl Mounting {
         let mut best: Option<Self> = None;
         for turn in quarter_turns() {
             let found = Self::turned(&telling, &turn, true, None);
-            // Of equals the one that holds a smaller arm: it is less of an explanation.
-            let arm = |m: &Self| m.posed_from_camera.translation.vector.norm();
-            let is_better = |m: &Self| {
-                best.as_ref().is_none_or(|b| m.share > b.share || (m.share == b.share && arm(m) < arm(b)))
-            };
-            best = found.filter(is_better).or(best);
+            best = found.filter(|m| best.as_ref().is_none_or(|b| m.is_better_than(b))).or(best);
         }
         best
+    }
+
+    /// Whether more motions agree with this one; of equals, the one with the smaller arm is the simpler
+    /// explanation.
+    fn is_better_than(&self, other: &Self) -> bool {
+        let arm_m = |m: &Self| m.posed_from_camera.translation.vector.norm();
+        self.share > other.share || (self.share == other.share && arm_m(self) < arm_m(other))
     }
 
     /// The same mounting where the ratio of lengths is known.
@@ -120,11 +122,12 @@ impl Mounting {
 
 /// The motions by the images that are more than their errors.
 fn telling(pairs: &[MotionPair]) -> Vec<MotionPair> {
-    let tells = |p: &&MotionPair| {
-        p.by_images.rotation.angle() > LEAST_TURN_RAD
-            || p.by_images.translation.vector.norm() > LEAST_WAY_SHARE * p.depth
-    };
-    pairs.iter().filter(tells).copied().collect()
+    pairs.iter().filter(|p| exceeds_errors(p)).copied().collect()
+}
+
+fn exceeds_errors(pair: &MotionPair) -> bool {
+    pair.by_images.rotation.angle() > LEAST_TURN_RAD
+        || pair.by_images.translation.vector.norm() > LEAST_WAY_SHARE * pair.depth
 }
 
 fn turns_alike(pair: &MotionPair, turn: &UnitQuaternion<f64>) -> bool {
@@ -146,7 +149,7 @@ fn is_on_way(pair: &MotionPair, turn: &UnitQuaternion<f64>, arm: &Vector3<f64>, 
 }
 
 /// Position of the camera in the posed frame by least squares, where the ratio of lengths is known: a camera
-/// that circles a thing tells an arm along its axis from that ratio by nothing else.
+/// that circles a thing shows an arm along its axis apart from that ratio by nothing else.
 fn arm_at_scale(pairs: &[&MotionPair], turn: &UnitQuaternion<f64>, scale: f64) -> Option<Vector3<f64>> {
     let mut normal = Matrix3::identity() * ARM_M.powi(-2);
     let mut right = Vector3::zeros();

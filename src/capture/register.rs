@@ -35,17 +35,20 @@ pub struct DepthRegistration {
 /// A reading in the color camera: its place there, pixels, and its inverse depth, 1/m.
 type Corner = Option<[f64; 3]>;
 
+/// The ray of a pixel through the lens at depth 1; not a number where the lens has none.
+fn ray_of_pixel(depth: &Intrinsics, lens: &Distortion, pixel: usize) -> [f32; 2] {
+    let ray = lens.ideal_ray(depth, (pixel % depth.width) as f64, (pixel / depth.width) as f64);
+    ray.map_or([f32::NAN; 2], |r| [r.x as f32, r.y as f32])
+}
+
 impl DepthRegistration {
     /// A registration of images of the camera `depth` with a lens to the ideal camera `color`.
     #[must_use]
     pub fn new(depth: Intrinsics, lens: &Distortion, color: Intrinsics, color_from_depth: Pose) -> Self {
         let pixels = 0..depth.width * depth.height;
-        let ray = |p: usize| {
-            let ray = lens.ideal_ray(&depth, (p % depth.width) as f64, (p / depth.width) as f64);
-            ray.map_or([f32::NAN; 2], |r| [r.x as f32, r.y as f32])
-        };
+        let rays = pixels.map(|p| ray_of_pixel(&depth, lens, p)).collect();
         let edge_share = STEEPEST / depth.fx.min(depth.fy) + NOISE_SHARE;
-        Self { depth, color, color_from_depth, rays: pixels.map(ray).collect(), edge_share }
+        Self { depth, color, color_from_depth, rays, edge_share }
     }
 
     /// The image in the color camera, meters; 0 where no reading shows the depth.

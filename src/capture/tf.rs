@@ -213,13 +213,13 @@ impl TfBuffer {
     /// Frames that are fixed to a frame by static transforms below it, by name.
     #[must_use]
     pub fn fixed_below(&self, frame: &str) -> Vec<&str> {
-        let is_fixed = |child: &&str| {
-            let chain = self.ancestors(child);
-            let Some(place) = chain.iter().position(|f| *f == frame) else { return false };
-            place > 0
-                && chain[..place].iter().all(|f| matches!(self.edges.get(*f), Some((_, Edge::Static(_)))))
-        };
-        self.edges.keys().map(String::as_str).filter(is_fixed).collect()
+        self.edges.keys().map(String::as_str).filter(|child| self.is_fixed_below(child, frame)).collect()
+    }
+
+    fn is_fixed_below(&self, child: &str, frame: &str) -> bool {
+        let chain = self.ancestors(child);
+        let Some(place) = chain.iter().position(|f| *f == frame) else { return false };
+        place > 0 && chain[..place].iter().all(|f| matches!(self.edges.get(*f), Some((_, Edge::Static(_)))))
     }
 
     /// Moves the samples of all moving transforms in time, each by the number of nanoseconds for its frame.

@@ -30,6 +30,16 @@ pub struct PoseCandidate {
     shift_nanos: i64,
 }
 
+/// How far the stamps of a frame are behind those of the images, if on another clock, nanoseconds.
+fn clock_shift(child: &str, index: &BagIndex, topic_lag: Option<Option<i64>>, image_lag: Option<i64>) -> i64 {
+    let lag = match topic_lag {
+        Some(lag) if !index.tf_lags.contains_key(child) => lag,
+        _ => index.tf_lags.get(child).and_then(Lags::median_nanos),
+    };
+    let behind = lag.unwrap_or(0) - image_lag.unwrap_or(0);
+    if behind.abs() > OTHER_CLOCK_NANOS { behind } else { 0 }
+}
+
 impl PoseCandidate {
     /// The poses of all views by a source: at their stamps or, where these are of another clock, at the
     /// times of recording.
@@ -47,24 +57,17 @@ impl PoseCandidate {
         if found.0.iter().all(Option::is_none) {
             let image_lag = index.images.get(&views.topics.color).and_then(|i| i.lags.median_nanos());
             // What has no stamp is on the clock of recording already.
-            let by = |lag: Option<i64>| {
-                let behind = lag.unwrap_or(0) - image_lag.unwrap_or(0);
-                if behind.abs() > OTHER_CLOCK_NANOS { behind } else { 0 }
-            };
             let topic_lag = index.poses.get(&source.origin).map(|p| p.lags.median_nanos());
-            let lag_of = |child: &str| match topic_lag {
-                Some(lag) if !index.tf_lags.contains_key(child) => lag,
-                _ => index.tf_lags.get(child).and_then(Lags::median_nanos),
-            };
+            let shift_of_child = |child: &str| clock_shift(child, index, topic_lag, image_lag);
             let mut most = 0;
             for child in moving_of_chain(&source.tf, &source.optical) {
-                let shift = by(lag_of(&child));
+                let shift = shift_of_child(&child);
                 if shift.abs() > i64::abs(most) {
                     most = shift;
                 }
             }
             if most != 0 {
-                source.tf.shift(|child| by(lag_of(child)));
+                source.tf.shift(shift_of_child);
                 let shifted = poses_at(&source, &stamps, gap);
                 if shifted.0.iter().any(Option::is_some) {
                     shift_nanos = most;

@@ -124,38 +124,46 @@ fn optical_frames(tf: &TfBuffer, frame: &str) -> Vec<String> {
 
 /// The sources of all pose topics that move.
 fn topic_sources(index: &BagIndex, optical: &str) -> Vec<PoseSource> {
-    let mut sources = Vec::new();
+    let mut children: Vec<(&String, &str, Certainty)> = Vec::new();
     let root = index.tf.chain_of_frame(optical).root;
     for (name, poses) in index.poses.iter().filter(|(_, poses)| poses.moves()) {
-        let mut add = |child: &str, certainty: Certainty| {
-            let mut source = PoseSource::of_tf(index.tf.clone(), optical);
-            source.tf.replace(&poses.parent, child, poses.samples.clone());
-            source.world = source.tf.chain_of_frame(optical).root;
-            source.origin.clone_from(name);
-            source.certainty = certainty;
-            source.invalid = poses.invalid;
-            // A child that does not carry the camera leaves the camera where it was.
-            if source.world != root && poses.parent != optical {
-                sources.push(source);
-            }
-        };
         match poses.child.as_deref().filter(|c| !c.is_empty()) {
             Some(child) => {
-                add(child, Certainty::Named);
+                children.push((name, child, Certainty::Named));
                 if child != optical {
-                    add(optical, Certainty::Assumed);
+                    children.push((name, optical, Certainty::Assumed));
                 }
             }
             // Without a name they are those of the images' frame or of what carries it.
             None => {
-                add(optical, Certainty::Named);
+                children.push((name, optical, Certainty::Named));
                 if root != optical {
-                    add(&root, Certainty::Assumed);
+                    children.push((name, &root, Certainty::Assumed));
                 }
             }
         }
     }
+    let mut sources = Vec::new();
+    for (name, child, certainty) in children {
+        let poses = &index.poses[name];
+        let mut source = PoseSource::of_tf(index.tf.clone(), optical);
+        source.tf.replace(&poses.parent, child, poses.samples.clone());
+        source.world = source.tf.chain_of_frame(optical).root;
+        source.origin.clone_from(name);
+        source.certainty = certainty;
+        source.invalid = poses.invalid;
+        // A child that does not carry the camera leaves the camera where it was.
+        if source.world != root && poses.parent != optical {
+            sources.push(source);
+        }
+    }
     sources
+}
+
+/// The only topic with poses, if there is one.
+fn only_pose_topic(index: &BagIndex) -> Option<String> {
+    let mut usable = index.poses.iter().filter(|(_, p)| !p.samples.is_empty() || p.invalid > 0);
+    usable.next().filter(|_| usable.next().is_none()).map(|(name, _)| name.clone())
 }
 
 impl PoseSource {
@@ -189,12 +197,9 @@ impl PoseSource {
         let tf = index.tf.with_one_parent(&optical).into_iter().next().unwrap_or_default();
         let mut source = Self::of_tf(tf, &optical);
         // A frame without a topic is that of the only poses there are.
-        let only = || {
-            let mut usable = index.poses.iter().filter(|(_, p)| !p.samples.is_empty() || p.invalid > 0);
-            usable.next().filter(|_| usable.next().is_none()).map(|(name, _)| name.clone())
-        };
         let moves = source.tf.chain_of_frame(&optical).moves;
-        if let Some(name) = topics.pose.clone().or_else(|| if moves { None } else { only() }) {
+        if let Some(name) = topics.pose.clone().or_else(|| if moves { None } else { only_pose_topic(index) })
+        {
             let poses = index.poses.get(&name).cloned().unwrap_or_default();
             let child = config
                 .pose_frame

@@ -1,7 +1,7 @@
 //! What a few images of recordings say about their poses, depth and masks, before all of them are used.
 //!
 //! The first reading of a bag chooses by names and stamps. Here a few views of all states are decoded:
-//! motions between them by the images are compared with those of each source of poses, which tells whose
+//! motions between them by the images are compared with those of each source of poses, which shows whose
 //! poses these are, how that frame stands to the camera, and in what unit depth is.
 
 use super::{
@@ -38,7 +38,8 @@ const ASSUMED_SHARE: f64 = 0.7;
 /// Lengths of poses and of depth that differ by less, as a ratio less one, are left to the calibration of the
 /// sensor. chosen: far beyond the scale error of a sensor, below the ratio of any two units
 const SAME_LENGTH: f64 = 0.2;
-/// Units of depth in use, meters: of the D405, of structured light, of TUM's recordings, of the L515, ...
+/// Units of depth in use, meters.
+/// measured: data sheets of the D405, of structured light, of TUM's recordings, of the L515, ...
 const UNITS_M: [f64; 7] = [1e-4, 1.25e-4, 2e-4, 2.5e-4, 5e-4, 1e-2, 1.0];
 /// Millimeters in a meter. derived: the unit of poses that are not in meters
 const MILLIMETERS: f64 = 1000.0;
@@ -167,7 +168,7 @@ fn settle_masks(recording: &mut Settled<'_>, frames: &mut [RgbdFrame]) {
     ));
 }
 
-/// Tells millimeters in floating point, which should be meters, by their size.
+/// Finds millimeters in floating point, which should be meters, by their size.
 fn settle_number_type(recordings: &mut [Settled<'_>], looked: &mut [Looked]) {
     for (recording, looked) in recordings.iter_mut().zip(looked) {
         if recording.views.has_unknown_unit || median_depth(&looked.frames).is_none_or(|d| d < NO_METERS) {
@@ -439,12 +440,13 @@ fn seen_motions(looked: &[Looked], stop: &Stop) -> Result<Vec<SeenMotion>, Captu
 
 /// The motions by images beside those of a source of poses.
 fn motion_pairs(seen: &[SeenMotion], recordings: &[Settled<'_>], candidate: usize) -> Vec<MotionPair> {
-    let pair = |s: &SeenMotion| {
-        let poses = &recordings[s.recording].views.candidates[candidate].poses;
-        let [first, second] = s.views.map(|v| poses[v]);
-        Some(MotionPair { by_images: s.motion, by_poses: second?.inverse() * first?, depth: s.depth })
-    };
-    seen.iter().filter_map(pair).collect()
+    seen.iter().filter_map(|s| motion_pair(s, recordings, candidate)).collect()
+}
+
+fn motion_pair(seen: &SeenMotion, recordings: &[Settled<'_>], candidate: usize) -> Option<MotionPair> {
+    let poses = &recordings[seen.recording].views.candidates[candidate].poses;
+    let [first, second] = seen.views.map(|v| poses[v]);
+    Some(MotionPair { by_images: seen.motion, by_poses: second?.inverse() * first?, depth: seen.depth })
 }
 
 /// Whether all views of a recording show one picture.

@@ -113,14 +113,16 @@ pub(super) fn synchronized(
     Ok(matched)
 }
 
+/// Stamps of the images of a topic, nanoseconds.
+fn stamps_of_topic(index: &BagIndex, topic: &str) -> Vec<i64> {
+    index.images.get(topic).into_iter().flat_map(|i| &i.entries).map(|e| e.stamp_nanos).collect()
+}
+
 /// The partners of color images among those of another topic: by their stamps, or, where these pair less than
 /// half of them, by stamps on the clock of color or of cameras that do not wait for each other.
 fn partners([color, other]: [&str; 2], index: &BagIndex, config: &CaptureConfig) -> Partners {
-    let stamps = |topic: &str| -> Vec<i64> {
-        index.images.get(topic).into_iter().flat_map(|i| &i.entries).map(|e| e.stamp_nanos).collect()
-    };
-    let of_color = stamps(color);
-    let of_other = stamps(other);
+    let of_color = stamps_of_topic(index, color);
+    let of_other = stamps_of_topic(index, other);
     let slop = (config.sync_slop_secs * 1e9) as i64;
     let by_stamp = Partners { of_color: pair(&of_color, &of_other, slop), warning: None };
     let least = of_color.len().min(of_other.len()).div_ceil(2);
@@ -170,16 +172,18 @@ fn half_period_nanos(stamps: &[i64]) -> i64 {
     half.min((MOST_FREE_RUNNING_SECS * 1e9) as i64)
 }
 
+/// How many images of a topic have no stamp, if any.
+fn unstamped_of_topic(topic: &str, index: &BagIndex) -> Option<String> {
+    let count = index.images.get(topic)?.lags.unstamped;
+    (count > 0).then(|| format!("{count} on {topic}"))
+}
+
 /// A warning about images of the chosen topics without a stamp.
 fn unstamped(topics: &TopicChoice, index: &BagIndex) -> Option<Note> {
-    let of_topic = |topic: &String| {
-        let count = index.images.get(topic)?.lags.unstamped;
-        (count > 0).then(|| format!("{count} on {topic}"))
-    };
     let found: Vec<String> = [Some(&topics.color), Some(&topics.depth), topics.mask.as_ref()]
         .into_iter()
         .flatten()
-        .filter_map(of_topic)
+        .filter_map(|topic| unstamped_of_topic(topic, index))
         .collect();
     (!found.is_empty()).then(|| {
         let text = format!(

@@ -66,6 +66,18 @@ pub const IMAGE_TYPES: [&str; 2] = ["sensor_msgs/msg/Image", "sensor_msgs/msg/Co
 pub const INFO_TYPE: &str = "sensor_msgs/msg/CameraInfo";
 
 impl TopicSummary {
+    /// Whether the topic may have a role unasked: an infrared or debug image is no color image.
+    fn is_candidate(&self, role: ImageRole) -> bool {
+        self.image_role() == Some(role) && (role != ImageRole::Color || self.rank(role) > -8)
+    }
+
+    /// Whether the images are masks of those of another topic: of their size and times.
+    fn masks(&self, color: &Self) -> bool {
+        self.image_role() == Some(ImageRole::Mask)
+            && (self.size.is_none() || color.size.is_none() || self.size == color.size)
+            && (self.stamps.is_empty() || paired_share(&color.stamps, &self.stamps) >= LEAST_MASKED)
+    }
+
     /// Role of a topic by its encoding and name; `None` if it is no image topic.
     #[must_use]
     pub fn image_role(&self) -> Option<ImageRole> {
@@ -295,16 +307,9 @@ impl Chooser<'_> {
     /// Color and depth of one camera: of all pairs the one that most speaks for, by names, frames, stamps,
     /// sizes and camera_infos together.
     fn one_camera(&self, color: Option<&str>, depth: Option<&str>) -> Option<[&str; 2]> {
-        let of_role = |role: ImageRole, asked: Option<&str>| -> Vec<&TopicSummary> {
-            let fits = move |t: &&TopicSummary| match asked {
-                Some(name) => t.name == name,
-                None => t.image_role() == Some(role) && (role != ImageRole::Color || t.rank(role) > -8),
-            };
-            self.topics.iter().filter(|t| t.count > 0).filter(fits).collect()
-        };
-        let depths = of_role(ImageRole::Depth, depth);
+        let depths = self.candidates(ImageRole::Depth, depth);
         let mut best: Option<(f64, [&TopicSummary; 2])> = None;
-        for c in of_role(ImageRole::Color, color) {
+        for c in self.candidates(ImageRole::Color, color) {
             for d in &depths {
                 let score = self.pair_score(c, d);
                 // Of equals the first by name, as topics are sorted.
@@ -314,6 +319,15 @@ impl Chooser<'_> {
             }
         }
         best.map(|(_, pair)| pair.map(|t| t.name.as_str()))
+    }
+
+    /// The topic that was asked for, or all topics of a role.
+    fn candidates(&self, role: ImageRole, asked: Option<&str>) -> Vec<&TopicSummary> {
+        let with_messages = self.topics.iter().filter(|t| t.count > 0);
+        match asked {
+            Some(name) => with_messages.filter(|t| t.name == name).collect(),
+            None => with_messages.filter(|t| t.is_candidate(role)).collect(),
+        }
     }
 
     /// How much speaks for two topics as color and depth of one camera.
@@ -341,28 +355,22 @@ impl Chooser<'_> {
     /// The masks of the images of a topic: named so, of their size, and of their times.
     fn mask_of(&self, color: &str) -> Option<String> {
         let color = self.topics.iter().find(|t| t.name == color)?;
-        let fits = |t: &&TopicSummary| {
-            t.count > 0
-                && t.image_role() == Some(ImageRole::Mask)
-                && (t.size.is_none() || color.size.is_none() || t.size == color.size)
-                && (t.stamps.is_empty() || paired_share(&color.stamps, &t.stamps) >= LEAST_MASKED)
-        };
-        let rank = |t: &&TopicSummary| {
+        let masks = self.topics.iter().filter(|t| t.count > 0 && t.masks(color));
+        let best = masks.min_by_key(|t| {
             let near = shared_parts(&color.name, &t.name) as i32;
             (-t.rank(ImageRole::Mask) - 2 * near, usize::MAX - t.count, t.name.clone())
-        };
-        self.topics.iter().filter(fits).min_by_key(rank).map(|t| t.name.clone())
+        });
+        best.map(|t| t.name.clone())
     }
 
     /// The image topics that are not used, at most as many as are named in messages.
     fn others(&self, [color, depth]: [&String; 2], mask: Option<&String>) -> Vec<String> {
-        let is_used = |t: &TopicSummary| {
-            let same = |used: &String| base(&t.name) == base(used);
-            same(color) || same(depth) || mask.is_some_and(same)
-        };
+        let used: Vec<&str> =
+            [Some(color), Some(depth), mask].into_iter().flatten().map(|u| base(u)).collect();
         let images =
             self.topics.iter().filter(|t| t.count > 0 && IMAGE_TYPES.contains(&t.type_name.as_str()));
-        let mut names: Vec<String> = images.filter(|t| !is_used(t)).map(|t| t.name.clone()).collect();
+        let mut names: Vec<String> =
+            images.filter(|t| !used.contains(&base(&t.name))).map(|t| t.name.clone()).collect();
         if let Some(more) = names.len().checked_sub(NAMED).filter(|n| *n > 0) {
             names.truncate(NAMED);
             names.push(format!("and {more} more"));

@@ -1,4 +1,4 @@
-//! The assessment of all joints of a twin, with efforts as they were told or as the runs show them: held
+//! The assessment of all joints of a twin, with efforts as they were given or as the runs show them: held
 //! between samples, or sampled with the positions.
 
 use std::collections::BTreeMap;
@@ -118,7 +118,7 @@ pub(super) fn assessed(
 }
 
 impl<'a> Bench<'a> {
-    /// The examination with efforts as told, or under the reading that makes the runs more likely. Without
+    /// The examination with efforts as given, or under the reading that makes the runs more likely. Without
     /// clear evidence efforts are held.
     fn likelier_examination(&self, monitor: &Monitor) -> Result<(Examination<'a>, EffortHold), RunError> {
         if let Some(hold) = self.request.hold {
@@ -157,7 +157,7 @@ impl<'a> Bench<'a> {
         }
     }
 
-    /// Examines all joints with efforts read as `hold` says; tells the monitor, if there is one, of each.
+    /// Examines all joints with efforts read as `hold` says; reports each to the monitor, if there is one.
     fn examination(&self, hold: Hold, monitor: Option<&Monitor>) -> Result<Examination<'a>, RunError> {
         let mut found = Examination::default();
         for &j in &self.moving {

@@ -33,11 +33,7 @@ pub(super) fn remove_idle_efforts(
         let mut chain = tree.chain_joints(j);
         chain.retain(|k| moving.contains(k));
         chain.push(j);
-        let is_idle = |run: &RunMotion| match &run[j] {
-            Some(moved) if chain.len() == 1 => is_idle_effort(moved),
-            _ => are_idle_efforts(tree, run, &chain),
-        };
-        let Some(idle) = runs.iter().position(is_idle) else { continue };
+        let Some(idle) = runs.iter().position(|run| is_idle(tree, run, j, &chain)) else { continue };
         let name = &tree.joints[j].name;
         let what = format!(
             "joint '{name}': its recorded effort never changes in run '{}', though its motion shows that it \
@@ -58,6 +54,14 @@ pub(super) fn remove_idle_efforts(
         }
     }
     refused
+}
+
+/// Whether a run moved a joint without the effort that this takes, alone or with its chain.
+fn is_idle(tree: &TwinTree, run: &RunMotion, joint: usize, chain: &[usize]) -> bool {
+    match &run[joint] {
+        Some(moved) if chain.len() == 1 => is_idle_effort(moved),
+        _ => are_idle_efforts(tree, run, chain),
+    }
 }
 
 /// Whether all efforts of a joint in a run are one number.

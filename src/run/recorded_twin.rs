@@ -32,11 +32,11 @@ pub(super) fn recorded_twin(tree: &TwinTree, recordings: &mut [(Recording, bool)
     let runs: Vec<&Recording> = recordings.iter().map(|(run, _)| run).collect();
     let mut posed = tree.clone();
     let standing: Vec<Option<f64>> = tree.joints.iter().map(|j| standing_joint(&runs, j)).collect();
-    let moves = |j: usize| {
-        let joint = &tree.joints[j];
-        joint.motion != Motion::Fixed && joint.mimic.is_none() && is_recorded(&runs, &joint.name)
-    };
-    let is_moving: Vec<bool> = (0..tree.joints.len()).map(|j| moves(j) && standing[j].is_none()).collect();
+    let mut is_moving = Vec::with_capacity(tree.joints.len());
+    for (joint, standing) in tree.joints.iter().zip(&standing) {
+        let is_free = joint.motion != Motion::Fixed && joint.mimic.is_none() && standing.is_none();
+        is_moving.push(is_free && is_recorded(&runs, &joint.name));
+    }
     // Where nothing moves, the verdict of each joint says so.
     if !is_moving.contains(&true) {
         return (posed, notes);

@@ -32,7 +32,7 @@ pub struct WorldUp {
 }
 
 /// The direction that is up in the world of frames, where it is clearly not z; `None` where z is up or
-/// nothing tells.
+/// nothing shows it.
 ///
 /// # Errors
 /// [`Stopped`].

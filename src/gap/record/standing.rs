@@ -5,7 +5,7 @@ use crate::record::{
     recording::Recording,
 };
 
-/// Least range of a position, rad or m; less is rounding.
+/// Least range of a position, rad or m. chosen: less is rounding
 const LEAST_TRAVEL: f64 = 1e-9;
 
 /// Whether positions over `range` show a motion beyond noise of a standard deviation, rad or m.

@@ -5,7 +5,7 @@ use crate::record::recording::Recording;
 /// Steps from whose median the first velocity is taken.
 /// chosen: few of them jump.
 const FIRST_STEPS: usize = 9;
-/// Degrees of a turn, for positions that were recorded in degrees.
+/// Degrees of a turn, for positions that were recorded in degrees. derived: by definition
 const DEGREES: f64 = 360.0;
 
 /// Continues the angles of a joint over jumps of a turn, within runs and from run to run; returns whether

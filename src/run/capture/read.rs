@@ -188,7 +188,7 @@ pub(super) fn measure_noise(
     capture.noise = config.noise;
     if let Some(factor) = measured_noise(capture.states.iter().flatten(), config, stop)? {
         capture.noise = config.noise.scaled(factor);
-        // Without poses nothing else tells the unit.
+        // Without poses nothing else shows the unit.
         if factor < DOUBTFUL_NOISE && !capture.tracking.is_empty() && config.depth_unit_m.is_none() {
             capture.warnings.push(Note::new(
                 NoteCode::DepthUnit,
