@@ -81,7 +81,7 @@ fn no_depth_topic() {
         "no depth topic",
         "drawer/state0",
         "candidates looked at: /camera/camera/color",
-        "align_depth",
+        "enable_depth",
         "--topic depth=TOPIC",
     ];
     refused_drawer(&words, |_, m| !m.topic.contains("depth"));
@@ -229,8 +229,8 @@ fn all_depth_invalid() {
 
 #[test]
 fn masks_that_hold_nothing() {
-    let words = ["in state 0 only 0 pixels with depth are left as the object", "check masks"];
-    refused_drawer(&words, |_, m| {
+    let folder = tempfile::tempdir().unwrap();
+    let bag = drawer(&folder, |_, m| {
         if m.is("/object_mask") {
             let mut mask: Image = decode(&m.data).unwrap();
             mask.data.fill(0);
@@ -238,6 +238,7 @@ fn masks_that_hold_nothing() {
         }
         true
     });
+    degraded(&folder, &bag, &["/object_mask are no masks of an object (they are empty) and are not used"]);
 }
 
 fn nan(tf: &mut TfMessage) {
@@ -246,13 +247,15 @@ fn nan(tf: &mut TfMessage) {
 
 #[test]
 fn poses_that_are_not_a_number() {
-    let words = ["camera poses on `/tf` are invalid", "NaN", "check the odometry or robot driver"];
-    refused_drawer(&words, |_, m| {
+    let folder = tempfile::tempdir().unwrap();
+    let bag = drawer(&folder, |_, m| {
         if m.is("/tf") {
             change_tf(m, nan);
         }
         true
     });
+    let tracked = "the camera is tracked by the images: all 32 camera poses on `/tf` are invalid";
+    degraded(&folder, &bag, &[tracked, "NaN", "check the odometry or robot driver"]);
 }
 
 #[test]
@@ -315,13 +318,13 @@ fn a_bag_of_which_nothing_can_be_read() {
 
 #[test]
 fn color_of_16_bits() {
-    let words = ["/camera/camera/color/image_raw: encoding `rgb16` is not supported", "rgb8"];
+    let words = ["/camera/camera/color/image_raw: encoding `rgb48` is not supported", "rgb8"];
     refused_drawer(&words, |_, m| {
         if m.is(COLOR) {
             let compressed: CompressedImage = decode(&m.data).unwrap();
             let (width, height) = (320, 240);
             let data = vec![0; 6 * width * height];
-            let (header, encoding) = (compressed.header, "rgb16".to_owned());
+            let (header, encoding) = (compressed.header, "rgb48".to_owned());
             let (w, h, step) = (width as u32, height as u32, 6 * width as u32);
             m.data = encode(&Image { header, height: h, width: w, encoding, is_bigendian: 0, step, data })
                 .unwrap();
@@ -504,7 +507,7 @@ fn settings_that_no_run_can_use_are_refused_before_any_work() {
         );
         assert!(!ended.stderr.contains(BEGUN), "{}", ended.stderr);
     }
-    for setting in ["train.noise.constant_m=1", "train.truncation_m=1", "capture.seed=1"] {
+    for setting in ["train.noise.constant_m=1", "train.stepz=1", "capture.seed=1"] {
         refused(
             &folder,
             &[&shipped("drawer")],

@@ -335,8 +335,8 @@ fn a_recording_without_poses_and_masks_is_tracked_and_shown() {
     assert!(code == 1 && err.contains("give a name that is not taken"), "{code} {err}");
     assert_eq!(fs::read(&picture).unwrap(), bytes);
     // Somebody may mean something else, in numbers that make sense.
-    let (code, _, err) = run(&["inspect", &made, "--picture", &path("other.png"), "--at", "0_9999,3,4"]);
-    assert!(code != 0 && err.contains("no frame `0_9999` was kept"), "{code} {err}");
+    let (code, out, err) = run(&["inspect", &made, "--picture", &path("other.png"), "--at", "0_9999,3,4"]);
+    assert!(code != 0 && format!("{out}{err}").contains("no frame `0_9999` was kept"), "{code} {out} {err}");
     let (code, _, err) = run(&["inspect", &made, "--at", "1,2"]);
     assert!(code == 2 && err.contains("three numbers"), "{code} {err}");
 }
