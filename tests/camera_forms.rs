@@ -33,6 +33,7 @@ struct Recorded {
 }
 
 #[derive(Clone)]
+#[allow(clippy::large_enum_variant, reason = "a message a test")]
 enum Content {
     Image(Image),
     Compressed(CompressedImage),

@@ -103,7 +103,7 @@ fn standing_joint(runs: &[&Recording], joint: &TwinJoint) -> Option<f64> {
 
 /// Makes a joint a fixed one at a position.
 fn fix_joint(joint: &mut TwinJoint, position: f64) {
-    joint.parent_from_joint = joint.parent_from_joint * joint.motion_to(position);
+    joint.parent_from_joint *= joint.motion_to(position);
     joint.motion = Motion::Fixed;
 }
 

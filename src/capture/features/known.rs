@@ -26,7 +26,7 @@ pub fn look_at(frame: &RgbdFrame, ahead: &Ahead) {
 
 fn features_of_image(frame: &RgbdFrame) -> Vec<Feature> {
     // At full size: in handheld views, features below two pixels are noise.
-    let config = FeatureConfig { upsample: false, limit: MOST, ..FeatureConfig::default() };
+    let config = FeatureConfig { upsample: false, limit: MOST };
     image_features(frame, &config)
 }
 
