@@ -10,11 +10,13 @@ use std::{
     io::{ErrorKind, Read, Seek, SeekFrom},
 };
 
-use mcap::records::{self, ChunkHeader, MessageHeader, op};
+use mcap::records::op;
 
 use super::{
     expansion::{Expansion, ExpansionError},
-    mcap_record::{RecordError, SchemaRecord, TAIL, front_fields, limited_name, summary_start},
+    mcap_record::{
+        ChannelRecord, ChunkRecord, MessageRecord, RecordError, SchemaRecord, TAIL, summary_start,
+    },
     ros1msg::{ROS1, ROS1_BROKEN, Ros1Layout},
 };
 
@@ -126,10 +128,11 @@ impl Channels {
             let schema = SchemaRecord::read(body)?;
             self.schemas.insert(schema.id, Schema::of(schema));
         } else {
-            let c = front_fields::<records::Channel>(body)?.0;
-            let topic = limited_name(c.topic)?;
-            let message_encoding = limited_name(c.message_encoding)?;
-            self.channels.insert(c.id, Channel { topic, message_encoding, schema_id: c.schema_id });
+            let c = ChannelRecord::read(body)?;
+            self.channels.insert(
+                c.id,
+                Channel { topic: c.topic, message_encoding: c.message_encoding, schema_id: c.schema_id },
+            );
         }
         Ok(())
     }
@@ -340,7 +343,7 @@ fn read_flat<E>(
     match opcode {
         op::SCHEMA | op::CHANNEL => Ok(channels.learn(opcode, body)),
         op::MESSAGE => {
-            let (message, data) = match front_fields::<MessageHeader>(body) {
+            let message = match MessageRecord::read(body) {
                 Ok(message) => message,
                 Err(why) => return Ok(Err(why)),
             };
@@ -357,12 +360,12 @@ fn read_flat<E>(
                 log_time_nanos: message.log_time,
                 publish_time_nanos: message.publish_time,
                 sequence: message.sequence,
-                data,
+                data: message.data,
             };
             let cdr;
             if raw.message_encoding == ROS1 {
                 raw.message_encoding = ROS1_BROKEN;
-                cdr = channels.cdr(channel, data);
+                cdr = channels.cdr(channel, message.data);
                 if let Some(cdr) = &cdr {
                     raw.message_encoding = "cdr";
                     raw.data = cdr;
@@ -416,22 +419,21 @@ fn read_chunk<E>(
 /// The records of a chunk, decompressed and with their checksum verified; of a chunk that was cut, what there
 /// is.
 fn chunk_content(record: &RawRecord, expansion: &mut Expansion) -> Result<Vec<u8>, McapDamage> {
-    let (header, data) = front_fields::<ChunkHeader>(&record.body).map_err(McapDamage::ChunkHeader)?;
-    let compression = limited_name(header.compression).map_err(McapDamage::ChunkHeader)?;
+    let header = ChunkRecord::read(&record.body).map_err(McapDamage::ChunkHeader)?;
     let data = match usize::try_from(header.compressed_size) {
-        Ok(n) if n <= data.len() => &data[..n],
-        _ if record.cut => data,
+        Ok(n) if n <= header.data.len() => &header.data[..n],
+        _ if record.cut => header.data,
         _ => return Err(McapDamage::LongChunk),
     };
     if header.uncompressed_size > RECORD_LIMIT {
         return Err(McapDamage::LargeChunk(header.uncompressed_size));
     }
     // Uncompressed data cannot be larger than the file.
-    if !compression.is_empty() {
+    if !header.compression.is_empty() {
         expansion.take(data.len() as u64, header.uncompressed_size)?;
     }
     let mut content = Vec::new();
-    let unpacked = match compression.as_str() {
+    let unpacked = match header.compression.as_str() {
         "" => {
             content.extend_from_slice(data);
             Ok(())
@@ -581,7 +583,7 @@ mod tests {
         assert!(read(&bomb).1.bad_chunks[0].1.contains("limit"));
         let schema = [&7u16.to_le_bytes()[..], &u32::MAX.to_le_bytes(), b"short"].concat();
         let schema = [mcap::MAGIC, &[op::SCHEMA], &(schema.len() as u64).to_le_bytes()[..], &schema].concat();
-        assert!(read(&schema).1.stopped.unwrap().contains("a record of 11 bytes names a longer field"));
+        assert!(read(&schema).1.stopped.unwrap().contains("a field of 4294967295 bytes"));
     }
 
     #[test]

@@ -2,12 +2,14 @@
 
 use std::{collections::BTreeMap, io};
 
-use mcap::records::{Channel, ChunkIndex, Footer, Statistics, op};
+use mcap::records::op;
 
 use super::{
     file_ranges::FileRanges,
     mcap_file::RECORD_LIMIT,
-    mcap_record::{ChunkPlace, SchemaRecord, TAIL, front_fields, limited_name, summary_start},
+    mcap_record::{
+        ChannelRecord, ChunkIndexRecord, SchemaRecord, StatisticsRecord, TAIL, summary_crc, summary_start,
+    },
 };
 
 /// First read from the end, bytes: the summary of most recordings in one request.
@@ -32,7 +34,7 @@ pub struct McapSummary {
     /// Channels by id.
     pub channels: BTreeMap<u16, SummaryChannel>,
     /// Chunks, in the order of the file.
-    pub chunks: Vec<ChunkPlace>,
+    pub chunks: Vec<ChunkIndexRecord>,
     /// Where the section begins in the file.
     pub start: u64,
     /// Its schema and channel records as they lie there.
@@ -65,7 +67,7 @@ impl McapSummary {
     /// From the bytes between the section's start and the end of the file.
     fn parse(bytes: &[u8], start: u64) -> Option<Self> {
         let (section, tail) = bytes.split_at_checked(bytes.len().checked_sub(TAIL as usize)?)?;
-        let expected = front_fields::<Footer>(&tail[9..29]).ok()?.0.summary_crc;
+        let expected = summary_crc(&tail[9..29]).ok()?;
         // Up to the checksum itself, by the specification.
         let covered = &bytes[..bytes.len() - 8 - 4];
         if expected != 0 && crc32fast::hash(covered) != expected {
@@ -85,27 +87,27 @@ impl McapSummary {
                     found.names.extend_from_slice(&rest[..9 + body.len()]);
                 }
                 op::CHANNEL => {
-                    channels.push(front_fields::<Channel>(body).ok()?.0);
+                    channels.push(ChannelRecord::read(body).ok()?);
                     found.names.extend_from_slice(&rest[..9 + body.len()]);
                 }
-                op::CHUNK_INDEX => found.chunks.push(front_fields::<ChunkIndex>(body).ok()?.0.into()),
-                op::STATISTICS => statistics = Some(front_fields::<Statistics>(body).ok()?.0),
+                op::CHUNK_INDEX => found.chunks.push(ChunkIndexRecord::read(body).ok()?),
+                op::STATISTICS => statistics = Some(StatisticsRecord::read(body).ok()?),
                 _ => {}
             }
             rest = behind;
         }
         let statistics = statistics?;
+        let counts: BTreeMap<u16, u64> = statistics.messages.iter().copied().collect();
         for c in channels {
             let type_name = types.get(&c.schema_id)?.clone();
-            let count = statistics.channel_message_counts.get(&c.id).copied().unwrap_or(0);
-            let topic = limited_name(c.topic).ok()?;
-            let message_encoding = limited_name(c.message_encoding).ok()?;
-            let channel = SummaryChannel { topic, type_name, message_encoding, count };
+            let count = counts.get(&c.id).copied().unwrap_or(0);
+            let channel =
+                SummaryChannel { topic: c.topic, type_name, message_encoding: c.message_encoding, count };
             // The last of repetitions, as the reader takes it.
             found.channels.insert(c.id, channel);
         }
         found.chunks.sort_by_key(|c| c.start);
-        (statistics.chunk_count as usize == found.chunks.len() && !found.chunks.is_empty()).then_some(found)
+        (statistics.chunks == found.chunks.len() as u64 && !found.chunks.is_empty()).then_some(found)
     }
 
     /// Whether chunks follow one another within the file, and contain only named channels.

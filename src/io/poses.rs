@@ -84,6 +84,7 @@ impl PoseSources {
         let frame = index.images.get(&topics.color).map(|i| i.frame.clone()).unwrap_or_default();
         let mut sources = Vec::new();
         for optical in optical_frames(&index.tf, &frame) {
+            let mut resting = Vec::new();
             for tf in index.tf.with_one_parent(&optical) {
                 let source = PoseSource::of_tf(tf, &optical);
                 let chain = source.tf.chain_of_frame(&optical);
@@ -91,10 +92,12 @@ impl PoseSources {
                 if chain.moves {
                     sources.push(source);
                 } else if chain.root != optical && !jumps {
-                    sources.push(PoseSource { certainty: Certainty::Stands, ..source });
+                    resting.push(PoseSource { certainty: Certainty::Stands, ..source });
                 }
             }
             sources.extend(topic_sources(index, &optical));
+            // A topic names a world, where a driver's own transforms may end at the camera.
+            sources.extend(resting);
             // A frame that moves and carries no other, where nothing leads from it to the images.
             if !index.tf.has_parent(&optical) {
                 let ends = index.tf.moving_ends().into_iter().take(MOST_SOURCES);
@@ -122,11 +125,11 @@ fn optical_frames(tf: &TfBuffer, frame: &str) -> Vec<String> {
     frames
 }
 
-/// The sources of all pose topics that move.
+/// The sources of all pose topics; those of a topic at rest are of a camera that stands still.
 fn topic_sources(index: &BagIndex, optical: &str) -> Vec<PoseSource> {
     let mut children: Vec<(&String, &str, Certainty)> = Vec::new();
     let root = index.tf.chain_of_frame(optical).root;
-    for (name, poses) in index.poses.iter().filter(|(_, poses)| poses.moves()) {
+    for (name, poses) in index.poses.iter().filter(|(_, poses)| !poses.samples.is_empty()) {
         match poses.child.as_deref().filter(|c| !c.is_empty()) {
             Some(child) => {
                 children.push((name, child, Certainty::Named));
@@ -150,7 +153,7 @@ fn topic_sources(index: &BagIndex, optical: &str) -> Vec<PoseSource> {
         source.tf.replace(&poses.parent, child, poses.samples.clone());
         source.world = source.tf.chain_of_frame(optical).root;
         source.origin.clone_from(name);
-        source.certainty = certainty;
+        source.certainty = if poses.moves() { certainty } else { Certainty::Stands };
         source.invalid = poses.invalid;
         // A child that does not carry the camera leaves the camera where it was.
         if source.world != root && poses.parent != optical {

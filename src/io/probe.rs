@@ -8,7 +8,7 @@ use super::{
     bag::Bag,
     pixels::decode_views,
     pose_candidate::PoseCandidate,
-    poses::{Certainty, poses_unused},
+    poses::{Certainty, PoseSource, poses_unused},
     recording::unmasked,
     views::{View, Views},
 };
@@ -313,10 +313,11 @@ fn is_elsewhere(mounting: &Mounting) -> bool {
 /// What is to be known about chosen poses.
 fn told(candidate: &PoseCandidate, mounting: Option<&Mounting>) -> Option<Note> {
     if candidate.source.certainty == Certainty::Stands {
+        let PoseSource { world, origin, .. } = &candidate.source;
+        let from = if origin == "/tf" { "/tf_static" } else { origin };
         let text = format!(
-            "the camera stands still: its pose in `{}` is that of /tf_static; what it does not see from \
-             there stays unknown",
-            candidate.source.world
+            "the camera stands still: its pose in `{world}` is that of {from}; what it does not see from there \
+             stays unknown"
         );
         return Some(Note::new(NoteCode::CameraStands, text));
     }
@@ -452,7 +453,7 @@ fn motion_pair(seen: &SeenMotion, recordings: &[Settled<'_>], candidate: usize) 
 /// Whether all views of a recording show one picture.
 fn stands_still(looked: &Looked) -> bool {
     let Some((first, others)) = looked.frames.split_first() else { return false };
-    !others.is_empty() && others.iter().all(|other| other_share(first, other) <= STANDS_SHARE)
+    others.iter().all(|other| other_share(first, other) <= STANDS_SHARE)
 }
 
 /// Share of the pixels that differ between two views.
