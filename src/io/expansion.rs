@@ -63,6 +63,16 @@ impl Expansion {
     }
 }
 
+/// Unpacks a chunk of a stated size into `content`, which keeps what came before an error.
+///
+/// # Errors
+/// Those of the decoder.
+pub fn unpack<R: Read>(decoder: io::Result<R>, size: u64, content: &mut Vec<u8>) -> io::Result<()> {
+    // One byte beyond the stated size shows that there is more, and no more than that is unpacked.
+    decoder?.take(size + 1).read_to_end(content)?;
+    Ok(())
+}
+
 /// A decompressed stream that fails when the budget is used up.
 pub struct Within<'a, R> {
     /// The stream.

@@ -13,7 +13,7 @@ use std::{
 use mcap::records::op;
 
 use super::{
-    expansion::{Expansion, ExpansionError},
+    expansion::{Expansion, ExpansionError, unpack},
     mcap_record::{
         ChannelRecord, ChunkRecord, MessageRecord, RecordError, SchemaRecord, TAIL, summary_start,
     },
@@ -438,8 +438,10 @@ fn chunk_content(record: &RawRecord, expansion: &mut Expansion) -> Result<Vec<u8
             content.extend_from_slice(data);
             Ok(())
         }
-        "zstd" => unpack(zstd::Decoder::new(data), header.uncompressed_size, &mut content),
-        "lz4" => unpack(lz4::Decoder::new(data), header.uncompressed_size, &mut content),
+        "zstd" => unpack(zstd::Decoder::new(data), header.uncompressed_size, &mut content)
+            .map_err(McapDamage::Unpack),
+        "lz4" => unpack(lz4::Decoder::new(data), header.uncompressed_size, &mut content)
+            .map_err(McapDamage::Unpack),
         other => Err(McapDamage::Compression(other.to_owned())),
     };
     // The checksum is that of the whole chunk; of half a chunk only the records' form can be checked.
@@ -457,12 +459,6 @@ fn chunk_content(record: &RawRecord, expansion: &mut Expansion) -> Result<Vec<u8
         return Err(McapDamage::Checksum { has: crc, expected: header.uncompressed_crc });
     }
     Ok(content)
-}
-
-fn unpack<R: Read>(decoder: std::io::Result<R>, size: u64, content: &mut Vec<u8>) -> Result<(), McapDamage> {
-    // One byte beyond the stated size shows that there is more, and no more than that is unpacked.
-    let read = decoder.and_then(|d| d.take(size + 1).read_to_end(content));
-    read.map(|_| ()).map_err(McapDamage::Unpack)
 }
 
 #[cfg(test)]

@@ -12,7 +12,7 @@ use std::{
 };
 
 use super::{
-    expansion::{Expansion, ExpansionError},
+    expansion::{Expansion, ExpansionError, unpack},
     mcap_file::{FileReport, RECORD_LIMIT, RawMessage},
     ros1msg::{ROS1_BROKEN, Ros1Layout, ros2_type_name},
 };
@@ -324,17 +324,11 @@ fn chunk_content<'a>(record: &'a BagRecord, expansion: &mut Expansion) -> Result
     if record.is_cut {
         return Ok(Cow::Owned(content));
     }
-    unpacked?;
+    unpacked.map_err(BagDamage::Unpack)?;
     if content.len() as u64 != size {
         return Err(BagDamage::Size { has: content.len(), expected: size });
     }
     Ok(Cow::Owned(content))
-}
-
-fn unpack<R: Read>(decoder: std::io::Result<R>, size: u64, content: &mut Vec<u8>) -> Result<(), BagDamage> {
-    // One byte beyond the stated size shows that there is more, and no more than that is unpacked.
-    let read = decoder.and_then(|d| d.take(size + 1).read_to_end(content));
-    read.map(|_| ()).map_err(BagDamage::Unpack)
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::{NoiseConfig, RgbdFrame, window::R, window::WindowPlane};
 use common::stop::{Stop, Stopped};
-use numeric::statistics::median;
+use numeric::statistics::{SIGMAS_PER_MAD, median};
 
 /// Approximate number of compared windows per pair of views. chosen: as for the noise, enough for a median
 const WINDOWS: f64 = 300.0;
@@ -16,9 +16,6 @@ const LEAST_WINDOWS: usize = 200;
 /// Largest disagreement, relative to the depth, of readings that may be of one surface.
 /// chosen: beyond the error of any depth camera in its range; more is occlusion
 const ONE_SURFACE: f64 = 0.1;
-/// Standard deviation of a normal distribution over the median of its absolute values.
-/// derived: 1 / 0.6745
-const SIGMA_PER_MEDIAN: f64 = 1.4826;
 
 /// Standard deviation of a reading with all its errors, as a factor of at least 1 on the noise model's. See
 /// docs/method.md (2.9).
@@ -39,7 +36,7 @@ pub fn error_factor(states: &[Vec<RgbdFrame>], noise: &NoiseConfig, stop: &Stop)
         return Ok(1.0);
     }
     // Both windows of a pair err.
-    let common = SIGMA_PER_MEDIAN * median(all).unwrap_or(0.0) / 2f64.sqrt();
+    let common = SIGMAS_PER_MAD * median(all).unwrap_or(0.0) / 2f64.sqrt();
     Ok(1f64.hypot(common))
 }
 
