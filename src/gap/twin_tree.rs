@@ -59,6 +59,12 @@ pub struct TwinJoint {
 }
 
 impl TwinJoint {
+    /// Whether it moves, and not by following another joint.
+    #[must_use]
+    pub fn is_independent(&self) -> bool {
+        self.motion != Motion::Fixed && self.mimic.is_none()
+    }
+
     /// Pose of the child's frame at a position, relative to its frame at position 0.
     #[must_use]
     pub fn motion_to(&self, position: f64) -> Pose {

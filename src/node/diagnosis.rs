@@ -17,10 +17,7 @@ use super::{
     twin::Twin,
 };
 use crate::requests::{DiagnoseFeedback, DiagnoseGoal, DiagnoseResult};
-use gap::{
-    record::{command::Told, drive::Hold, tracks::Streams},
-    twin_tree::Motion,
-};
+use gap::record::{command::Told, drive::Hold, tracks::Streams};
 use io::{GapReportError, read_gap_report, read_twin, ros2msg::gap::GapReport, twin_path};
 use run::{self, DiagnoseOutcome, DiagnoseRequest, Event, RunError};
 
@@ -51,7 +48,7 @@ impl Job for Diagnoser {
         let request = self.request_of_goal(goal)?;
         // First, so that an unreadable twin fails the goal at once.
         let (tree, _) = read_twin(&request.twin, request.gravity)?;
-        let joints = tree.joints.iter().filter(|j| j.motion != Motion::Fixed && j.mimic.is_none()).count();
+        let joints = tree.joints.iter().filter(|j| j.is_independent()).count();
         let mut progress = JointProgress::new(joints);
         let this = Arc::clone(self);
         Ok(Work::start_thread(

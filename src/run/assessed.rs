@@ -33,7 +33,7 @@ use numeric::random::{StageRng, stage_rng};
 #[derive(Debug, Serialize)]
 pub(super) struct EffortHold {
     /// `zero`, held until the next sample, or `linear`, sampled with the positions.
-    taken: &'static str,
+    taken: Hold,
     /// By how much twice the log likelihood of all joints is higher with sampled efforts, prices of effects
     /// subtracted; `None` if the user said how efforts run.
     gain_if_sampled: Option<f64>,
@@ -122,27 +122,30 @@ impl<'a> Bench<'a> {
     /// clear evidence efforts are held.
     fn likelier_examination(&self, monitor: &Monitor) -> Result<(Examination<'a>, EffortHold), RunError> {
         if let Some(hold) = self.request.hold {
-            return Ok((self.examination(hold, Some(monitor))?, EffortHold::new(hold, None)));
+            return Ok((
+                self.examination(hold, monitor, true)?,
+                EffortHold { taken: hold, gain_if_sampled: None },
+            ));
         }
-        let held = self.examination(Hold::Zero, Some(monitor))?;
+        let held = self.examination(Hold::Zero, monitor, true)?;
         let mut promised = 0.0;
         for (j, examined, _) in &held.examined {
             monitor.check()?;
             promised += self.promised_gain(*j, examined);
         }
         if !(promised > 0.0) {
-            return Ok((held, EffortHold::new(Hold::Zero, Some(promised))));
+            return Ok((held, EffortHold { taken: Hold::Zero, gain_if_sampled: Some(promised) }));
         }
-        let sampled = self.examination(Hold::Linear, None)?;
-        monitor.check()?;
+        let sampled = self.examination(Hold::Linear, monitor, false)?;
         let own = sampled.joints_beside(&held);
         let other = held.joints_beside(&sampled);
         let gain = own.iter().map(|e| e.score).sum::<f64>() - other.iter().map(|e| e.score).sum::<f64>();
         if is_sampled(gain, &own, &other) {
             let warnings = held.warnings;
-            return Ok((Examination { warnings, ..sampled }, EffortHold::new(Hold::Linear, Some(gain))));
+            let hold = EffortHold { taken: Hold::Linear, gain_if_sampled: Some(gain) };
+            return Ok((Examination { warnings, ..sampled }, hold));
         }
-        Ok((held, EffortHold::new(Hold::Zero, Some(gain))))
+        Ok((held, EffortHold { taken: Hold::Zero, gain_if_sampled: Some(gain) }))
     }
 
     /// Gain of score of a joint that was examined with held efforts, if they were sampled; 0 where this
@@ -157,14 +160,19 @@ impl<'a> Bench<'a> {
         }
     }
 
-    /// Examines all joints with efforts read as `hold` says; reports each to the monitor, if there is one.
-    fn examination(&self, hold: Hold, monitor: Option<&Monitor>) -> Result<Examination<'a>, RunError> {
+    /// Examines all joints with efforts read as `hold` says; `is_reported`: each shows as a stage.
+    fn examination(
+        &self,
+        hold: Hold,
+        monitor: &Monitor,
+        is_reported: bool,
+    ) -> Result<Examination<'a>, RunError> {
         let mut found = Examination::default();
         for &j in &self.moving {
             let name = &self.tree.joints[j].name;
             let stage = format!("diagnose/{name}");
-            if let Some(monitor) = monitor {
-                monitor.check()?;
+            monitor.check()?;
+            if is_reported {
                 monitor.report(Event::StageStarted { stage: stage.clone(), steps: None });
             }
             let ready = match self.unusable.get(&j) {
@@ -209,17 +217,9 @@ impl<'a> Bench<'a> {
 }
 
 impl EffortHold {
-    fn new(hold: Hold, gain_if_sampled: Option<f64>) -> Self {
-        let taken = match hold {
-            Hold::Zero => "zero",
-            Hold::Linear => "linear",
-        };
-        Self { taken, gain_if_sampled }
-    }
-
     /// Says that the runs show sampled efforts.
     fn note(&self) -> Option<Note> {
-        let gain = self.gain_if_sampled.filter(|_| self.taken == "linear")?;
+        let gain = self.gain_if_sampled.filter(|_| self.taken == Hold::Linear)?;
         let text = format!(
             "the efforts are sampled with the positions, not held until the next sample: twice the log \
              likelihood is {gain:.1} higher so (--effort-hold says otherwise)"

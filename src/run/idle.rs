@@ -40,12 +40,8 @@ pub(super) fn remove_idle_efforts(
              was driven: it was not measured",
             recordings[idle].0.name
         );
-        // Nothing may use it, not even the other joints of a chain.
-        for samples in recordings.iter_mut().flat_map(|(run, _)| &mut run.joints).filter(|s| s.name == *name)
-        {
-            samples.effort.fill(f64::NAN);
-        }
-        if recordings.iter().all(|(run, _)| run.commands.iter().any(|c| c.joint == *name)) {
+        recordings.iter_mut().for_each(|(run, _)| run.drop_efforts(name));
+        if recordings.iter().all(|(run, _)| run.is_commanded(name)) {
             let text = format!("{what}; what it was commanded to is used in its place");
             warnings.push(Note::new(NoteCode::EffortsIdle, text));
         } else {

@@ -12,7 +12,7 @@ use gap::{
         log::JointLog,
         recording::{Recording, RecordingError},
     },
-    twin_tree::{Motion, TwinTree},
+    twin_tree::TwinTree,
 };
 
 /// Runs of one joint, split.
@@ -44,10 +44,7 @@ pub(super) const MOST_DIVIDED: usize = 2;
 /// Indices of the independently moving joints of a twin.
 pub(super) fn moving_joints(tree: &TwinTree) -> Vec<usize> {
     let joints = tree.joints.iter().enumerate();
-    joints
-        .filter(|(_, joint)| joint.motion != Motion::Fixed && joint.mimic.is_none())
-        .map(|(j, _)| j)
-        .collect()
+    joints.filter(|(_, joint)| joint.is_independent()).map(|(j, _)| j).collect()
 }
 
 /// A joint's plant with its actuator, and its runs, with efforts read as `hold` says.

@@ -34,24 +34,20 @@ pub(super) fn recorded_twin(tree: &TwinTree, recordings: &mut [(Recording, bool)
     let standing: Vec<Option<f64>> = tree.joints.iter().map(|j| standing_joint(&runs, j)).collect();
     let mut is_moving = Vec::with_capacity(tree.joints.len());
     for (joint, standing) in tree.joints.iter().zip(&standing) {
-        let is_free = joint.motion != Motion::Fixed && joint.mimic.is_none() && standing.is_none();
-        is_moving.push(is_free && is_recorded(&runs, &joint.name));
+        let may_move = joint.is_independent() && standing.is_none();
+        is_moving.push(may_move && is_recorded(&runs, &joint.name));
     }
     // Where nothing moves, the verdict of each joint says so.
     if !is_moving.contains(&true) {
         return (posed, notes);
     }
     for (j, standing) in standing.iter().enumerate() {
-        let joint = &tree.joints[j];
-        if joint.motion == Motion::Fixed {
-            continue;
-        }
         if let Some(position) = standing {
             fix_joint(&mut posed.joints[j], *position);
             let text = format!(
                 "joint '{}' stands still in all runs: it is taken as fixed at {position:.4} and not \
                  diagnosed",
-                joint.name
+                tree.joints[j].name
             );
             notes.push(Note::new(NoteCode::JointFixed, text));
         }

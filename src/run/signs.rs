@@ -45,16 +45,12 @@ pub(super) fn settle_signs(
             "joint '{name}': its efforts are never negative, though its motion shows that it was driven both \
              ways"
         );
-        if recordings.iter().all(|(r, _)| r.commands.iter().any(|c| c.joint == *name)) {
+        if recordings.iter().all(|(r, _)| r.is_commanded(name)) {
             recordings.iter_mut().for_each(|(r, _)| _ = sign_by_command(r, name));
             let text = format!("{what}: their sign is that of the command less the position");
             warnings.push(Note::new(NoteCode::EffortsWithoutSign, text));
         } else {
-            // Nothing may use them, not even the other joints of a chain.
-            for (run, _) in recordings.iter_mut() {
-                let samples = run.joints.iter_mut().filter(|s| s.name == *name);
-                samples.for_each(|s| s.effort.iter_mut().for_each(|u| *u = f64::NAN));
-            }
+            recordings.iter_mut().for_each(|(run, _)| run.drop_efforts(name));
             let why = format!(
                 "{what}: a magnitude without a sign is no effort; record the effort or current with its \
                  sign, or what the joint is commanded to (--command)"

@@ -53,7 +53,7 @@ pub(crate) fn standing_sets<'s>(steps: &'s [Step], curve: &[EvidencePoint]) -> V
     steps
         .iter()
         .zip(curve)
-        .filter(|(s, point)| s.divided || is_standing(point, curve, LEAST_SCORE))
+        .filter(|(s, point)| s.divided || is_standing(point, curve))
         .map(|(s, _)| s)
         .collect()
 }

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::score::LEAST_SCORE;
+
 /// A set of motions with less than this share of a smaller set's evidence splits one of its parts: another
 /// part would add to the sum, while a second motion of one part takes away most of that part's evidence.
 /// tuned: shared/bags
@@ -28,9 +30,9 @@ pub struct EvidencePoint {
 }
 
 /// Whether a set of motions stands: each has enough evidence for a part, and none splits a part.
-pub(crate) fn is_standing(point: &EvidencePoint, curve: &[EvidencePoint], least: f64) -> bool {
-    point.weakest.is_none_or(|w| w >= least || (w >= ADDING * least && adds_evidence(point, curve)))
-        && !splits_a_part(point, curve, FIRM * least)
+pub(crate) fn is_standing(point: &EvidencePoint, curve: &[EvidencePoint]) -> bool {
+    let is_enough = |w| w >= LEAST_SCORE || (w >= ADDING * LEAST_SCORE && adds_evidence(point, curve));
+    point.weakest.is_none_or(is_enough) && !splits_a_part(point, curve, FIRM * LEAST_SCORE)
 }
 
 /// Whether a set of motions splits a part of a smaller set: two motions of one part explain the same, and
@@ -107,8 +109,8 @@ mod tests {
     fn a_set_stands_where_each_has_the_evidence_that_a_part_needs() {
         let point = |parts, evidence, weakest| EvidencePoint { parts, evidence, weakest, unexplained: 0.0 };
         let curve = [point(1, 0.0, None), point(2, 100.0, Some(100.0))];
-        let stands = |evidence, weakest: f64| is_standing(&point(3, evidence, Some(weakest)), &curve, 14.0);
-        assert!(super::is_standing(&curve[0], &curve, 14.0) && super::is_standing(&curve[1], &curve, 14.0));
+        let stands = |evidence, weakest: f64| is_standing(&point(3, evidence, Some(weakest)), &curve);
+        assert!(super::is_standing(&curve[0], &curve) && super::is_standing(&curve[1], &curve));
         // The least, or six tenths of it where half of that comes to the sum.
         assert!(stands(104.0, 14.0) && !stands(104.0, 13.9));
         assert!(stands(104.5, 8.5) && stands(104.25, 8.5) && !stands(104.2, 8.5) && !stands(104.2, 8.3));
@@ -116,7 +118,7 @@ mod tests {
         assert!(stands(99.0, 28.0) && !stands(99.0, 27.9) && stands(100.0, 14.0));
         assert!(stands(80.0, 50.0) && !stands(79.9, 50.0));
         // Alone, a motion of less than the least adds to nothing.
-        assert!(!super::is_standing(&point(2, 10.0, Some(10.0)), &curve[..1], 14.0));
+        assert!(!super::is_standing(&point(2, 10.0, Some(10.0)), &curve[..1]));
     }
 
     #[test]

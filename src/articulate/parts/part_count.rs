@@ -68,7 +68,7 @@ pub(crate) fn chosen_parts(
         warnings.push(more_than_asked(evident, found));
     }
     if let Some(weakest) = chosen.point.weakest.filter(|w| parts.is_none() && *w < LITTLE * LEAST_SCORE) {
-        warnings.push(little_evidence(found, weakest, LEAST_SCORE));
+        warnings.push(little_evidence(found, weakest));
     }
     if chosen.divided {
         notes.push(Note::new(
@@ -145,10 +145,10 @@ pub(crate) fn more_than_asked(evident: usize, asked: usize) -> Note {
 }
 
 /// The note that the weakest part rests on little evidence.
-pub(crate) fn little_evidence(parts: usize, weakest: f64, least: f64) -> Note {
+pub(crate) fn little_evidence(parts: usize, weakest: f64) -> Note {
     let text = format!(
         "one of the {parts} parts rests on little evidence: {weakest:.0} cells, where {:.0} leave no doubt",
-        LITTLE * least
+        LITTLE * LEAST_SCORE
     );
     Note::new(NoteCode::PartOnLittleEvidence, text)
 }

@@ -126,7 +126,7 @@ pub fn unite<'a>(
     let sets = states.thinned_sets(common_parts(pairs, surface.points.len()));
     // Sets of parts stand by the same rule as for a pair.
     let curve: Vec<EvidencePoint> = sets.iter().map(|s| evidence_point(&s.scores)).collect();
-    let standing = sets.iter().zip(&curve).filter(|(_, p)| is_standing(p, &curve, LEAST_SCORE));
+    let standing = sets.iter().zip(&curve).filter(|(_, p)| is_standing(p, &curve));
     let evident = standing.clone().map(|(s, _)| s.classes.len()).max();
     let mut standing = standing.map(|(s, _)| s);
     let Some(chosen) = standing.find(|s| parts.is_none_or(|p| s.classes.len() <= p)) else {
@@ -150,7 +150,7 @@ pub fn unite<'a>(
     }
     let weakest = scores[1..].iter().copied().reduce(f64::min);
     if let Some(score) = weakest.filter(|s| parts.is_none() && *s < LITTLE * LEAST_SCORE) {
-        warnings.push(little_evidence(classes.len(), score, LEAST_SCORE));
+        warnings.push(little_evidence(classes.len(), score));
     }
     // A missed motion is looked for where a part seems at rest.
     states.seek_missed(&mut classes, &mut notes);

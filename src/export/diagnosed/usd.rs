@@ -119,7 +119,7 @@ fn float_name(line: &str) -> Option<&str> {
 }
 
 /// Lines of attributes with one of them set, or added at the end.
-pub(super) fn with_attribute(body: &str, attribute: &str, value: f64) -> String {
+fn with_attribute(body: &str, attribute: &str, value: f64) -> String {
     let line = format!("            float {attribute} = {value}\n");
     match body.split_inclusive('\n').find(|l| float_name(l) == Some(attribute)) {
         Some(old) => body.replacen(old, &line, 1),

@@ -14,6 +14,10 @@ const FIELD_STEPS: [f64; 5] = [10_000.0, 15_000.0, 18_000.0, 20_000.0, 25_000.0]
 /// Published steps that multiply the motions' learning rate by 0.33. derived: the published ones
 const MOTION_STEPS: [f64; 6] = [5_000.0, 10_000.0, 15_000.0, 18_000.0, 20_000.0, 25_000.0];
 
+/// Rendering weight below which a sample has no color.
+/// chosen: 96 samples of a ray then miss at most a hundredth of its color
+const COLOR_THRESHOLD: f64 = 1e-4;
+
 /// Shape, samples, schedule and loss weights of PARIS, PARIS* and PARIS*-m.
 ///
 /// The defaults suit a CPU and are smaller than the published ones: hash grids of 16 levels up to 4096 nodes
@@ -54,7 +58,7 @@ pub struct RadianceConfig {
     /// Rendering weight below which a sample has no color and counts as the white background. The color
     /// network, the largest cost, is skipped there; 0 skips it only where the weight is 0. This is not a
     /// setting.
-    #[serde(skip, default = "color_threshold")]
+    #[serde(skip)]
     pub color_threshold: f64,
     /// Nodes per side of the grid for meshing a part (published: 256).
     pub mesh_nodes: usize,
@@ -63,12 +67,6 @@ pub struct RadianceConfig {
 /// Least number of parts.
 fn two() -> usize {
     2
-}
-
-/// Default of [`RadianceConfig::color_threshold`].
-/// chosen: 96 samples of a ray then miss at most a hundredth of its color
-fn color_threshold() -> f64 {
-    1e-4
 }
 
 impl Default for RadianceConfig {
@@ -92,7 +90,7 @@ impl Default for RadianceConfig {
             motion_rate_scale: 1.0,
             depth_weight: 0.01,
             part_entropy_weight: 0.0,
-            color_threshold: color_threshold(),
+            color_threshold: COLOR_THRESHOLD,
             mesh_nodes: 256,
         }
     }
@@ -117,8 +115,7 @@ impl RadianceConfig {
         ensure_within("motion_rate_scale", self.motion_rate_scale, 0.0, 1e3)?;
         ensure_within("depth_weight", self.depth_weight, 0.0, 1e6)?;
         ensure_within("mesh_nodes", self.mesh_nodes as f64, 16.0, 1024.0)?;
-        ensure_within("part_entropy_weight", self.part_entropy_weight, 0.0, 1e6)?;
-        ensure_within("color_threshold", self.color_threshold, 0.0, 0.1)
+        ensure_within("part_entropy_weight", self.part_entropy_weight, 0.0, 1e6)
     }
 
     /// Learning rate of the fields at a step, counted from 0; halved at 1/3, 1/2, 3/5, 2/3 and 5/6 of the

@@ -23,14 +23,16 @@ pub fn promised_gain(held: &Examined, plant: &Plant, fitted: Vec<JointLog>) -> f
     let sampled = Problem::new(catalogue, plant, held.problem.turns, fitted, Hold::Linear).at_steps();
     let base = fitted_twin(&sampled);
     let found = held.diagnosis.effects_or_nearest();
+    let mut seeds = vec![found.clone()];
     let mut prompt = found.clone();
     prompt.terms.retain(|t| catalogue[t.effect].place() != Place::Delay);
+    if prompt.terms.len() < found.terms.len() {
+        seeds.push(prompt);
+    }
     let mut best = base.score;
-    for model in [found, &prompt] {
-        if !model.terms.is_empty() {
-            let start = JointModel { lag_s: 0.0, ..model.clone() };
-            best = best.max(fitted_from_seed(&sampled, &base, &start).score);
-        }
+    for model in seeds.into_iter().filter(|model| !model.terms.is_empty()) {
+        let start = JointModel { lag_s: 0.0, ..model };
+        best = best.max(fitted_from_seed(&sampled, &base, &start).score);
     }
     best - held.score
 }

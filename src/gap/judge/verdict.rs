@@ -377,8 +377,8 @@ fn chosen(problem: &Problem, effects: &[usize], seeds: &[JointModel]) -> (Search
             &Scope { effects: &all, seeds, least_gain: least_gain(all.len()) },
         );
         let mut chosen = simplified_set(problem, found.accepted_set());
-        let effects = chosen.fit.model.effect_names(problem.catalogue);
-        debug!(?effects, score = chosen.score, "set accepted");
+        let accepted = &chosen.fit.model;
+        debug!(effects = ?accepted.effect_names(problem.catalogue), score = chosen.score, "set accepted");
         if problem.weighing != Weighing::Innovations {
             chosen = predictive_set(problem, &found, &chosen);
         }

@@ -1,9 +1,12 @@
 //! The recorded signal, an effort or a commanded position, over the short steps of a rollout.
 
+use serde::Serialize;
+
 use crate::record::log::JointLog;
 
 /// How a signal is interpolated between samples.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Hold {
     /// Constant until the next sample.
     #[default]

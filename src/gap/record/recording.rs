@@ -158,6 +158,18 @@ impl Recording {
         self.joints.iter().find(|j| j.name == joint)
     }
 
+    /// Whether it has commands of a joint.
+    #[must_use]
+    pub fn is_commanded(&self, joint: &str) -> bool {
+        self.commands.iter().any(|c| c.joint == joint)
+    }
+
+    /// Removes the efforts of a joint, so that nothing uses them, not even the other joints of a chain.
+    pub fn drop_efforts(&mut self, joint: &str) {
+        let samples = self.joints.iter_mut().filter(|s| s.name == joint);
+        samples.for_each(|s| s.effort.fill(f64::NAN));
+    }
+
     /// The error for a joint that the run lacks.
     fn no_joint(&self, joint: &str) -> RecordingError {
         let run = self.name.clone();
