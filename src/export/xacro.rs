@@ -14,7 +14,7 @@ const SPACE: &str = "xmlns:xacro=\"http://www.ros.org/wiki/xacro\"";
 /// The default hardware plugin.
 const MOCK: &str = "mock_components/GenericSystem";
 
-/// Name of the file of [`macros`].
+/// Name of the file of [`macros_text`].
 pub(crate) fn macro_file(model: &ArticulatedModel) -> String {
     format!("{}_macro.xacro", identifier(&model.name))
 }

@@ -102,7 +102,7 @@ impl FieldParams {
 }
 
 impl FieldParams {
-    /// Number of parameters: the length of [`Self::flatten`].
+    /// Number of parameters: the length of their flat layout.
     pub fn parameter_count(&self) -> usize {
         self.table.len()
             + self.geometry.iter().chain(&self.color).map(|l| l.weights.len() + l.biases.len()).sum::<usize>()

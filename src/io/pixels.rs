@@ -16,7 +16,7 @@ use capture::{CaptureConfig, CaptureError, DepthRegistration, RgbdFrame, Undisto
 use common::stop::Stop;
 use geometry::Intrinsics;
 
-/// A needed message: index of its topic in [`Wanted::topics`], and its number in the topic.
+/// A needed message: index of its topic in [`Payloads::topics`], and its number in the topic.
 type Key = (usize, usize);
 
 /// Index of the topic of depth.

@@ -1,7 +1,7 @@
 //! The ROS 2 messages of recordings, as serde structs in CDR field order, and their decoding.
 //!
 //! A payload is a 4-byte encapsulation header followed by plain CDR (XCDR1), in either byte order. The
-//! decoder's output is still untrusted: see [`crate::image_codec`] and [`capture`] for the checks of its
+//! decoder's output is still untrusted: see [`crate::image_codec`] and the crate `capture` for the checks of its
 //! meaning.
 
 pub mod definitions;

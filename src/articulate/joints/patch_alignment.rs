@@ -51,7 +51,7 @@ impl GrayPatch {
         (f00 * (1.0 - a) + f10 * a) * (1.0 - b) + (f01 * (1.0 - a) + f11 * a) * b
     }
 
-    /// Whether [`align`] cannot find a reference anywhere, because too little of it is seen or it is too
+    /// Whether [`aligned_shift`] cannot find a reference anywhere, because too little of it is seen or it is too
     /// plain. The alignment compares at least [`MIN_SEEN`] of it, whose sum of squared deviations is at most
     /// that of all.
     pub(crate) fn is_lost(&self, min_contrast: f64) -> bool {

@@ -47,7 +47,7 @@ pub fn clusters_of_cells(cells: &[Cell], reach: i32) -> Vec<Vec<Cell>> {
     groups(cells, reach, &Stop::never()).unwrap_or_default()
 }
 
-/// [`clusters`] with a stop flag.
+/// [`clusters_of_cells`] with a stop flag.
 pub(super) fn groups(cells: &[Cell], reach: i32, stop: &Stop) -> Result<Vec<Vec<Cell>>, Stopped> {
     let index: FxHashMap<Cell, usize> = cells.iter().enumerate().map(|(i, c)| (*c, i)).collect();
     let mut group = vec![usize::MAX; cells.len()];

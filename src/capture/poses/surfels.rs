@@ -56,7 +56,7 @@ pub(crate) struct Surfels {
     cells: Vec<Option<Surfel>>,
     /// Cells with a surfel, by facing.
     facing: [Vec<u32>; FACINGS],
-    /// Image features with depth; see [`Self::with_landmarks`].
+    /// Image features with depth; see [`Self::set_landmarks`].
     landmarks: Vec<Landmark>,
 }
 

@@ -21,9 +21,9 @@ const COLOR_THRESHOLD: f64 = 1e-4;
 /// Shape, samples, schedule and loss weights of PARIS, PARIS* and PARIS*-m.
 ///
 /// The defaults suit a CPU and are smaller than the published ones: hash grids of 16 levels up to 4096 nodes
-/// per side ([`Self::published_field`]), 256 rays per state, later adapted to about 262,144 samples of fixed
-/// length per step, and 30,000 steps. Here the numbers of rays and of samples per ray are fixed, and the
-/// samples divide the ray's path through the scene cube.
+/// per side, 256 rays per state, later adapted to about 262,144 samples of fixed length per step, and 30,000
+/// steps. Here the numbers of rays and of samples per ray are fixed, and the samples divide the ray's path
+/// through the scene cube.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RadianceConfig {
