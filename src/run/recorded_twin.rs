@@ -89,8 +89,7 @@ fn notes_on_text(tree: &TwinTree) -> Vec<Note> {
 }
 
 fn is_recorded(runs: &[&Recording], joint: &str) -> bool {
-    let has = |run: &&Recording| run.samples(joint).is_some_and(|s| s.position.iter().any(|q| q.is_finite()));
-    runs.iter().any(has)
+    runs.iter().filter_map(|run| run.samples(joint)).any(JointSamples::has_positions)
 }
 
 fn standing_joint(runs: &[&Recording], joint: &TwinJoint) -> Option<f64> {
@@ -110,11 +109,11 @@ fn add_followers(tree: &TwinTree, run: &mut Recording) {
         let mut added = Vec::new();
         for joint in &tree.joints {
             let Some(mimic) = &joint.mimic else { continue };
-            if run.samples(&joint.name).is_some_and(|s| s.position.iter().any(|q| q.is_finite())) {
+            if run.samples(&joint.name).is_some_and(JointSamples::has_positions) {
                 continue;
             }
             let Some(leader) = run.samples(&mimic.joint) else { continue };
-            if !leader.position.iter().any(|q| q.is_finite()) {
+            if !leader.has_positions() {
                 continue;
             }
             let unknown = vec![f64::NAN; leader.time_s.len()];

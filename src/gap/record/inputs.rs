@@ -28,8 +28,7 @@ pub fn complete_run(
     let asked: Vec<&PoseTrack> = run.poses.iter().filter(|p| p.asked).collect();
     let mut from_poses = BTreeMap::new();
     for &j in &moving {
-        let known =
-            run.samples(&tree.joints[j].name).is_some_and(|s| s.position.iter().any(|q| q.is_finite()));
+        let known = run.samples(&tree.joints[j].name).is_some_and(JointSamples::has_positions);
         let tracks: Vec<&PoseTrack> = if known { asked.clone() } else { run.poses.iter().collect() };
         if let Some(found) = posed_joint(tree, j, &tracks)? {
             evidence.insert(j, found.evidence);

@@ -107,6 +107,12 @@ const MIN_SAMPLES: usize = 100;
 const OTHERS_HALF_WIDTH: usize = 4;
 
 impl JointSamples {
+    /// Whether any position is recorded.
+    #[must_use]
+    pub fn has_positions(&self) -> bool {
+        self.position.iter().any(|q| q.is_finite())
+    }
+
     /// Integrates the velocities of a joint without positions, from 0; returns whether it did.
     pub fn integrate(&mut self) -> bool {
         let has = |values: &[f64]| values.iter().any(|x| x.is_finite());
@@ -207,7 +213,7 @@ impl Recording {
     ) -> Result<JointLog, RecordingError> {
         let (run, joint) = (|| self.name.clone(), || name.to_owned());
         let samples = self.samples(name).ok_or_else(|| self.no_joint(name))?;
-        if !samples.position.iter().any(|q| q.is_finite()) {
+        if !samples.has_positions() {
             return Err(RecordingError::NoPosition { run: run(), joint: joint() });
         }
         let has_effort = samples.effort.iter().any(|u| u.is_finite());

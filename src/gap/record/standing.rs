@@ -22,11 +22,12 @@ pub fn standing_position(runs: &[&Recording], joint: &str) -> Option<f64> {
     let mut logs = Vec::with_capacity(runs.len());
     for run in runs {
         let samples = run.samples(joint)?;
-        let known = (0..samples.time_s.len()).filter(|&k| samples.position[k].is_finite());
         let mut log = JointLog::default();
-        for k in known {
-            log.time_s.push(samples.time_s[k]);
-            log.position.push(samples.position[k]);
+        for (&time_s, &position) in samples.time_s.iter().zip(&samples.position) {
+            if position.is_finite() && log.time_s.last().is_none_or(|last| time_s > *last) {
+                log.time_s.push(time_s);
+                log.position.push(position);
+            }
         }
         if log.position.is_empty() {
             return None;
