@@ -164,6 +164,13 @@ fn a_fault_is_as_bad_as_what_it_costs() {
     assert_eq!(text(&check_folder(&folder)), "");
 }
 
+/// Inertias that no body can have: words, what stands in the fixture, what takes its place.
+const IMPOSSIBLE: &[(&str, &str, &str)] = &[
+    ("not positive", "ixx=\"0.01\"", "ixx=\"-0.01\""),
+    ("not positive", "ixy=\"0\"", "ixy=\"0.02\""),
+    ("A + B >= C", "ixx=\"0.01\"", "ixx=\"0.03\""),
+];
+
 /// What no reader can make sense of: rule, words, what stands in the fixture, what takes its place.
 const NONSENSE: &[(&str, &str, &str, &str)] = &[
     ("origin", "the xyz of <origin> is 'nan inf 0'", "xyz=\"0.11 0 0\"", "xyz=\"nan inf 0\""),
@@ -184,9 +191,6 @@ const NONSENSE: &[(&str, &str, &str, &str)] = &[
     ("inertia", "overflows", "<mass value=\"1\"/>", "<mass value=\"1e308\"/>"),
     ("inertia", "must be a finite number", "<mass value=\"1\"/>", "<mass value=\"1 kg\"/>"),
     ("inertia", "the ixx of <inertia> is 'nan'", "ixx=\"0.01\"", "ixx=\"nan\""),
-    ("inertia", "not positive", "ixx=\"0.01\"", "ixx=\"-0.01\""),
-    ("inertia", "not positive", "ixy=\"0\"", "ixy=\"0.02\""),
-    ("inertia", "A + B >= C", "ixx=\"0.01\"", "ixx=\"0.03\""),
     ("joint", "'nan 0 0'", "axis xyz=\"1 0 0\"", "axis xyz=\"nan 0 0\""),
     ("joint", "must be a direction", "axis xyz=\"1 0 0\"", "axis xyz=\"0 0 0\""),
     ("joint", "the damping of <dynamics> is 'nan'", "<axis", "<dynamics damping=\"nan\"/><axis"),
@@ -257,21 +261,37 @@ fn require_sound(urdf: &str) -> Result<Description, UnsoundUrdf> {
 fn what_no_reader_can_make_sense_of_is_found_and_refused_by_all() {
     require_sound(URDF).unwrap();
     for (rule, words, from, to) in NONSENSE {
-        let (at, _) =
-            URDF.rmatch_indices(from).next().unwrap_or_else(|| panic!("{from} is not in the fixture"));
-        let mut broken = URDF.to_owned();
-        broken.replace_range(at..at + from.len(), to);
-        let mut folder = folder();
-        folder.insert("unit.urdf".to_owned(), broken.clone().into_bytes());
-        let found = check_folder(&folder);
-        let hits = found
-            .iter()
-            .filter(|f| f.level == Level::Error && f.rule.word() == *rule && f.message.contains(words))
-            .count();
-        assert_eq!(hits, 1, "{rule}: '{words}' in:\n{}", text(&found));
+        let broken = replaced_last(from, to);
+        assert_one_error(&broken, rule, words);
         let refused = require_sound(&broken).unwrap_err().to_string();
         assert!(refused.contains(words) || refused.contains("more: see"), "'{words}' is not in: {refused}");
     }
+}
+
+#[test]
+fn an_inertia_that_no_body_can_have_is_an_error_of_the_check_alone() {
+    for (words, from, to) in IMPOSSIBLE {
+        let broken = replaced_last(from, to);
+        assert_one_error(&broken, "inertia", words);
+        require_sound(&broken).unwrap();
+    }
+}
+
+/// The fixture, with another text in place of the last `from`.
+fn replaced_last(from: &str, to: &str) -> String {
+    let at = URDF.rfind(from).unwrap_or_else(|| panic!("{from} is not in the fixture"));
+    let mut text = URDF.to_owned();
+    text.replace_range(at..at + from.len(), to);
+    text
+}
+
+/// Asserts that the check of a folder with this URDF reports one error of a rule with these words.
+fn assert_one_error(urdf: &str, rule: &str, words: &str) {
+    let mut folder = folder();
+    folder.insert("unit.urdf".to_owned(), urdf.as_bytes().to_vec());
+    let found = check_folder(&folder);
+    let is_hit = |f: &&Finding| f.level == Level::Error && f.rule.word() == rule && f.message.contains(words);
+    assert_eq!(found.iter().filter(is_hit).count(), 1, "{rule}: '{words}' in:\n{}", text(&found));
 }
 
 #[test]
