@@ -11,7 +11,7 @@ pub enum Hold {
     /// Constant until the next sample.
     #[default]
     Zero,
-    /// Linear to the next sample.
+    /// Sampled from a smooth signal: cubic from sample to sample, with the slopes of parabolas through three.
     Linear,
 }
 
@@ -56,24 +56,53 @@ impl<'a> Signal<'a> {
         let effort = self.values;
         while self.at + 1 < time.len() && time[self.at + 1] <= t {
             let width = time[self.at + 1] - time[self.at];
-            self.sum += width
-                * match self.hold {
-                    Hold::Zero => effort[self.at],
-                    Hold::Linear => 0.5 * (effort[self.at] + effort[self.at + 1]),
-                };
+            self.sum += match self.hold {
+                Hold::Zero => width * effort[self.at],
+                Hold::Linear => self.cubic_to_next(self.at, 1.0).1,
+            };
             self.at += 1;
         }
         let k = self.at;
-        let x = t - time[self.at];
-        let next = effort.get(k + 1).copied().unwrap_or(effort[k]);
+        let x = t - time[k];
         match self.hold {
             Hold::Linear if x > 0.0 && k + 1 < time.len() => {
-                let slope = (next - effort[k]) / (time[k + 1] - time[k]);
-                (effort[k] + slope * x, self.sum + x * (effort[k] + 0.5 * slope * x))
+                let (value, integral) = self.cubic_to_next(k, x / (time[k + 1] - time[k]));
+                (value, self.sum + integral)
             }
             // Before the first sample the signal has the value of the first one.
             _ => (effort[k], self.sum + x * effort[k]),
         }
+    }
+
+    /// Value, and integral from sample `k`, at a share `u` of the interval after it (cubic Hermite
+    /// interpolation).
+    fn cubic_to_next(&self, k: usize, u: f64) -> (f64, f64) {
+        let width = self.time_s[k + 1] - self.time_s[k];
+        let rise = self.values[k + 1] - self.values[k];
+        let begin = width * self.slope_at(k);
+        let end = width * self.slope_at(k + 1);
+        // derived: the cubic a + b u + c u^2 + d u^3 with these values and slopes at both ends
+        let c = 3.0 * rise - 2.0 * begin - end;
+        let d = begin + end - 2.0 * rise;
+        let value = self.values[k] + u * (begin + u * (c + u * d));
+        let integral = u * (self.values[k] + u * (begin / 2.0 + u * (c / 3.0 + u * d / 4.0)));
+        (value, width * integral)
+    }
+
+    /// Slope at a sample of the parabola through it and its neighbors, per second; at the ends, that of the
+    /// line to the only neighbor.
+    fn slope_at(&self, k: usize) -> f64 {
+        let slope_after =
+            |k: usize| (self.values[k + 1] - self.values[k]) / (self.time_s[k + 1] - self.time_s[k]);
+        if k == 0 {
+            return slope_after(0);
+        }
+        if k + 1 == self.values.len() {
+            return slope_after(k - 1);
+        }
+        let before = self.time_s[k] - self.time_s[k - 1];
+        let after = self.time_s[k + 1] - self.time_s[k];
+        (slope_after(k - 1) * after + slope_after(k) * before) / (before + after)
     }
 }
 
