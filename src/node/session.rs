@@ -113,12 +113,15 @@ impl Start {
         Ok(Self { arguments, identity, environment, parameters: loaded.parameters })
     }
 
-    /// Joins the domain and logs from where the node can be reached.
+    /// Joins the domain, logs from where the node can be reached, and begins `/rosout`.
     pub(crate) fn join_domain(&self) -> Result<Participant, NodeError> {
-        let participant =
+        let mut participant =
             Participant::join_domain(&self.environment, &self.arguments, &self.identity, &self.parameters)?;
         // Only after joining are the sockets open.
         reach::check_sockets(&self.environment)?;
+        if !self.arguments.no_rosout {
+            rosout::publish_log(&mut participant)?;
+        }
         Ok(participant)
     }
 }
@@ -159,9 +162,6 @@ async fn run_live(start: &Start) -> Result<(), NodeError> {
     // The folder before the network: a second node with this folder must end before it disturbs the first.
     let lock = SessionLock::take(&first)?;
     let mut participant = start.join_domain()?;
-    if !start.arguments.no_rosout {
-        rosout::publish_log(&mut participant)?;
-    }
     let clock = Arc::new(NodeClock::new(p.use_sim_time));
     let shared = Arc::new(Shared::default());
     // The collection, the only owner of the collector, has its own thread, as decoding and writing block.
