@@ -15,7 +15,7 @@ use super::{
     settings,
     state_bag::Topics,
 };
-use config::{Config, Resolved};
+use config::{Config, Layers, Resolved};
 
 /// The file of the defaults; its comments describe the parameters.
 const DESCRIBED: &str = include_str!("../../launch_configs/ros/node.yaml");
@@ -33,6 +33,8 @@ pub(crate) struct CurrentParameters {
 /// The current parameters, read and set by other threads.
 pub(crate) struct LiveParameters {
     current: Mutex<Arc<CurrentParameters>>,
+    /// Preset, file and single settings, which are fixed.
+    layers: Layers,
     topics: Topics,
     commands: mpsc::Sender<Command>,
 }
@@ -40,8 +42,13 @@ pub(crate) struct LiveParameters {
 impl LiveParameters {
     /// Begins with the parameters of the start; the collection hears of changes by `commands`.
     #[must_use]
-    pub(crate) fn new(current: CurrentParameters, topics: Topics, commands: mpsc::Sender<Command>) -> Self {
-        Self { current: Mutex::new(Arc::new(current)), topics, commands }
+    pub(crate) fn new(
+        current: CurrentParameters,
+        layers: Layers,
+        topics: Topics,
+        commands: mpsc::Sender<Command>,
+    ) -> Self {
+        Self { current: Mutex::new(Arc::new(current)), layers, topics, commands }
     }
 
     /// What holds now.
@@ -69,7 +76,9 @@ impl LiveParameters {
             parameters = changed;
         }
         // Settings that a run would refuse are refused now.
-        let resolved = settings::run_settings(&parameters, &self.topics).map_err(|e| e.to_string())?;
+        let layers = self.layers.clone();
+        let resolved =
+            settings::run_settings(layers, &parameters, &self.topics).map_err(|e| e.to_string())?;
         let mut changed = Vec::new();
         for (name, value) in parameters.to_mapping() {
             if before.get(&name) != Some(&value) {
@@ -194,8 +203,10 @@ mod tests {
         let (commands, inbox) = mpsc::channel(4);
         let parameters = Parameters::default();
         let topics = Topics::default();
-        let resolved = settings::run_settings(&parameters, &topics).unwrap();
-        (LiveParameters::new(CurrentParameters { parameters, resolved }, topics, commands), inbox)
+        let layers = settings::base_layers(&parameters).unwrap();
+        let resolved = settings::run_settings(layers.clone(), &parameters, &topics).unwrap();
+        let current = CurrentParameters { parameters, resolved };
+        (LiveParameters::new(current, layers, topics, commands), inbox)
     }
 
     fn parameter(name: &str, value: impl Into<Value>) -> Parameter {

@@ -66,7 +66,8 @@ pub fn check_arguments(arguments: &[String]) -> Result<Vec<String>, NodeError> {
     let identity = arguments.node_identity(DEFAULT_NAME)?;
     let Loaded { parameters, unknown } = Parameters::load(&arguments, &identity)?;
     // Also checks the settings of a run, as an error would otherwise show after minutes of collecting.
-    settings::run_settings(&parameters, &inputs::topic_names(&arguments, &identity, &parameters))?;
+    let topics = inputs::topic_names(&arguments, &identity, &parameters);
+    settings::run_settings(settings::base_layers(&parameters)?, &parameters, &topics)?;
     Ok(unknown)
 }
 
@@ -146,7 +147,8 @@ async fn run_live(start: &Start) -> Result<(), NodeError> {
     let p = &start.parameters;
     let topics = inputs::topic_names(&start.arguments, identity, p);
     // Invalid settings are refused before the node becomes visible.
-    let resolved = settings::run_settings(p, &topics)?;
+    let layers = settings::base_layers(p)?;
+    let resolved = settings::run_settings(layers.clone(), p, &topics)?;
     let config = resolved.config.clone();
     // Other programs read results by these paths, and run elsewhere.
     let out_folder = std::path::absolute(&p.out_folder)
@@ -187,7 +189,7 @@ async fn run_live(start: &Start) -> Result<(), NodeError> {
     let core = tokio::task::spawn_blocking(move || handle.block_on(core.run(inbox)));
 
     let current = CurrentParameters { parameters: p.clone(), resolved };
-    let parameters = Arc::new(LiveParameters::new(current, topics.clone(), commands.clone()));
+    let parameters = Arc::new(LiveParameters::new(current, layers, topics.clone(), commands.clone()));
     // Only the last twin and report matter, so the channels hold one value.
     let (twins, twin) = watch::channel(None);
     let reconstructor = Arc::new(Reconstructor {
