@@ -188,7 +188,7 @@ async fn run_live(start: &Start) -> Result<(), NodeError> {
     let handle = tokio::runtime::Handle::current();
     let core = tokio::task::spawn_blocking(move || handle.block_on(core.run(inbox)));
 
-    let current = CurrentParameters { parameters: p.clone(), resolved };
+    let current = CurrentParameters::new(p.clone(), resolved);
     let parameters = Arc::new(LiveParameters::new(current, layers, topics.clone(), commands.clone()));
     // Only the last twin and report matter, so the channels hold one value.
     let (twins, twin) = watch::channel(None);
