@@ -193,7 +193,7 @@ async fn run_live(start: &Start) -> Result<(), NodeError> {
     // Only the last twin and report matter, so the channels hold one value.
     let (twins, twin) = watch::channel(None);
     let reconstructor = Arc::new(Reconstructor {
-        ahead: work_ahead::start_thread(&shared, &config)?,
+        ahead: work_ahead::start_thread(&shared, &parameters)?,
         parameters: Arc::clone(&parameters),
         shared: Arc::clone(&shared),
         twins,
