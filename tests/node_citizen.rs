@@ -16,18 +16,12 @@ mod ros;
 #[path = "common/venv.rs"]
 mod venv;
 
-use std::{
-    path::Path,
-    process::{Command, ExitCode},
-};
+use std::{path::Path, process::ExitCode};
 
 use harness::{Missing, tests};
-use ros::{serial, with_fastdds};
+use ros::{printed_in_namespace, with_fastdds};
 use serde_json::Value;
 
-/// A machine is a network namespace.
-const NO_NAMESPACES: &str =
-    "network namespaces are missing: apt-get install iproute2, and run the tests as root";
 /// Longest time for the first reply to a fresh client, seconds.
 /// chosen: a person does not notice it; a reply that was lost takes 3 s or never comes
 const FIRST_REPLY_SECS: f64 = 0.2;
@@ -45,27 +39,10 @@ fn main() -> ExitCode {
 
 /// Runs `tests/python/ros/citizen.py` in a network namespace of its own.
 fn citizen(arguments: &[&str]) -> Result<Value, Missing> {
-    let python =
-        if cfg!(target_os = "linux") { venv::ros_python()? } else { return Err("Linux is missing".into()) };
     if with_fastdds() {
         return Err(ros::ONLY_CYCLONE.into());
     }
-    if !Command::new("unshare").args(["--net", "true"]).status().is_ok_and(|s| s.success()) {
-        return Err(NO_NAMESPACES.into());
-    }
-    let _serial = serial();
-    let folder = tempfile::tempdir().unwrap();
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/ros/citizen.py");
-    let mut command = Command::new("unshare");
-    command.arg("--net").arg(python).arg(script).arg(env!("CARGO_BIN_EXE_artitwin")).arg(folder.path());
-    let output = command.args(arguments).env_remove("CYCLONEDDS_URI").output().unwrap();
-    let error = String::from_utf8_lossy(&output.stderr);
-    if output.status.code() == Some(3) {
-        eprintln!("{error}");
-        return Err(NO_NAMESPACES.into());
-    }
-    assert!(output.status.success(), "{error}");
-    Ok(serde_json::from_slice(&output.stdout).unwrap())
+    printed_in_namespace("citizen.py", arguments)
 }
 
 fn log_of(told: &Value) -> &str {

@@ -15,17 +15,10 @@ mod ros;
 #[path = "common/venv.rs"]
 mod venv;
 
-use std::{
-    path::{Path, PathBuf},
-    process::{Command, ExitCode},
-};
+use std::process::ExitCode;
 
 use harness::{Missing, tests};
-use ros::{Node, scenario, serial, with_fastdds};
-
-/// Two machines are two network namespaces and a pair of interfaces.
-const NO_NAMESPACES: &str =
-    "network namespaces are missing: apt-get install iproute2, and run the tests as root";
+use ros::{Node, linux_python, printed_in_namespace, scenario, serial, with_fastdds};
 
 fn main() -> ExitCode {
     harness::main(tests![
@@ -35,34 +28,8 @@ fn main() -> ExitCode {
     ])
 }
 
-/// The neighbor of the node, on Linux: its sockets and memory are read from /proc.
-fn neighbor() -> Result<PathBuf, Missing> {
-    if cfg!(target_os = "linux") { venv::ros_python() } else { Err("Linux is missing".into()) }
-}
-
 fn who_is_not_on_this_machine_gets_nothing() -> Result<(), Missing> {
-    let python = neighbor()?;
-    if !Command::new("unshare").args(["--net", "true"]).status().is_ok_and(|s| s.success()) {
-        return Err(NO_NAMESPACES.into());
-    }
-    let _serial = serial();
-    let folder = tempfile::tempdir().unwrap();
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/ros/outside.py");
-    let mut command = Command::new("unshare");
-    command
-        .arg("--net")
-        .arg(python)
-        .arg(script)
-        .arg(env!("CARGO_BIN_EXE_artitwin"))
-        .arg(folder.path().join("out"));
-    let output = command.output().unwrap();
-    let error = String::from_utf8_lossy(&output.stderr);
-    if output.status.code() == Some(3) {
-        eprintln!("{error}");
-        return Err(NO_NAMESPACES.into());
-    }
-    assert!(output.status.success(), "{error}");
-    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let told = printed_in_namespace("outside.py", &[])?;
     let closed = &told["closed"];
     assert_eq!(closed["bound"], serde_json::json!(["127.0.0.1", "239.255.0.1"]), "{told}");
     assert_eq!(
@@ -91,7 +58,7 @@ fn who_is_not_on_this_machine_gets_nothing() -> Result<(), Missing> {
 }
 
 fn a_datagram_costs_no_more_than_it_holds() -> Result<(), Missing> {
-    let python = neighbor()?;
+    let python = linux_python()?;
     if with_fastdds() {
         return Err(ros::ONLY_CYCLONE.into());
     }
@@ -112,7 +79,7 @@ fn a_datagram_costs_no_more_than_it_holds() -> Result<(), Missing> {
 }
 
 fn large_images_arrive() -> Result<(), Missing> {
-    let python = neighbor()?;
+    let python = linux_python()?;
     let _serial = serial();
     let folder = tempfile::tempdir().unwrap();
     let node = Node::start(

@@ -35,18 +35,10 @@ impl CancelGoalRequest {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rustdds::{
-        RepresentationIdentifier, serialization::deserialize_from_cdr_with_rep_id,
-        serialization::to_writer_with_rep_id,
-    };
+    use crate::service_server::tests::cdr;
+    use rustdds::{RepresentationIdentifier, serialization::deserialize_from_cdr_with_rep_id};
 
     const ENCODING: RepresentationIdentifier = RepresentationIdentifier::CDR_LE;
-
-    fn cdr(message: &impl Serialize) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        to_writer_with_rep_id(&mut bytes, message, ENCODING).unwrap();
-        bytes
-    }
 
     /// The identifier of 16 equal bytes, read as from a client.
     fn goal_id(byte: u8) -> GoalId {

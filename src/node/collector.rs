@@ -198,6 +198,7 @@ impl Collector {
         self.held.clear();
         self.tracking.to_track.clear();
         self.tracking.kept = None;
+        self.tracking.in_state = self.settings.tracking;
         self.bag = Some(bag);
         self.phase = Phase::Collecting(state);
         Ok(())

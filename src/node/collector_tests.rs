@@ -276,6 +276,14 @@ fn a_view_of_an_earlier_map_is_left_out_and_one_that_asks_for_poses_is_not_track
     }
     // Also where transforms come.
     assert_eq!(views.len(), 16);
+    // What is set during a state counts from the next one on.
+    always.start_state(0).unwrap();
+    always.set_tracking(TrackCamera::Never);
+    assert_eq!((feed(&mut always, 0), always.take_to_track().is_empty()), (0, false));
+    assert!(always.finish_state(0).is_err());
+    always.start_state(0).unwrap();
+    feed(&mut always, 0);
+    assert_eq!((always.kept_views()[0], always.take_to_track().is_empty()), (16, true));
     always.begin_map();
     let view = View { stamp_nanos: 1, images: [None, None, None], world_from_camera: Pose::identity() };
     let outcome = crate::live_tracking::Outcome::Lost(capture::Lost::Dark);

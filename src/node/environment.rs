@@ -23,6 +23,8 @@ pub(crate) struct Environment {
     pub reach: Reach,
     /// Machines that are asked for other nodes (`ROS_STATIC_PEERS`).
     pub peers: Vec<IpAddr>,
+    /// Addresses of the networks to use; `None` for all.
+    pub networks: Option<Vec<IpAddr>>,
     /// Warnings to log.
     pub warnings: Vec<String>,
 }
@@ -103,7 +105,8 @@ impl Environment {
                     .into(),
             );
         }
-        Ok(Self { domain, reach, peers, warnings })
+        let networks = networks_to_use(reach, &peers);
+        Ok(Self { domain, reach, peers, networks, warnings })
     }
 
     /// Whether nobody is to be heard.
@@ -128,20 +131,19 @@ impl Environment {
         }
         peers
     }
+}
 
-    /// Addresses of the networks to use; `None` for all.
-    #[must_use]
-    pub(crate) fn networks(&self) -> Option<Vec<IpAddr>> {
-        match self.reach {
-            Reach::Subnet => None,
-            Reach::Off => Some(Vec::new()),
-            Reach::Localhost => {
-                let mut networks = vec![IpAddr::V4(Ipv4Addr::LOCALHOST)];
-                for peer in &self.peers {
-                    networks.extend(own_address_towards(*peer).filter(|a| !networks.contains(a)));
-                }
-                Some(networks)
+/// Addresses of the networks by which others and the listed peers are reached; `None` for all.
+fn networks_to_use(reach: Reach, peers: &[IpAddr]) -> Option<Vec<IpAddr>> {
+    match reach {
+        Reach::Subnet => None,
+        Reach::Off => Some(Vec::new()),
+        Reach::Localhost => {
+            let mut networks = vec![IpAddr::V4(Ipv4Addr::LOCALHOST)];
+            for peer in peers {
+                networks.extend(own_address_towards(*peer).filter(|a| !networks.contains(a)));
             }
+            Some(networks)
         }
     }
 }
@@ -192,14 +194,14 @@ mod tests {
         let local = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST");
         let alone = read(&[local]).unwrap();
         assert!(alone.is_closed());
-        assert_eq!(alone.networks().unwrap(), alone.discovery_peers());
+        assert_eq!(alone.networks.clone().unwrap(), alone.discovery_peers());
         let peers = read(&[local, ("ROS_STATIC_PEERS", "127.0.0.1; 192.0.2.7;;")]).unwrap();
         assert_eq!(peers.peers, ["127.0.0.1", "192.0.2.7"].map(|a| a.parse::<IpAddr>().unwrap()));
         assert!(!peers.is_closed());
         let off =
             read(&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF"), ("ROS_STATIC_PEERS", "192.0.2.7")]).unwrap();
         assert!(off.is_closed() && off.is_alone() && off.peers.is_empty());
-        assert_eq!(off.networks(), Some(Vec::new()));
+        assert_eq!(off.networks, Some(Vec::new()));
         let unknown = read(&[("ROS_STATIC_PEERS", "no host")]).unwrap();
         assert!(unknown.peers.is_empty() && unknown.warnings[0].contains("`no host`"));
     }

@@ -47,14 +47,7 @@ pub(crate) type GraphWriter = DataWriterCdr<ParticipantEntitiesInfo>;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rustdds::{RepresentationIdentifier, serialization::to_writer_with_rep_id};
-    use serde::Serialize;
-
-    fn cdr(message: &impl Serialize) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        to_writer_with_rep_id(&mut bytes, message, RepresentationIdentifier::CDR_LE).unwrap();
-        bytes
-    }
+    use crate::service_server::tests::cdr;
 
     #[test]
     fn the_message_has_the_bytes_of_its_definition() {

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use serde_norway::Value;
+use serde_norway::{Mapping, Value};
 use tokio::sync::mpsc;
 
 use super::{
@@ -15,7 +15,7 @@ use super::{
     settings,
     state_bag::Topics,
 };
-use config::{Config, Resolved};
+use config::{Config, Layers, Resolved};
 
 /// The file of the defaults; its comments describe the parameters.
 const DESCRIBED: &str = include_str!("../../launch_configs/ros/node.yaml");
@@ -28,11 +28,23 @@ pub(crate) struct CurrentParameters {
     pub parameters: Parameters,
     /// Settings of a run.
     pub resolved: Resolved<Config>,
+    /// Names and values of the parameters.
+    values: Mapping,
+}
+
+impl CurrentParameters {
+    /// Parameters with the settings of a run with them.
+    #[must_use]
+    pub(crate) fn new(parameters: Parameters, resolved: Resolved<Config>) -> Self {
+        Self { values: parameters.to_mapping(), parameters, resolved }
+    }
 }
 
 /// The current parameters, read and set by other threads.
 pub(crate) struct LiveParameters {
     current: Mutex<Arc<CurrentParameters>>,
+    /// Preset, file and single settings, which are fixed.
+    layers: Layers,
     topics: Topics,
     commands: mpsc::Sender<Command>,
 }
@@ -40,8 +52,13 @@ pub(crate) struct LiveParameters {
 impl LiveParameters {
     /// Begins with the parameters of the start; the collection hears of changes by `commands`.
     #[must_use]
-    pub(crate) fn new(current: CurrentParameters, topics: Topics, commands: mpsc::Sender<Command>) -> Self {
-        Self { current: Mutex::new(Arc::new(current)), topics, commands }
+    pub(crate) fn new(
+        current: CurrentParameters,
+        layers: Layers,
+        topics: Topics,
+        commands: mpsc::Sender<Command>,
+    ) -> Self {
+        Self { current: Mutex::new(Arc::new(current)), layers, topics, commands }
     }
 
     /// What holds now.
@@ -56,7 +73,6 @@ impl LiveParameters {
     /// The reason for a person, with the remedy.
     pub(crate) fn set_all(&self, asked: &[Parameter]) -> Result<Vec<Parameter>, String> {
         let mut current = self.current.lock().unwrap_or_else(PoisonError::into_inner);
-        let before = current.parameters.to_mapping();
         let mut parameters = current.parameters.clone();
         for Parameter { name, value } in asked {
             let value =
@@ -69,35 +85,35 @@ impl LiveParameters {
             parameters = changed;
         }
         // Settings that a run would refuse are refused now.
-        let resolved = settings::run_settings(&parameters, &self.topics).map_err(|e| e.to_string())?;
-        let mut changed = Vec::new();
-        for (name, value) in parameters.to_mapping() {
-            if before.get(&name) != Some(&value) {
-                let name = name.as_str().unwrap_or_default().to_owned();
-                changed.push(Parameter { name, value: value_from_yaml(&value) });
-            }
-        }
+        let layers = self.layers.clone();
+        let resolved =
+            settings::run_settings(layers, &parameters, &self.topics).map_err(|e| e.to_string())?;
         let followed = Followed { tracking: resolved.config.capture.tracking, live_map: parameters.live_map };
+        let next = CurrentParameters::new(parameters, resolved);
+        let mut changed = Vec::new();
+        for (name, value) in next.values.iter().filter(|(n, v)| current.values.get(n) != Some(*v)) {
+            let name = name.as_str().unwrap_or_default().to_owned();
+            changed.push(Parameter { name, value: value_from_yaml(value) });
+        }
         // A queue that is full means that the collection is stuck; then nothing is changed.
         if self.commands.try_send(Command::Follow(followed)).is_err() {
             return Err("the collection is busy".to_owned());
         }
-        *current = Arc::new(CurrentParameters { parameters, resolved });
+        *current = Arc::new(next);
         Ok(changed)
     }
 
     /// Names of all parameters.
     #[must_use]
     pub(crate) fn names(&self) -> Vec<String> {
-        let values = self.current().parameters.to_mapping();
-        values.iter().filter_map(|(name, _)| name.as_str().map(str::to_owned)).collect()
+        let current = self.current();
+        current.values.iter().filter_map(|(name, _)| name.as_str().map(str::to_owned)).collect()
     }
 
     /// The value of a parameter; not set if there is none of this name.
     #[must_use]
     pub(crate) fn value(&self, name: &str) -> ParameterValue {
-        let value = self.current().parameters.to_mapping().get(name).cloned();
-        value_from_yaml(&value.unwrap_or(Value::Null))
+        value_from_yaml(self.current().values.get(name).unwrap_or(&Value::Null))
     }
 
     /// What a parameter means and allows.
@@ -194,8 +210,10 @@ mod tests {
         let (commands, inbox) = mpsc::channel(4);
         let parameters = Parameters::default();
         let topics = Topics::default();
-        let resolved = settings::run_settings(&parameters, &topics).unwrap();
-        (LiveParameters::new(CurrentParameters { parameters, resolved }, topics, commands), inbox)
+        let layers = settings::base_layers(&parameters).unwrap();
+        let resolved = settings::run_settings(layers.clone(), &parameters, &topics).unwrap();
+        let current = CurrentParameters::new(parameters, resolved);
+        (LiveParameters::new(current, layers, topics, commands), inbox)
     }
 
     fn parameter(name: &str, value: impl Into<Value>) -> Parameter {

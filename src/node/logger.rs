@@ -41,20 +41,21 @@ impl Logger {
     }
 }
 
-/// ROS 2 numbers levels: 10 debug, 20 info, 30 warn, 40 error, 50 fatal.
+/// The lines that are shown from a level on, as ROS 2 numbers it.
 fn filter_of_number(number: u32) -> LevelFilter {
-    match number {
-        0..=10 => LevelFilter::Debug,
-        11..=20 => LevelFilter::Info,
-        21..=30 => LevelFilter::Warn,
+    match u8::try_from(number).unwrap_or(LogMessage::FATAL) {
+        ..=LogMessage::DEBUG => LevelFilter::Debug,
+        ..=LogMessage::INFO => LevelFilter::Info,
+        ..=LogMessage::WARN => LevelFilter::Warn,
         _ => LevelFilter::Error,
     }
 }
 
-/// The present level as ROS 2 numbers it.
+/// The present level of a logger as ROS 2 numbers it; 0, as rclcpp answers where none was set, for others
+/// than the node's.
 #[must_use]
-pub(crate) fn level_number() -> u32 {
-    LOGGER.get().map_or(0, |l| l.level.load(Ordering::Relaxed))
+pub(crate) fn level_of_logger(name: &str) -> u32 {
+    LOGGER.get().filter(|l| l.name == name).map_or(0, |l| l.level.load(Ordering::Relaxed))
 }
 
 /// Sets the level of the node's logger; 0 is the level of the start.
@@ -84,7 +85,7 @@ impl Log for Logger {
         if !self.enabled(record.metadata()) {
             return;
         }
-        let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64();
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let name = if is_own(record.metadata()) { self.name.as_str() } else { record.target() };
         let (level, number) = match record.level() {
             Level::Error => ("ERROR", LogMessage::ERROR),
@@ -95,11 +96,12 @@ impl Log for Logger {
         // Names may come from the network, and terminals execute control characters.
         let text: String =
             record.args().to_string().chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-        writeln!(std::io::stderr(), "[{level}] [{seconds:.6}] [{name}]: {text}").ok();
+        let seconds = format!("{}.{:06}", now.as_secs(), now.subsec_micros());
+        writeln!(std::io::stderr(), "[{level}] [{seconds}] [{name}]: {text}").ok();
         // Not the middleware's lines: publishing may make them.
         if let Some(queue) = COPIES.get().filter(|_| is_own(record.metadata())) {
             let line = LogMessage {
-                stamp: builtin_interfaces::Time::from_nanos((seconds * 1e9) as i64),
+                stamp: builtin_interfaces::Time::from_nanos(i64::try_from(now.as_nanos()).unwrap_or(0)),
                 level: number,
                 name: name.to_owned(),
                 msg: text,
@@ -117,14 +119,14 @@ impl Log for Logger {
 /// Starts the log of a node; `level` is `debug`, `info`, `warn`, `error` or `fatal`, and `silent` shows only
 /// errors.
 pub(crate) fn start_log(name: &str, level: Option<&str>, silent: bool) {
-    let number = match level {
-        _ if silent => 40,
-        Some("debug") => 10,
-        Some("warn") => 30,
-        Some("error") => 40,
-        Some("fatal") => 50,
-        _ => 20,
-    };
+    let number = u32::from(match level {
+        _ if silent => LogMessage::ERROR,
+        Some("debug") => LogMessage::DEBUG,
+        Some("warn") => LogMessage::WARN,
+        Some("error") => LogMessage::ERROR,
+        Some("fatal") => LogMessage::FATAL,
+        _ => LogMessage::INFO,
+    });
     let logger = LOGGER.get_or_init(|| Logger { name: name.to_owned(), start: number, level: number.into() });
     if log::set_logger(logger).is_ok() {
         log::set_max_level(filter_of_number(number));

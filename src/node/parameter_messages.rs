@@ -83,13 +83,7 @@ pub(crate) struct SetLoggerLevelsResponse {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rustdds::{RepresentationIdentifier, serialization::to_writer_with_rep_id};
-
-    fn cdr(message: &impl Serialize) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        to_writer_with_rep_id(&mut bytes, message, RepresentationIdentifier::CDR_LE).unwrap();
-        bytes
-    }
+    use crate::service_server::tests::cdr;
 
     #[test]
     fn values_have_the_bytes_of_their_definition_and_are_read_back() {

@@ -128,9 +128,9 @@ fn offer_log_level(participant: &mut Participant) -> Result<(), NodeError> {
         "~/get_logger_levels",
         "rcl_interfaces/srv/GetLoggerLevels",
         |request: GetLoggerLevelsRequest| {
-            let level = logger::level_number();
             let names = request.names.into_iter().take(MOST_NAMES);
-            let levels = names.map(|name| LoggerLevel { name, level }).collect();
+            let levels =
+                names.map(|name| LoggerLevel { level: logger::level_of_logger(&name), name }).collect();
             async { LoggerLevels { levels } }
         },
     )?;

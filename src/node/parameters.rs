@@ -7,6 +7,7 @@ use serde_norway::{Mapping, Value};
 use super::{
     parameter_file::{ParameterFileError, parameters_of_file},
     ros_args::{ParameterSource, RosArgs},
+    ros_names::means_node,
 };
 
 /// All parameters with their defaults. Empty text means not given.
@@ -221,11 +222,7 @@ impl Parameters {
         for source in &arguments.parameters {
             let found = match source {
                 ParameterSource::File(path) => parameters_of_file(path, node)?,
-                ParameterSource::Value { node: Some(n), .. }
-                    if n.trim_start_matches('/') != node.base_name() && *n != node.fully_qualified_name() =>
-                {
-                    continue;
-                }
+                ParameterSource::Value { node: Some(n), .. } if !means_node(n, node) => continue,
                 ParameterSource::Value { name, value, .. } => vec![(name.clone(), value.clone())],
             };
             for (name, value) in found {

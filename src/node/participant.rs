@@ -141,7 +141,7 @@ impl Participant {
             .same_host_loopback(!environment.is_alone())
             .spdp_peers(environment.discovery_peers());
         // Sockets are bound to these addresses too (vendor/rustdds); the released RustDDS binds to all.
-        if let Some(networks) = environment.networks() {
+        if let Some(networks) = environment.networks.clone() {
             builder = builder.with_only_networks(networks);
         }
         let domain = builder.build().map_err(failed)?;

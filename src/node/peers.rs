@@ -70,11 +70,11 @@ impl Known {
         self.topics.insert(gid, endpoint.topic_name);
     }
 
-    fn forget_endpoint(&mut self, guid: GUID) {
-        let gid = guid.to_bytes();
-        self.topics.remove(&gid);
-        self.clients.remove(&gid);
-        self.readers.values_mut().for_each(|readers| _ = readers.remove(&gid));
+    /// Forgets all identifiers with these first bytes: an endpoint, or all endpoints of a participant.
+    fn forget(&mut self, first: &[u8]) {
+        self.topics.retain(|gid, _| !gid.starts_with(first));
+        self.clients.retain(|gid, _| !gid.starts_with(first));
+        self.readers.values_mut().for_each(|readers| readers.retain(|gid| !gid.starts_with(first)));
     }
 
     /// ROS name of an endpoint's topic.
@@ -119,8 +119,10 @@ impl Peers {
                 self.matched.notify_waiters();
             }
             Event::ReaderLost { guid, .. } | Event::WriterLost { guid, .. } => {
-                self.known().forget_endpoint(guid)
+                self.known().forget(&guid.to_bytes());
             }
+            // Endpoints of a participant that ends or falls silent are not named one by one.
+            Event::ParticipantLost { id, .. } => self.known().forget(id.as_ref()),
             Event::RemoteReaderQosIncompatible { remote_reader, requested_qos, offered_qos, .. } => {
                 let policy = refused_policy(&offered_qos, &requested_qos);
                 let known = self.known();
@@ -216,7 +218,10 @@ mod tests {
         assert_eq!(found(&known, client(gid(1, 1), None)), None);
         known.clients.insert(gid(1, 3), b"a".to_vec());
         assert_eq!(found(&known, client(gid(1, 1), None)), Some(gid(1, 3)));
-        known.forget_endpoint(GUID::from_bytes(gid(1, 3)));
+        known.forget(&gid(1, 3));
         assert_eq!(found(&known, client(gid(1, 1), None)), None);
+        known.forget(&gid(2, 0)[..12]);
+        assert_eq!(found(&known, client(gid(2, 1), None)), None);
+        assert_eq!(known.readers[&reply_writer.to_bytes()], BTreeSet::from([gid(1, 2)]));
     }
 }

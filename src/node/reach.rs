@@ -35,8 +35,7 @@ fn reach_line(environment: &Environment, addresses: &[Ipv4Addr], sockets: &[Sock
                 ROS_AUTOMATIC_DISCOVERY_RANGE to LOCALHOST for them too, or to SUBNET for this node"
             .to_owned();
     }
-    let networks = environment.networks();
-    let is_used = |a: &&Ipv4Addr| networks.as_ref().is_none_or(|n| n.contains(&IpAddr::V4(**a)));
+    let is_used = |a: &&Ipv4Addr| environment.networks.as_ref().is_none_or(|n| n.contains(&IpAddr::V4(**a)));
     let used = addresses.iter().filter(is_used).map(ToString::to_string).collect();
     format!(
         "open to the network: addresses {}, UDP ports {}; there is no authentication: whoever reaches \

@@ -6,7 +6,7 @@ use serde_norway::Value;
 
 use ros2_client::NodeName;
 
-use super::ros_names::{checked_node_name, expanded_name, strip_transport};
+use super::ros_names::{checked_node_name, expanded_name, means_node, strip_transport};
 
 /// Arguments between `--ros-args` and `--`, and the rest.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -147,9 +147,7 @@ impl RosArgs {
     pub(crate) fn resolved_name(&self, name: &str, node: &NodeName) -> String {
         let full = expanded_name(strip_transport(name), node);
         for r in &self.remaps {
-            let is_own = r.node.as_ref().is_none_or(|n| {
-                n.trim_start_matches('/') == node.base_name() || *n == node.fully_qualified_name()
-            });
+            let is_own = r.node.as_ref().is_none_or(|n| means_node(n, node));
             if is_own && !r.from.starts_with("__") && expanded_name(strip_transport(&r.from), node) == full {
                 return expanded_name(strip_transport(&r.to), node);
             }

@@ -70,6 +70,12 @@ pub(crate) fn expanded_name(name: &str, node: &NodeName) -> String {
     }
 }
 
+/// Whether a name before a remapping or parameter means the node: its name, or its full name.
+#[must_use]
+pub(crate) fn means_node(name: &str, node: &NodeName) -> bool {
+    name.trim_start_matches('/') == node.base_name() || name == node.fully_qualified_name()
+}
+
 /// Removes `rostopic://` and `rosservice://`.
 #[must_use]
 pub(crate) fn strip_transport(name: &str) -> &str {

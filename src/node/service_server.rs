@@ -249,20 +249,26 @@ fn read_request<Q: DeserializeOwned>(
 }
 
 fn reply_sample<A: Serialize>(id: &RequestId, reply: &A) -> Result<RawSample, ServiceError> {
-    let encoding = RepresentationIdentifier::CDR_LE;
+    let mut bytes = id.header.map_or(Ok(Vec::new()), |header| cdr_bytes(&header))?;
+    bytes.extend(cdr_bytes(reply)?);
+    Ok(RawSample { encoding: RepresentationIdentifier::CDR_LE, bytes: bytes.into() })
+}
+
+/// A message in little-endian CDR, without the header of a sample.
+fn cdr_bytes(message: &impl Serialize) -> Result<Vec<u8>, rustdds::serialization::Error> {
     let mut bytes = Vec::new();
-    if let Some(header) = &id.header {
-        to_writer_with_rep_id(&mut bytes, header, encoding)?;
-    }
-    let mut body = Vec::new();
-    to_writer_with_rep_id(&mut body, reply, encoding)?;
-    bytes.extend(body);
-    Ok(RawSample { encoding, bytes: bytes.into() })
+    to_writer_with_rep_id(&mut bytes, message, RepresentationIdentifier::CDR_LE)?;
+    Ok(bytes)
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
+
+    /// The bytes of a message, for the tests of messages, too.
+    pub(crate) fn cdr(message: &impl Serialize) -> Vec<u8> {
+        cdr_bytes(message).unwrap()
+    }
 
     /// An identifier of a vendor's participant, and an entity kind.
     fn guid(vendor: u8, kind: u8) -> GUID {
@@ -277,10 +283,7 @@ mod tests {
     }
 
     fn sample(value: &impl Serialize) -> RawSample {
-        let encoding = RepresentationIdentifier::CDR_LE;
-        let mut bytes = Vec::new();
-        to_writer_with_rep_id(&mut bytes, value, encoding).unwrap();
-        RawSample { encoding, bytes: bytes.into() }
+        RawSample { encoding: RepresentationIdentifier::CDR_LE, bytes: cdr(value).into() }
     }
 
     #[test]

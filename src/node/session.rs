@@ -66,7 +66,8 @@ pub fn check_arguments(arguments: &[String]) -> Result<Vec<String>, NodeError> {
     let identity = arguments.node_identity(DEFAULT_NAME)?;
     let Loaded { parameters, unknown } = Parameters::load(&arguments, &identity)?;
     // Also checks the settings of a run, as an error would otherwise show after minutes of collecting.
-    settings::run_settings(&parameters, &inputs::topic_names(&arguments, &identity, &parameters))?;
+    let topics = inputs::topic_names(&arguments, &identity, &parameters);
+    settings::run_settings(settings::base_layers(&parameters)?, &parameters, &topics)?;
     Ok(unknown)
 }
 
@@ -113,12 +114,15 @@ impl Start {
         Ok(Self { arguments, identity, environment, parameters: loaded.parameters })
     }
 
-    /// Joins the domain and logs from where the node can be reached.
+    /// Joins the domain, logs from where the node can be reached, and begins `/rosout`.
     pub(crate) fn join_domain(&self) -> Result<Participant, NodeError> {
-        let participant =
+        let mut participant =
             Participant::join_domain(&self.environment, &self.arguments, &self.identity, &self.parameters)?;
         // Only after joining are the sockets open.
         reach::check_sockets(&self.environment)?;
+        if !self.arguments.no_rosout {
+            rosout::publish_log(&mut participant)?;
+        }
         Ok(participant)
     }
 }
@@ -143,7 +147,8 @@ async fn run_live(start: &Start) -> Result<(), NodeError> {
     let p = &start.parameters;
     let topics = inputs::topic_names(&start.arguments, identity, p);
     // Invalid settings are refused before the node becomes visible.
-    let resolved = settings::run_settings(p, &topics)?;
+    let layers = settings::base_layers(p)?;
+    let resolved = settings::run_settings(layers.clone(), p, &topics)?;
     let config = resolved.config.clone();
     // Other programs read results by these paths, and run elsewhere.
     let out_folder = std::path::absolute(&p.out_folder)
@@ -159,9 +164,6 @@ async fn run_live(start: &Start) -> Result<(), NodeError> {
     // The folder before the network: a second node with this folder must end before it disturbs the first.
     let lock = SessionLock::take(&first)?;
     let mut participant = start.join_domain()?;
-    if !start.arguments.no_rosout {
-        rosout::publish_log(&mut participant)?;
-    }
     let clock = Arc::new(NodeClock::new(p.use_sim_time));
     let shared = Arc::new(Shared::default());
     // The collection, the only owner of the collector, has its own thread, as decoding and writing block.
@@ -186,12 +188,12 @@ async fn run_live(start: &Start) -> Result<(), NodeError> {
     let handle = tokio::runtime::Handle::current();
     let core = tokio::task::spawn_blocking(move || handle.block_on(core.run(inbox)));
 
-    let current = CurrentParameters { parameters: p.clone(), resolved };
-    let parameters = Arc::new(LiveParameters::new(current, topics.clone(), commands.clone()));
+    let current = CurrentParameters::new(p.clone(), resolved);
+    let parameters = Arc::new(LiveParameters::new(current, layers, topics.clone(), commands.clone()));
     // Only the last twin and report matter, so the channels hold one value.
     let (twins, twin) = watch::channel(None);
     let reconstructor = Arc::new(Reconstructor {
-        ahead: work_ahead::start_thread(&shared, &config)?,
+        ahead: work_ahead::start_thread(&shared, &parameters)?,
         parameters: Arc::clone(&parameters),
         shared: Arc::clone(&shared),
         twins,

@@ -14,11 +14,11 @@ const HELD_VIEWS: usize = 4;
 /// Frame of published tracked poses: named as in REP 105, and RViz's default.
 const MAP_FRAME: &str = "map";
 
-/// Merges preset, file and single settings with the topics and frames of the parameters.
+/// Merges preset, file and single settings of the parameters.
 ///
 /// # Errors
-/// If a setting is unknown or invalid.
-pub(crate) fn run_settings(p: &Parameters, topics: &Topics) -> Result<Resolved<Config>, ConfigError> {
+/// If the file cannot be read, or a setting is unknown.
+pub(crate) fn base_layers(p: &Parameters) -> Result<Layers, ConfigError> {
     let mut layers = Layers::new(&Config::default())?;
     if !p.preset.is_empty() {
         layers.add_preset(&p.preset)?;
@@ -27,6 +27,18 @@ pub(crate) fn run_settings(p: &Parameters, topics: &Topics) -> Result<Resolved<C
         layers.add_file(p.config_file.as_ref())?;
     }
     p.settings.iter().try_for_each(|assignment| layers.add_setting(assignment))?;
+    Ok(layers)
+}
+
+/// Adds the topics, frames and other settings of the parameters to layers.
+///
+/// # Errors
+/// If a setting is invalid.
+pub(crate) fn run_settings(
+    mut layers: Layers,
+    p: &Parameters,
+    topics: &Topics,
+) -> Result<Resolved<Config>, ConfigError> {
     let text = |s: &String| (!s.is_empty()).then(|| Value::from(s.as_str()));
     // Topics after remapping, as in the bags.
     let assigned = [
@@ -43,9 +55,7 @@ pub(crate) fn run_settings(p: &Parameters, topics: &Topics) -> Result<Resolved<C
     for (parameter, key, value) in assigned {
         value.into_iter().try_for_each(|v| layers.add_option(&format!("parameter {parameter}"), key, v))?;
     }
-    let resolved: Resolved<Config> = layers.resolve()?;
-    resolved.config.check().map_err(|error| error.with_origin(&resolved.origins))?;
-    Ok(resolved)
+    Config::from_layers(layers)
 }
 
 /// Settings of the collector; synchronization and gaps are those of the run.

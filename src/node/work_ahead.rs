@@ -11,44 +11,51 @@ use std::{
 use super::{
     collection::{Shared, Snapshot},
     error::NodeError,
+    live_parameters::LiveParameters,
 };
 use ::io::GrowingState;
-use capture::CaptureConfig;
 use common::ahead::Ahead;
-use config::Config;
 use run::{Monitor, capture::work_ahead};
 
 /// Time between checks for work.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 
-/// Starts the thread; returns its results. It ends when all other holders of `shared` are gone.
+/// Starts the thread; returns its results. It ends when all holders of `shared` or `parameters` are gone.
 ///
 /// # Errors
 /// If no thread can be created.
-pub(crate) fn start_thread(shared: &Arc<Shared>, config: &Config) -> Result<Arc<Ahead>, NodeError> {
+pub(crate) fn start_thread(
+    shared: &Arc<Shared>,
+    parameters: &Arc<LiveParameters>,
+) -> Result<Arc<Ahead>, NodeError> {
     let failed = |source| NodeError::System { what: "starting the work ahead", source };
     let ahead = Arc::new(Ahead::new());
     let found = Arc::clone(&ahead);
     let shared = Arc::downgrade(shared);
-    let capture = config.capture.clone();
-    let seed = config.run.seed;
+    let parameters = Arc::downgrade(parameters);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
     let pool = pool.map_err(|error| failed(io::Error::other(error)))?;
     let thread = Builder::new().name("ahead".into());
-    thread
-        .spawn(move || pool.install(|| work_while_shared(&shared, &capture, seed, &found)))
-        .map_err(failed)?;
+    thread.spawn(move || pool.install(|| work_while_shared(&shared, &parameters, &found))).map_err(failed)?;
     Ok(ahead)
 }
 
-fn work_while_shared(shared: &Weak<Shared>, config: &CaptureConfig, seed: u64, ahead: &Ahead) {
+fn work_while_shared(shared: &Weak<Shared>, parameters: &Weak<LiveParameters>, ahead: &Ahead) {
     let mut states: [Option<GrowingState>; 2] = [None, None];
     let mut collecting = None;
+    let mut used = None;
     while let Some(shared) = shared.upgrade() {
         let snapshot = shared.snapshot();
         // A reconstruction has started to read and needs the CPU.
         let busy = shared.is_read();
         drop(shared);
+        let Some(current) = parameters.upgrade().map(|p| p.current()) else { return };
+        let config = &current.resolved.config;
+        if used.as_ref() != Some(&config.capture) {
+            used = Some(config.capture.clone());
+            // What was read so far was read by other settings.
+            states = [None, None];
+        }
         if snapshot.collecting != collecting {
             collecting = snapshot.collecting;
             // A restarted state has another recording under the same name.
@@ -61,7 +68,9 @@ fn work_while_shared(shared: &Weak<Shared>, config: &CaptureConfig, seed: u64, a
             }
             let Some(known) = known else { continue };
             // A new state has too few views; a run reports what a finished one lacks.
-            if let Ok(Some(grown)) = work_ahead(known, config, seed, ahead, &Monitor::silent()) {
+            if let Ok(Some(grown)) =
+                work_ahead(known, &config.capture, config.run.seed, ahead, &Monitor::silent())
+            {
                 log::debug!("state {state}: {} of {} views looked at ahead", grown.taken, grown.views);
             }
         }

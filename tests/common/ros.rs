@@ -4,11 +4,17 @@
 
 use std::{
     io::Read as _,
-    path::Path,
+    path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     sync::{Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant},
 };
+
+use crate::{harness::Missing, venv};
+
+/// A machine is a network namespace, and a cable between two is a pair of interfaces.
+const NO_NAMESPACES: &str =
+    "network namespaces are missing: apt-get install iproute2, and run the tests as root";
 
 /// One test of the network at a time: they need a core each.
 pub fn serial() -> MutexGuard<'static, ()> {
@@ -22,6 +28,33 @@ pub const ONLY_CYCLONE: &str = "Cyclone DDS is missing: run the test without DDS
 /// Whether the neighbors are made of Fast DDS (`tests/fastdds/run.sh`), not of Cyclone DDS.
 pub fn with_fastdds() -> bool {
     std::env::var_os("DDS_PEER").is_some_and(|peer| peer == "fastdds")
+}
+
+/// The Python of the node's neighbors on Linux, where a process' sockets and memory are read from /proc.
+pub fn linux_python() -> Result<PathBuf, Missing> {
+    if cfg!(target_os = "linux") { venv::ros_python() } else { Err("Linux is missing".into()) }
+}
+
+/// Runs a script of `tests/python/ros` in a network namespace of its own, with the program, a folder and
+/// these arguments; what it prints.
+pub fn printed_in_namespace(script: &str, arguments: &[&str]) -> Result<serde_json::Value, Missing> {
+    let python = linux_python()?;
+    if !Command::new("unshare").args(["--net", "true"]).status().is_ok_and(|s| s.success()) {
+        return Err(NO_NAMESPACES.into());
+    }
+    let _serial = serial();
+    let folder = tempfile::tempdir().unwrap();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/ros").join(script);
+    let mut command = Command::new("unshare");
+    command.arg("--net").arg(python).arg(script).arg(env!("CARGO_BIN_EXE_artitwin")).arg(folder.path());
+    let output = command.args(arguments).env_remove("CYCLONEDDS_URI").output().unwrap();
+    let error = String::from_utf8_lossy(&output.stderr);
+    if output.status.code() == Some(3) {
+        eprintln!("{error}");
+        return Err(NO_NAMESPACES.into());
+    }
+    assert!(output.status.success(), "{error}");
+    Ok(serde_json::from_slice(&output.stdout).unwrap())
 }
 
 /// A running node; ended with it.

@@ -1,6 +1,7 @@
 //! The collector's state for tracked views.
 
 use crate::live_tracking::ToTrack;
+use capture::TrackCamera;
 
 /// The map of tracked views and the views to be tracked.
 #[derive(Default)]
@@ -9,6 +10,8 @@ pub(super) struct TrackedMap {
     pub map: u64,
     /// Whether views are being tracked.
     pub is_on: bool,
+    /// Whether the camera is tracked in the state being collected.
+    pub in_state: TrackCamera,
     /// Whether the kept views of this state are tracked ones; `None` without any.
     pub kept: Option<bool>,
     /// Views to be tracked.

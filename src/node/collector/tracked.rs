@@ -36,7 +36,8 @@ impl Collector {
         (self.tracking.kept == Some(true)).then_some(self.tracking.map)
     }
 
-    /// Changes whether the camera is tracked, from the next view on.
+    /// Changes whether the camera is tracked. A state being collected stays as it began: the pipeline tracks
+    /// all or none of its views.
     pub(crate) fn set_tracking(&mut self, tracking: TrackCamera) {
         self.settings.tracking = tracking;
     }
@@ -64,12 +65,16 @@ impl Collector {
     pub(super) fn is_to_track(&mut self, set: &Matched<Picture>, optical: &str) -> bool {
         let is_posed = self.tf.moving_root(optical).is_some();
         let late = set.stamp_nanos.saturating_add(WAIT_NANOS) <= self.newest_nanos;
-        let on = match (self.settings.tracking, self.tracking.kept) {
+        let tracking = match self.phase {
+            Phase::Idle => self.settings.tracking,
+            Phase::Collecting(_) => self.tracking.in_state,
+        };
+        let on = match (tracking, self.tracking.kept) {
             (TrackCamera::Never, _) => false,
             (TrackCamera::Always, _) => true,
             // A given frame or topic of poses has priority.
             (TrackCamera::Auto, _) if self.settings.poses_asked => false,
-            // A state is of one kind: the pipeline tracks all or none of its views.
+            // A state is of one kind.
             (TrackCamera::Auto, Some(tracked)) => tracked,
             (TrackCamera::Auto, None) => !is_posed && (self.tracking.is_on || late),
         };

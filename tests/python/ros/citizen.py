@@ -15,9 +15,9 @@ import time
 os.environ["CYCLONEDDS_URI"] = os.environ.get("CITIZEN_URI", "")
 
 import numpy  # noqa: E402
-from outside import run  # noqa: E402
+from outside import GROUP, HERE, THERE, run, second_machine  # noqa: E402
 
-DOMAIN, HERE, CARD = 66, "10.9.9.1", "card"
+DOMAIN, CARD = 66, "card"
 # As rmw_cyclonedds_cpp numbers participants: so that they can be found without multicast.
 NUMBERED = '<CycloneDDS><Domain Id="any"><Discovery><ParticipantIndex>auto</ParticipantIndex></Discovery></Domain></CycloneDDS>'
 ANNOUNCING = ('<CycloneDDS><Domain Id="any"><Discovery><ParticipantIndex>auto</ParticipantIndex><Peers><Peer Address="127.0.0.1"/></Peers>'
@@ -32,7 +32,7 @@ def network():
     run("ip", "addr", "add", f"{HERE}/24", "dev", CARD)
     run("ip", "link", "set", CARD, "up")
     run("ip", "link", "set", "wall", "up")
-    run("ip", "route", "add", "239.255.0.1", "dev", CARD)
+    run("ip", "route", "add", GROUP, "dev", CARD)
 
 
 def start(program, folder, **variables):
@@ -185,8 +185,6 @@ def closed(program, folder):
 
 def unlisted(program, folder):
     """A peer on another machine, in a network without multicast: only a list of peers helps."""
-    from outside import THERE, second_machine
-
     numbered = os.environ | {"CITIZEN_URI": NUMBERED}
     holder, there = second_machine()
     told = {}

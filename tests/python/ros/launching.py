@@ -5,6 +5,7 @@ started; every process ends at once with the code that a test gives.
 """
 import importlib.util
 import sys
+import tempfile
 import types
 from pathlib import Path
 
@@ -137,24 +138,19 @@ def check(root):
     """What the launch files must do."""
     install({"rviz2"})
     folder = root / "launch_configs/ros"
-    own = Path(__file__).with_name("own.yaml")
-    own.write_text("/**:\n  ros__parameters:\n    parts: 2\n")
-    try:
+    with tempfile.TemporaryDirectory() as made:
+        own = Path(made, "own.yaml")
+        own.write_text("/**:\n  ros__parameters:\n    parts: 2\n")
         # A file of parameters counts, and what is given on the command line wins over it.
         [(_, parameters, _)] = Launch(folder / "node.launch.py", params=str(own)).processes
         assert parameters["parts"] == 2, parameters
         [(_, parameters, _)] = Launch(folder / "node.launch.py", params=str(own), parts="3").processes
         assert parameters["parts"] == 3, parameters
-    finally:
-        own.unlink()
+        urdf = Path(made, "own.urdf")
+        urdf.write_text('<robot name="a"><link name="base"/><link name="part"/><joint><parent link="base"/><child link="part"/></joint></robot>')
+        view = Launch(folder / "view.launch.py", urdf=str(urdf))
     # One publisher of /tf, on the topic that RViz shows.
     assert Launch(folder / "view.launch.py").names() == ["rviz2", "artitwin"]
-    urdf = Path(__file__).with_name("own.urdf")
-    urdf.write_text('<robot name="a"><link name="base"/><link name="part"/><joint><parent link="base"/><child link="part"/></joint></robot>')
-    try:
-        view = Launch(folder / "view.launch.py", urdf=str(urdf))
-    finally:
-        urdf.unlink()
     assert view.names() == ["rviz2", "robot_state_publisher", "joint_state_publisher_gui", "static_transform_publisher"], view.names()
     layout = (folder / "twin.rviz").read_text()
     for _, _, named in view.processes[1:3]:
