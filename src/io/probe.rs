@@ -81,7 +81,8 @@ struct Looked {
     frames: Vec<RgbdFrame>,
 }
 
-/// Settles masks, poses and the unit of depth of recordings of one camera.
+/// Settles masks, poses and the unit of depth of recordings of one camera. All of them get the poses of one
+/// source, or all are left to be tracked: recorded poses do not relate to another state's map.
 ///
 /// # Errors
 /// Those of the decoding; [`CaptureError::NoPoses`] where poses must be used and are not the camera's.

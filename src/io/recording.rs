@@ -14,7 +14,7 @@ use super::{
     topics::choose,
     views::{View, Views},
 };
-use capture::{CaptureConfig, CaptureError, RgbdFrame, Split, TrackCamera, spread_views};
+use capture::{CaptureConfig, CaptureError, RgbdFrame, Split, spread_views};
 use common::limits::{BYTES_PER_PIXEL, NAMED};
 use common::note::{Note, NoteCode};
 use common::stop::Stop;
@@ -65,7 +65,7 @@ impl Recording {
         Ok(Self { bag, views })
     }
 
-    /// Reads the bags of all states, which were recorded with one camera.
+    /// Reads the bags of all states, which were recorded with one camera: all of them have poses, or none.
     ///
     /// # Errors
     /// Those of [`Self::open`].
@@ -138,20 +138,6 @@ impl Recording {
             of_states.push(of_state);
         }
         Ok((Self { bag, views }, of_states))
-    }
-
-    /// The same without the recorded poses, to be tracked.
-    ///
-    /// # Errors
-    /// Those of [`Self::open`].
-    pub fn without_poses(
-        self,
-        config: &CaptureConfig,
-        state: usize,
-        stop: &Stop,
-    ) -> Result<Self, CaptureError> {
-        let always = CaptureConfig { tracking: TrackCamera::Always, ..config.clone() };
-        Self::open(&self.bag.path, &always, state, stop)
     }
 
     /// All its views, by their numbers.

@@ -52,14 +52,8 @@ pub(super) fn each_a_state(
     config: &CaptureConfig,
     stop: &Stop,
 ) -> Result<Vec<RecordedStates>, CaptureError> {
-    let recordings = Recording::open_states(paths, config, stop)?;
-    // All states are tracked or none: recorded poses do not relate to another state's map.
-    let is_tracked = recordings.iter().any(|r| r.views.are_untracked());
     let mut recorded = Vec::new();
-    for (state, mut recording) in recordings.into_iter().enumerate() {
-        if is_tracked && !recording.views.are_untracked() {
-            recording = recording.without_poses(config, state, stop)?;
-        }
+    for (state, recording) in Recording::open_states(paths, config, stop)?.into_iter().enumerate() {
         let states = vec![(state, recording.all())];
         recorded.push(RecordedStates { recording, states });
     }
