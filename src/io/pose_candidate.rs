@@ -1,11 +1,7 @@
 //! The poses that a source gives the views of a recording.
 
 use super::{
-    bag_index::BagIndex,
-    lags::Lags,
-    poses::{Certainty, PoseSource},
-    synchronize::OTHER_CLOCK_NANOS,
-    views::Views,
+    bag_index::BagIndex, lags::Lags, poses::PoseSource, synchronize::OTHER_CLOCK_NANOS, views::Views,
 };
 use capture::{CaptureConfig, CaptureError, TfBuffer, stamp_secs};
 use common::note::{Note, NoteCode};
@@ -51,7 +47,7 @@ impl PoseCandidate {
     ) -> Self {
         let gap = (config.tf_max_gap_secs * 1e9) as i64;
         let delay = (config.pose_delay_secs * 1e9) as i64;
-        let stamps: Vec<i64> = views.unposed.iter().map(|v| v.stamp_nanos + delay).collect();
+        let stamps: Vec<i64> = views.views.iter().map(|v| v.stamp_nanos + delay).collect();
         let mut found = poses_at(&source, &stamps, gap);
         let mut shift_nanos = 0;
         if found.0.iter().all(Option::is_none) {
@@ -88,11 +84,6 @@ impl PoseCandidate {
     /// Number of views with a pose.
     pub fn count(&self) -> usize {
         self.poses.iter().flatten().count()
-    }
-
-    /// Whether the source is the camera's by its names.
-    pub fn is_named(&self) -> bool {
-        self.source.certainty == Certainty::Named
     }
 
     /// Whether enough of `all` views have a pose.

@@ -107,12 +107,10 @@ pub fn settle(
 
 /// Decodes views at some places of a recording, at any depth.
 fn look(recording: &Settled<'_>, config: &CaptureConfig, stop: &Stop) -> Result<Looked, CaptureError> {
-    let all = &recording.views.unposed;
-    let wanted = places(all);
-    let views = Views { views: all.clone(), ..recording.views.clone() };
+    let wanted = places(&recording.views.views);
     let chosen: Vec<(usize, usize)> = wanted.iter().map(|&v| (v, v)).collect();
     let any_depth = CaptureConfig { depth_min_m: 0.0, depth_max_m: f64::from(f32::MAX), ..config.clone() };
-    let found = decode_views(recording.bag, &views, &chosen, &any_depth, stop)?.frames;
+    let found = decode_views(recording.bag, recording.views, &chosen, &any_depth, stop)?.frames;
     let (views, frames) = found.into_iter().unzip();
     Ok(Looked { views, frames })
 }
@@ -158,7 +156,6 @@ fn settle_masks(recording: &mut Settled<'_>, frames: &mut [RgbdFrame]) {
     };
     let views = &mut recording.views;
     **views = unmasked(views);
-    views.unposed.iter_mut().for_each(|v| v.mask = None);
     views.warnings.push(Note::new(
         NoteCode::MasksUnlike,
         format!(
@@ -352,12 +349,11 @@ fn leave_out(recordings: &mut [Settled<'_>], config: &CaptureConfig, why: &str) 
                 Some(s) => CaptureError::StaticCamera { frame: s.optical.clone(), root: s.world.clone() },
                 None => CaptureError::NoPoses {
                     state: recording.state,
-                    frames: recording.views.unposed.len(),
+                    frames: recording.views.views.len(),
                     first: text,
                 },
             });
         }
-        recording.views.take_no_poses();
         // A static transform to a camera in the hand is no attempt at poses.
         if !all_stand {
             recording.views.warnings.push(poses_unused(&text));
