@@ -239,9 +239,7 @@ fn settle_poses(
     if chosen.as_ref().is_none_or(|(_, m)| m.is_none()) {
         // Of equals the first.
         let best = rivals.into_iter().rev().max_by(|a, b| a.1.share.total_cmp(&b.1.share));
-        let is_named_at_rest =
-            |c: usize| recordings[0].views.candidates[c].source.certainty == Certainty::Stands;
-        chosen = best.map(|(c, m)| (c, Some(m))).or(chosen.filter(|(c, _)| !is_named_at_rest(*c) || stands));
+        chosen = best.map(|(c, m)| (c, Some(m))).or(chosen);
     }
     let Some((c, mut mounting)) = chosen else {
         leave_out(recordings, config, "by what the images show they are not the camera's")?;
