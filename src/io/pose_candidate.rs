@@ -91,23 +91,10 @@ impl PoseCandidate {
         self.count() >= LEAST_POSED.min(all)
     }
 
-    /// Why it gives too few poses.
-    pub fn reason(&self, all: usize) -> String {
-        if self.source.invalid > 0 && self.count() == 0 {
-            return CaptureError::InvalidPoses {
-                topic: self.source.origin.clone(),
-                count: self.source.invalid,
-            }
-            .to_string();
-        }
-        let first = self.first_failure.as_deref().unwrap_or_default();
-        format!("{} give {} of {all} views a pose (first: {first})", self.name, self.count())
-    }
-
-    /// The error of a recording whose poses must be used, if it gives none.
+    /// The error of a recording to whose `all` views it gives too few poses.
     pub fn error(&self, state: usize, all: usize) -> CaptureError {
         // Reported as the cause: a missing pose is only its symptom.
-        if self.source.invalid > 0 {
+        if self.source.invalid > 0 && self.count() == 0 {
             return CaptureError::InvalidPoses {
                 topic: self.source.origin.clone(),
                 count: self.source.invalid,

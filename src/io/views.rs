@@ -146,15 +146,14 @@ impl Views {
         let all = self.views.len();
         let mut candidates: Vec<PoseCandidate> =
             sources.sources.into_iter().map(|s| PoseCandidate::of_source(s, self, index, config)).collect();
-        let most = candidates.iter().map(PoseCandidate::count).max().unwrap_or(0);
-        let reason = sources.refused.or_else(|| candidates.first().map(|c| c.reason(all)));
-        if most == 0 && must {
-            let Some(first) = candidates.first() else { return Ok(()) };
-            return Err(first.error(state, all));
-        }
+        let too_few = candidates.first().map(|c| c.error(state, all));
         candidates.retain(|c| c.is_enough(all) || (must && c.count() > 0));
         if candidates.is_empty() {
-            self.warnings.extend(reason.map(|why| poses_unused(&why)));
+            match too_few {
+                Some(error) if must => return Err(error),
+                Some(error) => self.warnings.push(poses_unused(&error.to_string())),
+                None => self.warnings.extend(sources.refused.map(|why| poses_unused(&why))),
+            }
         }
         self.candidates = candidates;
         Ok(())
