@@ -5,11 +5,10 @@
 //! poses these are, how that frame stands to the camera, and in what unit depth is.
 
 use super::{
-    bag::Bag,
     pixels::decode_views,
     pose_candidate::PoseCandidate,
     poses::{Certainty, PoseSource, poses_unused},
-    recording::unmasked,
+    recording::{Recording, unmasked},
     views::{View, Views},
 };
 use capture::{
@@ -64,16 +63,6 @@ const LEAST_READ: f64 = 0.05;
 const ELSEWHERE_RAD: f64 = 0.1;
 const ELSEWHERE_M: f64 = 1e-6;
 
-/// A recording that is settled with others.
-pub struct Settled<'a> {
-    /// Its files.
-    pub bag: &'a Bag,
-    /// Its views.
-    pub views: &'a mut Views,
-    /// Its state, for messages.
-    pub state: usize,
-}
-
 /// Decoded views of a recording.
 struct Looked {
     /// Indices into all views, rising.
@@ -86,11 +75,7 @@ struct Looked {
 ///
 /// # Errors
 /// Those of the decoding; [`CaptureError::NoPoses`] where poses must be used and are not the camera's.
-pub fn settle(
-    recordings: &mut [Settled<'_>],
-    config: &CaptureConfig,
-    stop: &Stop,
-) -> Result<(), CaptureError> {
+pub fn settle(recordings: &mut [Recording], config: &CaptureConfig, stop: &Stop) -> Result<(), CaptureError> {
     let mut looked = Vec::new();
     for recording in recordings.iter_mut() {
         let mut frames = look(recording, config, stop)?;
@@ -106,11 +91,11 @@ pub fn settle(
 }
 
 /// Decodes views at some places of a recording, at any depth.
-fn look(recording: &Settled<'_>, config: &CaptureConfig, stop: &Stop) -> Result<Looked, CaptureError> {
+fn look(recording: &Recording, config: &CaptureConfig, stop: &Stop) -> Result<Looked, CaptureError> {
     let wanted = places(&recording.views.views);
     let chosen: Vec<(usize, usize)> = wanted.iter().map(|&v| (v, v)).collect();
     let any_depth = CaptureConfig { depth_min_m: 0.0, depth_max_m: f64::from(f32::MAX), ..config.clone() };
-    let found = decode_views(recording.bag, recording.views, &chosen, &any_depth, stop)?.frames;
+    let found = decode_views(&recording.bag, &recording.views, &chosen, &any_depth, stop)?.frames;
     let (views, frames) = found.into_iter().unzip();
     Ok(Looked { views, frames })
 }
@@ -131,7 +116,7 @@ fn places(all: &[View]) -> Vec<usize> {
 }
 
 /// Leaves out masks that show no object.
-fn settle_masks(recording: &mut Settled<'_>, frames: &mut [RgbdFrame]) {
+fn settle_masks(recording: &mut Recording, frames: &mut [RgbdFrame]) {
     let Some(topic) = recording.views.topics.mask.clone() else { return };
     let mut covered = Vec::new();
     let mut read = Vec::new();
@@ -155,7 +140,7 @@ fn settle_masks(recording: &mut Settled<'_>, frames: &mut [RgbdFrame]) {
         _ => return,
     };
     let views = &mut recording.views;
-    **views = unmasked(views);
+    *views = unmasked(views);
     views.warnings.push(Note::new(
         NoteCode::MasksUnlike,
         format!(
@@ -167,12 +152,12 @@ fn settle_masks(recording: &mut Settled<'_>, frames: &mut [RgbdFrame]) {
 }
 
 /// Finds millimeters in floating point, which should be meters, by their size.
-fn settle_number_type(recordings: &mut [Settled<'_>], looked: &mut [Looked]) {
+fn settle_number_type(recordings: &mut [Recording], looked: &mut [Looked]) {
     for (recording, looked) in recordings.iter_mut().zip(looked) {
         if recording.views.has_unknown_unit || median_depth(&looked.frames).is_none_or(|d| d < NO_METERS) {
             continue;
         }
-        scale_depth(recording.views, 0.001);
+        scale_depth(&mut recording.views, 0.001);
         looked.frames.iter_mut().flat_map(|f| &mut f.depth_m).for_each(|d| *d *= 0.001);
         let topic = &recording.views.topics.depth;
         let text = format!("{topic}: numbers beyond any reach in meters are taken as millimeters");
@@ -200,7 +185,7 @@ struct SeenMotion {
 
 /// Chooses among the sources of poses; returns the name of the one that is used, by recording.
 fn settle_poses(
-    recordings: &mut [Settled<'_>],
+    recordings: &mut [Recording],
     looked: &[Looked],
     config: &CaptureConfig,
     stop: &Stop,
@@ -282,9 +267,9 @@ fn settle_poses(
 }
 
 /// Brings the sources of all recordings into one order, without those that are not in all of them.
-fn match_candidates(recordings: &mut [Settled<'_>]) {
+fn match_candidates(recordings: &mut [Recording]) {
     let Some((first, others)) = recordings.split_first_mut() else { return };
-    let has = |r: &Settled<'_>, name: &str| r.views.candidates.iter().any(|c| c.name == name);
+    let has = |r: &Recording, name: &str| r.views.candidates.iter().any(|c| c.name == name);
     let names = first.views.candidates.iter().map(|c| c.name.clone());
     let common: Vec<String> = names.filter(|name| others.iter().all(|r| has(r, name))).collect();
     for recording in std::iter::once(first).chain(others) {
@@ -336,7 +321,7 @@ fn told(candidate: &PoseCandidate, mounting: Option<&Mounting>) -> Option<Note> 
 ///
 /// # Errors
 /// Where the settings forbid that.
-fn leave_out(recordings: &mut [Settled<'_>], config: &CaptureConfig, why: &str) -> Result<(), CaptureError> {
+fn leave_out(recordings: &mut [Recording], config: &CaptureConfig, why: &str) -> Result<(), CaptureError> {
     for recording in recordings {
         let candidates = &recording.views.candidates;
         let names: Vec<&str> = candidates.iter().map(|c| c.name.as_str()).collect();
@@ -362,7 +347,7 @@ fn leave_out(recordings: &mut [Settled<'_>], config: &CaptureConfig, why: &str) 
 
 /// Settles the unit of depth, or of poses, where their lengths contradict each other; returns the ratio of
 /// lengths of the poses to those of depth as it was decoded, `None` where it is that of no units.
-fn settle_lengths(recordings: &mut [Settled<'_>], looked: &[Looked], mounting: &Mounting) -> Option<f64> {
+fn settle_lengths(recordings: &mut [Recording], looked: &[Looked], mounting: &Mounting) -> Option<f64> {
     let scale = mounting.scale;
     if (scale - 1.0).abs() <= SAME_LENGTH {
         return Some(1.0);
@@ -374,7 +359,7 @@ fn settle_lengths(recordings: &mut [Settled<'_>], looked: &[Looked], mounting: &
     let says = format!("{} motions between images, {:.0} % agree", mounting.motions, 100.0 * mounting.share);
     if let Some(unit_m) = unit.filter(|_| recordings.iter().all(|r| r.views.has_unknown_unit)) {
         for recording in recordings {
-            scale_depth(recording.views, unit_m / 0.001);
+            scale_depth(&mut recording.views, unit_m / 0.001);
             let topic = &recording.views.topics.depth;
             let text = format!(
                 "{topic}: a unit is {} mm by the lengths of the camera poses, not 1 mm ({says}); say so \
@@ -435,11 +420,11 @@ fn seen_motions(looked: &[Looked], stop: &Stop) -> Result<Vec<SeenMotion>, Captu
 }
 
 /// The motions by images beside those of a source of poses.
-fn motion_pairs(seen: &[SeenMotion], recordings: &[Settled<'_>], candidate: usize) -> Vec<MotionPair> {
+fn motion_pairs(seen: &[SeenMotion], recordings: &[Recording], candidate: usize) -> Vec<MotionPair> {
     seen.iter().filter_map(|s| motion_pair(s, recordings, candidate)).collect()
 }
 
-fn motion_pair(seen: &SeenMotion, recordings: &[Settled<'_>], candidate: usize) -> Option<MotionPair> {
+fn motion_pair(seen: &SeenMotion, recordings: &[Recording], candidate: usize) -> Option<MotionPair> {
     let poses = &recordings[seen.recording].views.candidates[candidate].poses;
     let [first, second] = seen.views.map(|v| poses[v]);
     Some(MotionPair { by_images: seen.motion, by_poses: second?.inverse() * first?, depth: seen.depth })
