@@ -4,6 +4,8 @@
 //! nothing lies behind it there, and little elsewhere. So no side of the object is taken for a wall, a floor
 //! is removed before the table on it, and a wall with a door or a window in it is still a wall.
 
+use std::fmt;
+
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use rand_core::Rng;
 
@@ -47,6 +49,13 @@ pub struct Plane {
     pub offset_m: f64,
     /// Lower and upper corner of a box in the world, meters, in which the plane is a surface of the object.
     pub object_box_m: Option<[[f64; 3]; 2]>,
+}
+
+impl fmt::Display for Plane {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [x, y, z] = self.normal.into_inner().into();
+        write!(f, "normal ({x:.3}, {y:.3}, {z:.3}), {:.4} m from the world's origin", self.offset_m)
+    }
 }
 
 impl Plane {
