@@ -12,7 +12,7 @@ use serde::Deserialize;
 use super::{ImageFile, ImageFolder, Matrix, Shown, made_stamp, text::pose};
 use crate::dataset::files::{MAX_FRAMES, read_text, refuse};
 use capture::CaptureError;
-use geometry::Pose;
+use geometry::{Intrinsics, Pose};
 
 #[derive(Debug, Deserialize)]
 struct Record3dMetadata {
@@ -75,7 +75,7 @@ pub(super) fn open(folder: &Path) -> Result<ImageFolder, CaptureError> {
         poses.push((stamp_nanos, optical(&pose(&path, [x, y, z, i, j, k, w])?)));
     }
     let first = poses.first().map_or(0, |p| p.0);
-    let matrix = Matrix { width: found.w, height: found.h, fx, fy, cx, cy, ..Matrix::default() };
+    let matrix = Matrix::pinhole(Intrinsics { width: found.w, height: found.h, fx, fy, cx, cy });
     Ok(ImageFolder {
         form: "Record3D",
         images,

@@ -74,16 +74,7 @@ pub(super) fn pose_of_matrix(path: &Path, name: &str, matrix: &[f64]) -> Result<
 
 /// The camera of a file with nine numbers, a row-major matrix for images of the given size.
 pub(super) fn matrix(path: &Path, size: (usize, usize)) -> Result<Matrix, CaptureError> {
-    let k = camera(path, &numbers(path)?, size, false)?;
-    Ok(Matrix {
-        width: k.width,
-        height: k.height,
-        fx: k.fx,
-        fy: k.fy,
-        cx: k.cx,
-        cy: k.cy,
-        ..Matrix::default()
-    })
+    Ok(Matrix::pinhole(camera(path, &numbers(path)?, size, false)?))
 }
 
 /// The file of a name in `folder`, which may not lead out of it.
