@@ -47,13 +47,12 @@ const UNIT_TOLERANCE: f64 = 0.1;
 /// Median depth of numbers that cannot be meters. chosen: beyond the reach of any camera indoors
 const NO_METERS: f64 = 50.0;
 /// Largest share of pixels that differ between views of a camera that stands still.
-/// measured: shared/bags: two views 2 deg apart differ in a third of the pixels, two of one place in 1 %
+/// chosen: above what noise changes, and far below what another place of the camera does
 const STANDS_SHARE: f64 = 0.1;
 /// Difference of color, of 255, and of depth, share, that noise does not make. chosen: four deviations
 const OTHER_COLOR: u8 = 40;
 const OTHER_DEPTH_SHARE: f32 = 0.03;
-/// Masks that cover a larger share of most images are no masks of an object, nor are those whose pixels
-/// hardly
+/// Masks that cover a larger share of most images are no masks of an object, nor are those whose pixels hardly
 /// ever have depth. chosen: what fills the image shows nothing beside it
 const MOST_COVERED: f64 = 0.95;
 const LEAST_READ: f64 = 0.05;
