@@ -280,9 +280,30 @@ impl Bag {
         &self,
         visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>,
     ) -> Result<Vec<(PathBuf, FileReport)>, CaptureError> {
-        if let Some(images) = &self.images {
-            return Ok(vec![(self.path.clone(), images.read(visit)?)]);
+        match &self.images {
+            Some(images) => Ok(vec![(self.path.clone(), images.read(true, visit)?)]),
+            None => self.read_files(visit),
         }
+    }
+
+    /// The same, of images of a folder only the start with their size.
+    ///
+    /// # Errors
+    /// Those of [`Self::read`].
+    pub fn read_starts(
+        &self,
+        visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>,
+    ) -> Result<Vec<(PathBuf, FileReport)>, CaptureError> {
+        match &self.images {
+            Some(images) => Ok(vec![(self.path.clone(), images.read(false, visit)?)]),
+            None => self.read_files(visit),
+        }
+    }
+
+    fn read_files(
+        &self,
+        visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>,
+    ) -> Result<Vec<(PathBuf, FileReport)>, CaptureError> {
         let mut reports = Vec::new();
         // One budget for all files: ten thousand small ones may not unpack to more than one large one.
         let bytes = self.files.iter().filter_map(|f| fs::metadata(f).ok()).map(|m| m.len()).sum();

@@ -52,8 +52,8 @@ const STANDS_SHARE: f64 = 0.1;
 /// Difference of color, of 255, and of depth, share, that noise does not make. chosen: four deviations
 const OTHER_COLOR: u8 = 40;
 const OTHER_DEPTH_SHARE: f32 = 0.03;
-/// Masks that cover a larger share of most images are no masks of an object, nor are those whose pixels hardly
-/// ever have depth. chosen: what fills the image shows nothing beside it
+/// Masks that cover a larger share of most images are no masks of an object, nor are those whose pixels
+/// hardly ever have depth. chosen: what fills the image shows nothing beside it
 const MOST_COVERED: f64 = 0.95;
 const LEAST_READ: f64 = 0.05;
 

@@ -7,8 +7,8 @@ use super::{
 use capture::{CaptureConfig, CaptureError, pair, stamp_secs};
 use common::note::{Note, NoteCode};
 
-/// Longest time between images of one camera, and between color and depth of cameras that do not wait for each
-/// other, nanoseconds.
+/// Longest time between images of one camera, and between color and depth of cameras that do not wait for
+/// each other, nanoseconds.
 /// derived: half a period at 10 Hz, below which no camera runs by hand
 pub(super) const MOST_FREE_RUNNING_NANOS: i64 = 50_000_000;
 /// Clocks whose messages were recorded this much later than those of others are not the same, nanoseconds.

@@ -19,9 +19,9 @@ use std::{
 
 use geometry::{Intrinsics, Pose};
 
-use self::depth_file::depth_message;
+use self::depth_file::{depth_message, depth_start};
 use super::{
-    dataset::files::{image_size, read, refuse},
+    dataset::files::{image_size, read, read_start, refuse},
     image_codec::MAX_SIDE,
     mcap_file::{FileReport, RawMessage},
     ros2msg::{
@@ -216,11 +216,13 @@ impl ImageFolder {
     }
 
     /// Passes the folder's messages to the visitor: poses, cameras, then images, each in the order of time.
+    /// Without `pixels` only the start of each image is read.
     ///
     /// # Errors
     /// The visitor's; [`CaptureError::Read`] of a file.
     pub fn read(
         &self,
+        pixels: bool,
         visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>,
     ) -> Result<FileReport, CaptureError> {
         let mut sink = MessageSink { visit, report: FileReport::default() };
@@ -240,10 +242,14 @@ impl ImageFolder {
         for image in &self.images {
             let stamp = image.stamp_nanos;
             match &image.shown {
-                Shown::Color => sink.send(COLOR, COMPRESSED, stamp, &picture_message(stamp, &image.path)?)?,
-                Shown::Mask => sink.send(MASK, COMPRESSED, stamp, &picture_message(stamp, &image.path)?)?,
+                Shown::Color | Shown::Mask => {
+                    let topic = if image.shown == Shown::Mask { MASK } else { COLOR };
+                    let data = if pixels { read(&image.path)? } else { read_start(&image.path)? };
+                    sink.send(topic, COMPRESSED, stamp, &picture_message(stamp, data)?)?;
+                }
                 Shown::Depth(confidence) => {
-                    let depth = depth_message(header(stamp), &image.path, confidence.as_deref())?;
+                    let message = if pixels { depth_message } else { depth_start };
+                    let depth = message(header(stamp), &image.path, confidence.as_deref())?;
                     sink.send(DEPTH, depth.type_name, stamp, &depth.data)?;
                 }
             }
@@ -306,8 +312,7 @@ fn transform(stamp_nanos: i64, world_from_camera: &Pose) -> TfMessage {
 }
 
 /// A color image or mask as it is in its file.
-fn picture_message(stamp_nanos: i64, path: &Path) -> Result<Vec<u8>, CaptureError> {
-    let data = read(path)?;
+fn picture_message(stamp_nanos: i64, data: Vec<u8>) -> Result<Vec<u8>, CaptureError> {
     let format = if data.starts_with(&[0xff, 0xd8]) { "jpeg" } else { "png" };
     encoded(&CompressedImage { header: header(stamp_nanos), format: format.into(), data })
 }
