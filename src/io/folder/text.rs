@@ -45,12 +45,16 @@ pub(super) fn numbers(path: &Path) -> Result<Vec<f64>, CaptureError> {
 
 /// A stamp of seconds since the epoch or any other time, as nanoseconds.
 pub(super) fn stamp_nanos(path: &Path, word: &str) -> Result<i64, CaptureError> {
-    let seconds = number(path, word)?;
-    // Beyond them nanoseconds do not fit.
-    if !(0.0..=9e9).contains(&seconds) {
-        return refuse(path, format!("`{}` is no time in seconds", word.escape_debug()));
-    }
-    Ok((seconds * 1e9).round() as i64)
+    let refused = || refuse(path, format!("`{}` is no time in seconds", word.escape_debug()));
+    nanos(number(path, word)?).map_or_else(refused, Ok)
+}
+
+/// Latest stamp, seconds. derived: nanoseconds in 63 bits end at 9.2e9 s
+const MAX_STAMP_S: f64 = 9e9;
+
+/// A stamp of seconds as nanoseconds, of which 0 stands for a missing stamp; `None` beyond what they hold.
+pub(super) fn nanos(seconds: f64) -> Option<i64> {
+    (0.0..=MAX_STAMP_S).contains(&seconds).then(|| ((seconds * 1e9).round() as i64).max(1))
 }
 
 /// A pose of position and quaternion (x, y, z, qx, qy, qz, qw).
