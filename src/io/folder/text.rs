@@ -1,11 +1,14 @@
 //! Lines of numbers in the text files of folders.
 
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 
 use super::Matrix;
-use crate::dataset::files::{MAX_FRAMES, camera, pose_from_optical, read_text, refuse};
+use crate::{
+    dataset::files::{MAX_FRAMES, camera, pose_from_optical, read_text, refuse},
+    package_path::below,
+};
 use capture::CaptureError;
 use geometry::Pose;
 
@@ -83,10 +86,8 @@ pub(super) fn matrix(path: &Path, size: (usize, usize)) -> Result<Matrix, Captur
 
 /// The file of a name in `folder`, which may not lead out of it.
 pub(super) fn file_in(folder: &Path, by: &Path, name: &str) -> Result<PathBuf, CaptureError> {
-    let relative = Path::new(name);
-    let is_inside = relative.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
-    if !is_inside || name.is_empty() {
-        return refuse(by, format!("`{}` lies outside the folder", name.escape_debug()));
+    match below(name) {
+        Some(relative) => Ok(folder.join(relative)),
+        None => refuse(by, format!("`{}` lies outside the folder", name.escape_debug())),
     }
-    Ok(folder.join(relative))
 }
