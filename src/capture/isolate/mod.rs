@@ -30,7 +30,7 @@ use rayon::prelude::*;
 use self::{
     background::{Background, PLANE_CLEARANCE_M, in_box},
     change::{at_rest, changed_cells},
-    claim::{StandingOut, claimed_planes},
+    claim::claimed_planes,
     depth_error::error_factor,
     outliers::outlier_cells,
     plane::{Plane, background_planes},
@@ -183,9 +183,7 @@ fn find_object(
     let mut background = Background { planes, config, noise };
     let mut standing = standing_out(capture, &background, size_m, stop)?;
     if workspace.is_none() {
-        let Standing { cells, groups, changed, .. } = &standing;
-        let found = StandingOut { cells, groups, changed };
-        let claims = claimed_planes(&found, &background, &capture.states, size_m, stop)?;
+        let claims = claimed_planes(&standing, &background, &capture.states, size_m, stop)?;
         for &(plane, object_box_m) in &claims {
             let plane = &mut background.planes[plane];
             plane.object_box_m = Some(object_box_m);
