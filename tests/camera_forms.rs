@@ -235,10 +235,11 @@ fn poses_on_topics_of_other_types_and_of_other_states_are_the_plain_ones() {
     });
     let found = opened_states(by_topic.path());
     assert!(worst(&poses(&found), &truth)[0] < 0.003, "{}", texts(&found));
-    // A goal that stands beside the poses is none of the camera.
     let one_static = changed("laptop", |state, m| if state == 1 { without(m, "/tf_static") } else { m });
     let found = opened_states(one_static.path());
     assert!(worst(&poses(&found), &truth)[0] < 1e-9 && texts(&found).contains("TransformsShared"));
+    let seen = io::inspect(one_static.path()).unwrap().to_text();
+    assert!(seen.contains("usable: yes") && !seen.contains("none recorded"), "{seen}");
 }
 
 #[test]

@@ -122,9 +122,9 @@ pub enum CaptureError {
         /// The part of the transform that is missing.
         reason: String,
     },
-    /// No frame of a state has a camera pose.
+    /// Too few frames of a state have a camera pose.
     #[error(
-        "state {state}: none of {frames} frames has a camera pose (first: {first}); record /tf and \
+        "state {state}: too few of {frames} frames have a camera pose (first: {first}); record /tf and \
          /tf_static from before the first to after the last image, or name a pose topic with `--topic \
          pose=TOPIC`"
     )]

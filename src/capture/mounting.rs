@@ -13,13 +13,12 @@ use geometry::Pose;
 use numeric::statistics::median;
 
 /// Motions by the images with a smaller turn and a smaller way, radians and share of the depth, say nothing
-/// of
-/// the mounting. chosen: five deviations of a motion by landmarks
+/// of the mounting. chosen: about five deviations of a motion by landmarks
 const LEAST_TURN_RAD: f64 = 0.015;
 const LEAST_WAY_SHARE: f64 = 0.01;
 /// Largest difference of two motions that agree: of the turn, radians and as its share, and of the way, as
 /// a share of it and of the depth.
-/// measured: shared/bags: motions by images are within 0.3 deg and 0.5 % of the depth of recorded ones
+/// chosen: about twice the error of a motion by images, where a wrong mounting is off by the motion itself
 const TURN_RAD: f64 = 0.01;
 const TURN_SHARE: f64 = 0.1;
 const WAY_SHARE: f64 = 0.15;
@@ -101,11 +100,10 @@ impl Mounting {
         let mut arm = Vector3::zeros();
         let mut scale = known_scale.or_else(|| median_ratio_of_ways(&used))?;
         for _ in 0..ROUNDS {
-            (arm, scale) = fitted(&used, turn, has_arm, scale)?;
-            if let Some(known) = known_scale {
-                arm = arm_at_scale(&used, turn, known)?;
-                scale = known;
-            }
+            (arm, scale) = match known_scale {
+                Some(known) => (arm_at_scale(&used, turn, known)?, known),
+                None => fitted(&used, turn, has_arm, scale)?,
+            };
             used = turning.iter().copied().filter(|p| is_on_way(p, turn, &arm, scale)).collect();
             if used.is_empty() {
                 break;

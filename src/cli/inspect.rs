@@ -10,7 +10,7 @@ use super::{
 use capture::{Capture, coverage};
 use common::ahead::Ahead;
 use export::contact_sheet;
-use run::{Monitor, capture::open};
+use run::{Monitor, capture::open_inspected};
 
 /// Prints the contents of a recording; fails if `reconstruct` could not use it.
 ///
@@ -18,7 +18,7 @@ use run::{Monitor, capture::open};
 /// If it cannot be read at all, or the picture cannot be written.
 pub(super) fn print_contents(args: &InspectArgs) -> Result<Exit, CliError> {
     let config = args.resolved_config()?.config;
-    let mut found = io::inspect_with(&args.bags, &config.capture)?;
+    let (mut found, recorded) = io::inspected(&args.bags, &config.capture)?;
     let mut opened = None;
     if found.is_reconstructible() {
         // What a run does until it has the object; what follows refuses nothing.
@@ -26,7 +26,8 @@ pub(super) fn print_contents(args: &InspectArgs) -> Result<Exit, CliError> {
             Some(_) => config.capture.clone(),
             None => config.capture.until_isolated(),
         };
-        match open(&args.bags, &capture, config.run.seed, &Ahead::default(), &Monitor::silent()) {
+        let ahead = Ahead::default();
+        match open_inspected(&args.bags, recorded, &capture, config.run.seed, &ahead, &Monitor::silent()) {
             Ok(capture) => {
                 found.warn(&capture.warnings);
                 opened = Some(capture);

@@ -53,6 +53,22 @@ impl Intrinsics {
     pub fn unproject(&self, u: f64, v: f64, depth_m: f64) -> Point3<f64> {
         Point3::from(self.ray_at(u, v) * depth_m)
     }
+
+    /// The camera of the same view at another size.
+    #[must_use]
+    pub fn at_size(&self, width: usize, height: usize) -> Self {
+        let x = width as f64 / self.width as f64;
+        let y = height as f64 / self.height as f64;
+        // The border of the image, at -0.5, scales.
+        Self {
+            width,
+            height,
+            fx: self.fx * x,
+            fy: self.fy * y,
+            cx: (self.cx + 0.5) * x - 0.5,
+            cy: (self.cy + 0.5) * y - 0.5,
+        }
+    }
 }
 
 #[cfg(test)]

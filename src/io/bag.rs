@@ -7,7 +7,7 @@ use std::{
     collections::BTreeSet,
     fs,
     io::{self, BufReader, Read},
-    path::{Component, Path, PathBuf},
+    path::{Path, PathBuf},
 };
 
 use serde::Deserialize;
@@ -16,6 +16,7 @@ use super::{
     expansion::{Expansion, Within},
     folder::ImageFolder,
     mcap_file::{Channels, FileReport, RECORD_LIMIT, RawMessage, read_messages, summary_channels},
+    package_path::below,
     ros1_bag::{ROS1_BAG, read_ros1_bag},
 };
 use capture::CaptureError;
@@ -229,15 +230,13 @@ impl Bag {
         let mut missing = Vec::new();
         let mut seen = BTreeSet::new();
         for name in &metadata.relative_file_paths {
-            let relative = Path::new(name);
             // A bag from elsewhere must not make the program read other files of this machine.
-            let inside = relative.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
-            if !inside || relative.components().next().is_none() {
+            let Some(relative) = below(name) else {
                 return refuse(format!(
                     "relative_file_paths names `{}`, which lies outside the bag; nothing was read",
                     name.escape_debug()
                 ));
-            }
+            };
             let file = self.path.join(relative);
             if is_db3(&file) {
                 return Err(CaptureError::Sqlite { path: self.path.clone() });
@@ -280,9 +279,30 @@ impl Bag {
         &self,
         visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>,
     ) -> Result<Vec<(PathBuf, FileReport)>, CaptureError> {
-        if let Some(images) = &self.images {
-            return Ok(vec![(self.path.clone(), images.read(visit)?)]);
+        match &self.images {
+            Some(images) => Ok(vec![(self.path.clone(), images.read(true, visit)?)]),
+            None => self.read_files(visit),
         }
+    }
+
+    /// The same, of images of a folder only the start with their size.
+    ///
+    /// # Errors
+    /// Those of [`Self::read`].
+    pub fn read_starts(
+        &self,
+        visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>,
+    ) -> Result<Vec<(PathBuf, FileReport)>, CaptureError> {
+        match &self.images {
+            Some(images) => Ok(vec![(self.path.clone(), images.read(false, visit)?)]),
+            None => self.read_files(visit),
+        }
+    }
+
+    fn read_files(
+        &self,
+        visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>,
+    ) -> Result<Vec<(PathBuf, FileReport)>, CaptureError> {
         let mut reports = Vec::new();
         // One budget for all files: ten thousand small ones may not unpack to more than one large one.
         let bytes = self.files.iter().filter_map(|f| fs::metadata(f).ok()).map(|m| m.len()).sum();

@@ -174,10 +174,10 @@ impl BagIndex {
     /// Reads a bag once, front to back.
     ///
     /// # Errors
-    /// Those of [`Bag::read`]; [`CaptureError::Unsupported`] for too many entries.
+    /// Those of [`Bag::read_starts`]; [`CaptureError::Unsupported`] for too many entries.
     pub fn read(bag: &Bag, stop: &Stop) -> Result<Self, CaptureError> {
         let mut index = Self::default();
-        index.files = bag.read(&mut |message| {
+        index.files = bag.read_starts(&mut |message| {
             stop.check()?;
             index.add(message, bag)
         })?;

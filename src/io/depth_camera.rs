@@ -145,16 +145,7 @@ impl DepthSource {
                     .into(),
             });
         }
-        // Pixel centers are integers: the borders, at -0.5, scale.
-        let center = |c: f64, scale: f64| (c + 0.5) * scale - 0.5;
-        Ok(Intrinsics {
-            width,
-            height,
-            fx: camera.fx * x,
-            fy: camera.fy * y,
-            cx: center(camera.cx, x),
-            cy: center(camera.cy, y),
-        })
+        Ok(camera.at_size(width, height))
     }
 
     fn no_transform(&self, own: &Intrinsics, color: &Intrinsics) -> CaptureError {

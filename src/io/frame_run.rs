@@ -1,22 +1,19 @@
 //! Reads an RGB-D recording of an object at rest for a diagnosis: frames, the camera's velocity, joint
 //! positions.
 
-use std::{collections::BTreeMap, path::Path};
+use std::{collections::BTreeMap, path::Path, slice};
 
 use super::{
-    bag::Bag,
-    bag_index::BagIndex,
-    pixels::decode_views,
-    probe::{Settled, settle},
+    probe::settle,
     read_joint_log,
-    ros2msg::definitions::RosMessage as _,
+    recording::IndexedBag,
+    ros2msg::{JointState, definitions::RosMessage as _},
     views::Views,
 };
-use capture::{CaptureConfig, CaptureError, RgbdFrame, TrackCamera, spread_views};
+use capture::{CaptureConfig, CaptureError, RgbdFrame, TrackCamera};
 use common::note::{Note, NoteCode};
 use common::stop::Stop;
 use gap::{camera::record::frames::FrameRun, record::tracks::Streams};
-use geometry::Pose;
 use numeric::statistics::median;
 
 /// The camera's velocity comes from its poses this long before and after a frame, nanoseconds.
@@ -35,17 +32,17 @@ pub fn read_frame_run(
     stop: &Stop,
 ) -> Result<(FrameRun, Vec<Note>), CaptureError> {
     config.check()?;
-    let bag = Bag::open(path)?;
-    let index = BagIndex::read(&bag, stop)?;
+    let bag = IndexedBag::read(path, 0, stop)?;
+    let has_positions = bag.index.summaries().iter().any(|t| t.type_name == JointState::TYPE);
     // Frames are compared with a twin in the world of the recorded poses.
     let config = &CaptureConfig { tracking: TrackCamera::Never, ..config.clone() };
-    let mut views = Views::find(&bag, &index, config, 0)?;
-    settle(&mut [Settled { bag: &bag, views: &mut views, state: 0 }], config, stop)?;
-    let poses: Vec<Pose> = views.views.iter().filter_map(|v| v.world_from_camera).collect();
+    let mut recording = bag.unsettled(config)?;
+    settle(slice::from_mut(&mut recording), config, stop)?;
+    let views = &recording.views;
     let chosen: Vec<(usize, usize)> =
-        spread_views(&poses, config.frames_per_state).into_iter().map(|v| (0, v)).collect();
+        recording.spread(&recording.all(), config).into_iter().map(|v| (0, v)).collect();
     config.check_memory(&[views.sizes(chosen.len())])?;
-    let decoded = decode_views(&bag, &views, &chosen, config, stop)?;
+    let decoded = recording.decode(&chosen, config, stop)?;
     warnings.extend(views.warnings.iter().cloned());
     if let Some(first) = decoded.lost.first() {
         warnings.push(Note::new(
@@ -67,7 +64,7 @@ pub fn read_frame_run(
             max_m: config.depth_max_m,
         });
     }
-    let velocities: Option<Vec<_>> = frames.iter().map(|f| velocity(&views, f, config)).collect();
+    let velocities: Option<Vec<_>> = frames.iter().map(|f| velocity(views, f, config)).collect();
     let name =
         path.file_stem().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned());
     let mut of_positions = Vec::new();
@@ -75,7 +72,7 @@ pub fn read_frame_run(
         name,
         frames,
         velocities: velocities.unwrap_or_default(),
-        positions: positions(&index, path, &mut of_positions),
+        positions: if has_positions { positions(path, &mut of_positions) } else { BTreeMap::new() },
         noise: config.noise,
     };
     Ok((run, of_positions))
@@ -94,11 +91,7 @@ fn velocity(views: &Views, frame: &RgbdFrame, config: &CaptureConfig) -> Option<
 }
 
 /// Median joint positions of a recording with joint states.
-fn positions(index: &BagIndex, path: &Path, warnings: &mut Vec<Note>) -> BTreeMap<String, f64> {
-    let has = index.summaries().iter().any(|t| t.type_name == super::ros2msg::JointState::TYPE);
-    if !has {
-        return BTreeMap::new();
-    }
+fn positions(path: &Path, warnings: &mut Vec<Note>) -> BTreeMap<String, f64> {
     let recording = match read_joint_log(path, &Streams::default()) {
         Ok(recording) => recording,
         Err(error) => {

@@ -12,7 +12,6 @@ use super::{
     bag::Bag,
     expansion::Expansion,
     file_ranges::FileRanges,
-    folder::ImageFolder,
     joint_log::is_joint_topic,
     mcap_file::{Channels, RawMessage, read_messages},
     mcap_summary::McapSummary,
@@ -53,11 +52,12 @@ pub fn glimpse_views(paths: &[PathBuf], config: &CaptureConfig) -> io::Result<Ve
 }
 
 fn glimpse_of_bag(path: &Path, config: &CaptureConfig) -> io::Result<Glimpse> {
-    if let Ok(Some(images)) = ImageFolder::open(path) {
+    let Ok(bag) = Bag::open(path) else { return Ok(Glimpse::default()) };
+    if let Some(images) = &bag.images {
         let (frames, size) = images.views();
         return Ok(Glimpse { frames: Some(frames), size });
     }
-    let Some(summaries) = Summaries::of(path)? else { return Ok(Glimpse::default()) };
+    let Some(summaries) = Summaries::of(&bag)? else { return Ok(Glimpse::default()) };
     Ok(summaries.views(config)?.unwrap_or_default())
 }
 
@@ -66,7 +66,8 @@ fn glimpse_of_bag(path: &Path, config: &CaptureConfig) -> io::Result<Glimpse> {
 /// # Errors
 /// If a file cannot be read.
 pub fn count_joint_messages(path: &Path, streams: &Streams) -> io::Result<u64> {
-    let Some(summaries) = Summaries::of(path)? else { return Ok(0) };
+    let Ok(bag) = Bag::open(path) else { return Ok(0) };
+    let Some(summaries) = Summaries::of(&bag)? else { return Ok(0) };
     let channels = summaries.all.iter().flat_map(|(_, s)| s.channels.values());
     let read = channels.filter(|c| {
         is_joint_topic(&c.topic, &c.type_name, ["cdr", ROS1].contains(&c.message_encoding.as_str()), streams)
@@ -81,8 +82,7 @@ struct Summaries {
 
 impl Summaries {
     /// `None` where a file has none.
-    fn of(path: &Path) -> io::Result<Option<Self>> {
-        let Ok(bag) = Bag::open(path) else { return Ok(None) };
+    fn of(bag: &Bag) -> io::Result<Option<Self>> {
         let mut all = Vec::new();
         for path in &bag.files {
             let file = FileRanges::open(path)?;

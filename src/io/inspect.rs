@@ -11,12 +11,12 @@ use super::{
     board_look::board_note,
     dataset,
     inspect_motion::{MotionInspection, inspect_motion, is_of_joints},
-    probe::{Settled, settle},
+    probe::settle,
+    recording::{IndexedBag, RecordedStates, Recording},
     source::Source,
     topics::INFO_TYPE,
-    views::Views,
 };
-use capture::{CaptureConfig, CaptureError, Split};
+use capture::{CaptureConfig, CaptureError};
 use common::limits::SHOWN;
 use common::note::Note;
 use common::stop::Stop;
@@ -87,18 +87,39 @@ pub fn inspect(path: &Path) -> Result<Inspection, CaptureError> {
 /// # Errors
 /// Those of [`inspect`].
 pub fn inspect_with(sources: &[PathBuf], config: &CaptureConfig) -> Result<Inspection, CaptureError> {
+    Ok(inspected(sources, config)?.0)
+}
+
+/// An inspection, and the bags as `reconstruct` reads them, where it can use all of them.
+///
+/// # Errors
+/// Those of [`inspect`].
+pub fn inspected(
+    sources: &[PathBuf],
+    config: &CaptureConfig,
+) -> Result<(Inspection, Option<Vec<RecordedStates>>), CaptureError> {
     let mut found = Inspection::default();
+    let stop = &Stop::never();
+    let mut recorded = None;
     match Source::of(sources) {
         Ok(Source::States(paths)) => {
-            for (state, bag) in paths.iter().enumerate() {
-                found.recordings.push(inspect_bag(bag, config, state)?.0);
-            }
+            let settled = found.settled_bags(IndexedBag::of_states(&paths, stop)?, config);
+            recorded = settled.map(|all| all.into_iter().map(RecordedStates::of_one).collect());
         }
-        Ok(Source::Both(bag)) => {
-            let (recording, index) = inspect_bag(&bag, config, 0)?;
-            found.recordings.push(recording);
-            // A bag with both states must be split; checks whether the settings say how.
-            found.problem = split_problem(&bag, &index, config);
+        Ok(Source::Both(path)) => {
+            let mut bag = IndexedBag::read(&path, 0, stop)?;
+            let hint = marker_hint(&bag.index);
+            let split = bag.divided(config);
+            let settled = found.settled_bags(vec![bag], config).and_then(|mut all| all.pop());
+            let divided = match (split, settled) {
+                (Ok(split), Some(recording)) => RecordedStates::of_both(recording, &split).map(Some),
+                (split, _) => split.map(|_| None),
+            };
+            match divided {
+                Ok(divided) => recorded = divided.map(|divided| vec![divided]),
+                Err(error @ CaptureError::OneState { .. }) => found.problem = Some(format!("{error}{hint}")),
+                Err(error) => found.problem = Some(error.to_string()),
+            }
         }
         Ok(Source::Keyframes(folder)) => found.recordings.push(inspect_dataset(
             &folder,
@@ -114,82 +135,28 @@ pub fn inspect_with(sources: &[PathBuf], config: &CaptureConfig) -> Result<Inspe
         )),
         // A folder with one state only still has something to show.
         Err(CaptureError::OneState { path }) => {
+            let mut bags = Vec::new();
             for state in 0..2 {
                 let bag = path.join(format!("state{state}"));
                 if Bag::is_at(&bag) {
-                    found.recordings.push(inspect_bag(&bag, config, state)?.0);
+                    bags.push(IndexedBag::read(&bag, state, stop)?);
                 }
             }
+            found.settled_bags(bags, config);
             found.problem = Some(CaptureError::OneState { path }.to_string());
         }
         Err(error) => return Err(error),
     }
-    Ok(found)
+    Ok((found, recorded))
 }
 
-fn split_problem(bag: &Path, index: &BagIndex, config: &CaptureConfig) -> Option<String> {
-    let (first, last) = index.span_nanos()?;
-    if let Some(topic) = &config.topics.marker {
-        return Split::at_markers(topic, index.markers.get(topic).map_or(&[][..], Vec::as_slice))
-            .err()
-            .map(|e| e.to_string());
-    }
-    if !config.split_secs.is_empty() {
-        return Split::at_times(&config.split_secs, first, last).err().map(|e| e.to_string());
-    }
+/// Names the topics of a bag that may mark where one state ends.
+fn marker_hint(index: &BagIndex) -> String {
     let markers: Vec<_> = index.markers.keys().map(String::as_str).collect();
-    let hint = if markers.is_empty() {
-        String::new()
-    } else {
-        format!(" (std_msgs topics that may be markers: {})", markers.join(", "))
-    };
-    Some(format!("{}{hint}", CaptureError::OneState { path: bag.to_owned() }))
-}
-
-fn inspect_bag(
-    path: &Path,
-    config: &CaptureConfig,
-    state: usize,
-) -> Result<(StateInspection, BagIndex), CaptureError> {
-    let bag = Bag::open(path)?;
-    let index = BagIndex::read(&bag, &Stop::never())?;
-    let mut seen =
-        StateInspection { path: path.to_owned(), format: bag.form(), ..StateInspection::default() };
-    seen.span_secs = index.span_nanos().map(|(a, b)| (a as f64 * 1e-9, b as f64 * 1e-9));
-    seen.topics = index.topics.keys().map(|name| inspect_topic(name, &index)).collect();
-    seen.transforms = index.tf.describe();
-    match settled_views(&bag, &index, config, state) {
-        Ok(views) => {
-            seen.views = views.views.len();
-            seen.untracked = views.are_untracked();
-            let board = board_note(&bag, &views, config);
-            seen.chosen = views.notes;
-            seen.chosen.extend(board);
-            seen.warnings = views.warnings;
-        }
-        // An unusable recording is shown all the same, with the reason.
-        Err(error) => {
-            // The losses `Views` would have reported.
-            seen.warnings = [bag.warnings.clone(), index.damage()].concat();
-            seen.problem = Some(error.to_string());
-            if seen.topics.iter().any(|t| is_of_joints(&t.type_name)) {
-                seen.motion = inspect_motion(path);
-            }
-        }
+    match markers.is_empty() {
+        true => String::new(),
+        false => format!(" (std_msgs topics that may be markers: {})", markers.join(", ")),
     }
-    Ok((seen, index))
-}
-
-/// The views of a bag, as a run would have them.
-fn settled_views(
-    bag: &Bag,
-    index: &BagIndex,
-    config: &CaptureConfig,
-    state: usize,
-) -> Result<Views, CaptureError> {
-    let mut views = Views::find(bag, index, config, state)?;
-    settle(&mut [Settled { bag, views: &mut views, state }], config, &Stop::never())?;
-    Ok(views)
 }
 
 fn inspect_topic(name: &str, index: &BagIndex) -> TopicInspection {
@@ -254,6 +221,34 @@ fn inspect_dataset(
 }
 
 impl Inspection {
+    /// Adds bags, and settles them together as a run does; returns them if all of them can be used.
+    fn settled_bags(&mut self, bags: Vec<IndexedBag>, config: &CaptureConfig) -> Option<Vec<Recording>> {
+        let mut recordings = Vec::new();
+        for bag in bags {
+            let mut seen = StateInspection::of_bag(&bag);
+            match bag.unsettled(config) {
+                Ok(recording) => recordings.push(recording),
+                // An unusable recording is shown all the same, with the reason.
+                Err(error) => seen.problem = Some(error.to_string()),
+            }
+            self.recordings.push(seen);
+        }
+        let settled = settle(&mut recordings, config, &Stop::never());
+        let usable = self.recordings.iter_mut().filter(|seen| seen.problem.is_none());
+        for (seen, recording) in usable.zip(&recordings) {
+            match &settled {
+                Ok(()) => seen.add_settled(recording, config),
+                Err(error) => seen.problem = Some(error.to_string()),
+            }
+        }
+        for seen in self.recordings.iter_mut().filter(|seen| seen.problem.is_some()) {
+            if seen.topics.iter().any(|t| is_of_joints(&t.type_name)) {
+                seen.motion = inspect_motion(&seen.path);
+            }
+        }
+        self.is_reconstructible().then_some(recordings)
+    }
+
     /// Whether `reconstruct` can use it as it is, or `diagnose` can because joints move in it.
     #[must_use]
     pub fn is_usable(&self) -> bool {
@@ -284,8 +279,9 @@ impl Inspection {
             recording.write(&mut text);
         }
         list(&mut text, "warnings about the images", &self.warnings);
-        let problems: Vec<_> =
+        let mut problems: Vec<_> =
             self.recordings.iter().filter_map(|r| r.problem.as_ref()).chain(&self.problem).collect();
+        problems.dedup();
         match problems.as_slice() {
             [] => text.push_str("usable: yes\n"),
             _ if self.is_diagnosable() => text.push_str("usable: yes, by diagnose\n"),
@@ -301,6 +297,28 @@ impl Inspection {
 }
 
 impl StateInspection {
+    /// The contents of a bag.
+    fn of_bag(IndexedBag { bag, index, .. }: &IndexedBag) -> Self {
+        Self {
+            path: bag.path.clone(),
+            format: bag.form(),
+            span_secs: index.span_nanos().map(|(a, b)| (a as f64 * 1e-9, b as f64 * 1e-9)),
+            topics: index.topics.keys().map(|name| inspect_topic(name, index)).collect(),
+            transforms: index.tf.describe(),
+            warnings: [bag.warnings.clone(), index.damage()].concat(),
+            ..Self::default()
+        }
+    }
+
+    /// Adds the views of a settled recording, and what is to be known about them.
+    fn add_settled(&mut self, Recording { bag, views, .. }: &Recording, config: &CaptureConfig) {
+        self.views = views.views.len();
+        self.untracked = views.are_untracked();
+        self.chosen = views.notes.clone();
+        self.chosen.extend(board_note(bag, views, config));
+        self.warnings.clone_from(&views.warnings);
+    }
+
     fn write(&self, text: &mut String) {
         _ = writeln!(text, "{} ({})", printable(&self.path.display().to_string()), self.format);
         if let Some((first, last)) = self.span_secs {

@@ -118,7 +118,7 @@ pub use camera::pinhole;
 pub use dataset::{JointTransform, JointTransforms, STATES, open_keyframes, open_start_end};
 pub use glimpse::{Glimpse, count_joint_messages, glimpse_views};
 pub use growing::{GrowingState, Grown};
-pub use inspect::{inspect, inspect_with, printable};
+pub use inspect::{inspect, inspect_with, inspected, printable};
 pub use live_view::LiveEye;
 pub use offered_qos::OfferedQos;
 #[cfg(not(feature = "onnx"))]
@@ -128,7 +128,7 @@ pub use onnx::{MAX_MODEL_BYTES, OnnxError};
 pub use onnx_matcher::OnnxMatcher;
 pub use pixels::Decoded;
 pub use poses::poses_unused;
-pub use recording::{Recording, object_name, state_count};
+pub use recording::{RecordedStates, Recording, object_name, state_count};
 #[cfg(feature = "rerun")]
 pub use rerun::{Seen, write_rerun};
 pub use source::{Source, is_recording, name_of};

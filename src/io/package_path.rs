@@ -85,8 +85,8 @@ pub(super) fn named_path(urdf: &Path, named: &str) -> Result<PathBuf, UrdfFault>
     own_package(urdf).filter(|root| path.starts_with(root)).map(|_| path).ok_or_else(outside)
 }
 
-/// A path that leads down, if it does.
-fn below(path: &str) -> Option<&Path> {
+/// The path of a name that leads only down; `None` for any other.
+pub(super) fn below(path: &str) -> Option<&Path> {
     let path = Path::new(path);
     let is_below = path.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
     (is_below && !path.as_os_str().is_empty()).then_some(path)

@@ -1,11 +1,7 @@
 //! The poses that a source gives the views of a recording.
 
 use super::{
-    bag_index::BagIndex,
-    lags::Lags,
-    poses::{Certainty, PoseSource},
-    synchronize::OTHER_CLOCK_NANOS,
-    views::Views,
+    bag_index::BagIndex, lags::Lags, poses::PoseSource, synchronize::OTHER_CLOCK_NANOS, views::Views,
 };
 use capture::{CaptureConfig, CaptureError, TfBuffer, stamp_secs};
 use common::note::{Note, NoteCode};
@@ -51,7 +47,7 @@ impl PoseCandidate {
     ) -> Self {
         let gap = (config.tf_max_gap_secs * 1e9) as i64;
         let delay = (config.pose_delay_secs * 1e9) as i64;
-        let stamps: Vec<i64> = views.unposed.iter().map(|v| v.stamp_nanos + delay).collect();
+        let stamps: Vec<i64> = views.views.iter().map(|v| v.stamp_nanos + delay).collect();
         let mut found = poses_at(&source, &stamps, gap);
         let mut shift_nanos = 0;
         if found.0.iter().all(Option::is_none) {
@@ -90,33 +86,15 @@ impl PoseCandidate {
         self.poses.iter().flatten().count()
     }
 
-    /// Whether the source is the camera's by its names.
-    pub fn is_named(&self) -> bool {
-        self.source.certainty == Certainty::Named
-    }
-
     /// Whether enough of `all` views have a pose.
     pub fn is_enough(&self, all: usize) -> bool {
         self.count() >= LEAST_POSED.min(all)
     }
 
-    /// Why it gives too few poses.
-    pub fn reason(&self, all: usize) -> String {
-        if self.source.invalid > 0 && self.count() == 0 {
-            return CaptureError::InvalidPoses {
-                topic: self.source.origin.clone(),
-                count: self.source.invalid,
-            }
-            .to_string();
-        }
-        let first = self.first_failure.as_deref().unwrap_or_default();
-        format!("{} give {} of {all} views a pose (first: {first})", self.name, self.count())
-    }
-
-    /// The error of a recording whose poses must be used, if it gives none.
+    /// The error of a recording to whose `all` views it gives too few poses.
     pub fn error(&self, state: usize, all: usize) -> CaptureError {
         // Reported as the cause: a missing pose is only its symptom.
-        if self.source.invalid > 0 {
+        if self.source.invalid > 0 && self.count() == 0 {
             return CaptureError::InvalidPoses {
                 topic: self.source.origin.clone(),
                 count: self.source.invalid,

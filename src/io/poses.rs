@@ -8,15 +8,15 @@ use geometry::Pose;
 /// Most sources of poses that are compared. chosen: more than a recording has, and each is quickly compared
 const MOST_SOURCES: usize = 8;
 
-/// How much a recording says about whose poses a source gives.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// How much a recording says about whose poses a source gives, the most first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Certainty {
     /// Its frames lead from the world to the color images.
     Named,
-    /// The camera stands still: static transforms lead from the world to it.
-    Stands,
     /// It is taken for the camera's; the images have to confirm it.
     Assumed,
+    /// The camera stands still: static transforms lead from the world to it.
+    Stands,
 }
 
 /// Where the camera's poses come from.
@@ -88,10 +88,10 @@ impl PoseSources {
             for tf in index.tf.with_one_parent(&optical) {
                 let source = PoseSource::of_tf(tf, &optical);
                 let chain = source.tf.chain_of_frame(&optical);
-                let jumps = index.tf.invalid > 0 && !chain.moves;
                 if chain.moves {
                     sources.push(source);
-                } else if chain.root != optical && !jumps {
+                } else if chain.root != optical && index.tf.invalid == 0 {
+                    // Invalid transforms, which were dropped, would have moved it.
                     resting.push(PoseSource { certainty: Certainty::Stands, ..source });
                 }
             }
@@ -104,8 +104,7 @@ impl PoseSources {
                 sources.extend(ends.map(|end| PoseSource::assumed_at(index, &optical, end)));
             }
         }
-        sources.sort_by_key(|s| (s.certainty == Certainty::Stands, s.certainty == Certainty::Assumed));
-        // The first optical frame is the images' own: it stays if another names the same transform.
+        sources.sort_by_key(|s| s.certainty);
         sources.truncate(MOST_SOURCES);
         sources
     }

@@ -5,11 +5,10 @@
 //! poses these are, how that frame stands to the camera, and in what unit depth is.
 
 use super::{
-    bag::Bag,
     pixels::decode_views,
     pose_candidate::PoseCandidate,
     poses::{Certainty, PoseSource, poses_unused},
-    recording::unmasked,
+    recording::{Recording, unmasked},
     views::{View, Views},
 };
 use capture::{
@@ -48,14 +47,13 @@ const UNIT_TOLERANCE: f64 = 0.1;
 /// Median depth of numbers that cannot be meters. chosen: beyond the reach of any camera indoors
 const NO_METERS: f64 = 50.0;
 /// Largest share of pixels that differ between views of a camera that stands still.
-/// measured: shared/bags: two views 2 deg apart differ in a third of the pixels, two of one place in 1 %
+/// chosen: above what noise changes, and far below what another place of the camera does
 const STANDS_SHARE: f64 = 0.1;
 /// Difference of color, of 255, and of depth, share, that noise does not make. chosen: four deviations
 const OTHER_COLOR: u8 = 40;
 const OTHER_DEPTH_SHARE: f32 = 0.03;
 /// Masks that cover a larger share of most images are no masks of an object, nor are those whose pixels
-/// hardly
-/// ever have depth. chosen: what fills the image shows nothing beside it
+/// hardly ever have depth. chosen: what fills the image shows nothing beside it
 const MOST_COVERED: f64 = 0.95;
 const LEAST_READ: f64 = 0.05;
 
@@ -64,16 +62,6 @@ const LEAST_READ: f64 = 0.05;
 const ELSEWHERE_RAD: f64 = 0.1;
 const ELSEWHERE_M: f64 = 1e-6;
 
-/// A recording that is settled with others.
-pub struct Settled<'a> {
-    /// Its files.
-    pub bag: &'a Bag,
-    /// Its views.
-    pub views: &'a mut Views,
-    /// Its state, for messages.
-    pub state: usize,
-}
-
 /// Decoded views of a recording.
 struct Looked {
     /// Indices into all views, rising.
@@ -81,15 +69,12 @@ struct Looked {
     frames: Vec<RgbdFrame>,
 }
 
-/// Settles masks, poses and the unit of depth of recordings of one camera.
+/// Settles masks, poses and the unit of depth of recordings of one camera. All of them get the poses of one
+/// source, or all are left to be tracked: recorded poses do not relate to another state's map.
 ///
 /// # Errors
 /// Those of the decoding; [`CaptureError::NoPoses`] where poses must be used and are not the camera's.
-pub fn settle(
-    recordings: &mut [Settled<'_>],
-    config: &CaptureConfig,
-    stop: &Stop,
-) -> Result<(), CaptureError> {
+pub fn settle(recordings: &mut [Recording], config: &CaptureConfig, stop: &Stop) -> Result<(), CaptureError> {
     let mut looked = Vec::new();
     for recording in recordings.iter_mut() {
         let mut frames = look(recording, config, stop)?;
@@ -105,13 +90,11 @@ pub fn settle(
 }
 
 /// Decodes views at some places of a recording, at any depth.
-fn look(recording: &Settled<'_>, config: &CaptureConfig, stop: &Stop) -> Result<Looked, CaptureError> {
-    let all = &recording.views.unposed;
-    let wanted = places(all);
-    let views = Views { views: all.clone(), ..recording.views.clone() };
+fn look(recording: &Recording, config: &CaptureConfig, stop: &Stop) -> Result<Looked, CaptureError> {
+    let wanted = places(&recording.views.views);
     let chosen: Vec<(usize, usize)> = wanted.iter().map(|&v| (v, v)).collect();
     let any_depth = CaptureConfig { depth_min_m: 0.0, depth_max_m: f64::from(f32::MAX), ..config.clone() };
-    let found = decode_views(recording.bag, &views, &chosen, &any_depth, stop)?.frames;
+    let found = decode_views(&recording.bag, &recording.views, &chosen, &any_depth, stop)?.frames;
     let (views, frames) = found.into_iter().unzip();
     Ok(Looked { views, frames })
 }
@@ -132,7 +115,7 @@ fn places(all: &[View]) -> Vec<usize> {
 }
 
 /// Leaves out masks that show no object.
-fn settle_masks(recording: &mut Settled<'_>, frames: &mut [RgbdFrame]) {
+fn settle_masks(recording: &mut Recording, frames: &mut [RgbdFrame]) {
     let Some(topic) = recording.views.topics.mask.clone() else { return };
     let mut covered = Vec::new();
     let mut read = Vec::new();
@@ -156,8 +139,7 @@ fn settle_masks(recording: &mut Settled<'_>, frames: &mut [RgbdFrame]) {
         _ => return,
     };
     let views = &mut recording.views;
-    **views = unmasked(views);
-    views.unposed.iter_mut().for_each(|v| v.mask = None);
+    *views = unmasked(views);
     views.warnings.push(Note::new(
         NoteCode::MasksUnlike,
         format!(
@@ -169,12 +151,12 @@ fn settle_masks(recording: &mut Settled<'_>, frames: &mut [RgbdFrame]) {
 }
 
 /// Finds millimeters in floating point, which should be meters, by their size.
-fn settle_number_type(recordings: &mut [Settled<'_>], looked: &mut [Looked]) {
+fn settle_number_type(recordings: &mut [Recording], looked: &mut [Looked]) {
     for (recording, looked) in recordings.iter_mut().zip(looked) {
         if recording.views.has_unknown_unit || median_depth(&looked.frames).is_none_or(|d| d < NO_METERS) {
             continue;
         }
-        scale_depth(recording.views, 0.001);
+        scale_depth(&mut recording.views, 0.001);
         looked.frames.iter_mut().flat_map(|f| &mut f.depth_m).for_each(|d| *d *= 0.001);
         let topic = &recording.views.topics.depth;
         let text = format!("{topic}: numbers beyond any reach in meters are taken as millimeters");
@@ -202,7 +184,7 @@ struct SeenMotion {
 
 /// Chooses among the sources of poses; returns the name of the one that is used, by recording.
 fn settle_poses(
-    recordings: &mut [Settled<'_>],
+    recordings: &mut [Recording],
     looked: &[Looked],
     config: &CaptureConfig,
     stop: &Stop,
@@ -241,9 +223,7 @@ fn settle_poses(
     if chosen.as_ref().is_none_or(|(_, m)| m.is_none()) {
         // Of equals the first.
         let best = rivals.into_iter().rev().max_by(|a, b| a.1.share.total_cmp(&b.1.share));
-        let is_named_at_rest =
-            |c: usize| recordings[0].views.candidates[c].source.certainty == Certainty::Stands;
-        chosen = best.map(|(c, m)| (c, Some(m))).or(chosen.filter(|(c, _)| !is_named_at_rest(*c) || stands));
+        chosen = best.map(|(c, m)| (c, Some(m))).or(chosen);
     }
     let Some((c, mut mounting)) = chosen else {
         leave_out(recordings, config, "by what the images show they are not the camera's")?;
@@ -286,9 +266,9 @@ fn settle_poses(
 }
 
 /// Brings the sources of all recordings into one order, without those that are not in all of them.
-fn match_candidates(recordings: &mut [Settled<'_>]) {
+fn match_candidates(recordings: &mut [Recording]) {
     let Some((first, others)) = recordings.split_first_mut() else { return };
-    let has = |r: &Settled<'_>, name: &str| r.views.candidates.iter().any(|c| c.name == name);
+    let has = |r: &Recording, name: &str| r.views.candidates.iter().any(|c| c.name == name);
     let names = first.views.candidates.iter().map(|c| c.name.clone());
     let common: Vec<String> = names.filter(|name| others.iter().all(|r| has(r, name))).collect();
     for recording in std::iter::once(first).chain(others) {
@@ -340,7 +320,7 @@ fn told(candidate: &PoseCandidate, mounting: Option<&Mounting>) -> Option<Note> 
 ///
 /// # Errors
 /// Where the settings forbid that.
-fn leave_out(recordings: &mut [Settled<'_>], config: &CaptureConfig, why: &str) -> Result<(), CaptureError> {
+fn leave_out(recordings: &mut [Recording], config: &CaptureConfig, why: &str) -> Result<(), CaptureError> {
     for recording in recordings {
         let candidates = &recording.views.candidates;
         let names: Vec<&str> = candidates.iter().map(|c| c.name.as_str()).collect();
@@ -351,12 +331,11 @@ fn leave_out(recordings: &mut [Settled<'_>], config: &CaptureConfig, why: &str) 
                 Some(s) => CaptureError::StaticCamera { frame: s.optical.clone(), root: s.world.clone() },
                 None => CaptureError::NoPoses {
                     state: recording.state,
-                    frames: recording.views.unposed.len(),
+                    frames: recording.views.views.len(),
                     first: text,
                 },
             });
         }
-        recording.views.take_no_poses();
         // A static transform to a camera in the hand is no attempt at poses.
         if !all_stand {
             recording.views.warnings.push(poses_unused(&text));
@@ -367,7 +346,7 @@ fn leave_out(recordings: &mut [Settled<'_>], config: &CaptureConfig, why: &str) 
 
 /// Settles the unit of depth, or of poses, where their lengths contradict each other; returns the ratio of
 /// lengths of the poses to those of depth as it was decoded, `None` where it is that of no units.
-fn settle_lengths(recordings: &mut [Settled<'_>], looked: &[Looked], mounting: &Mounting) -> Option<f64> {
+fn settle_lengths(recordings: &mut [Recording], looked: &[Looked], mounting: &Mounting) -> Option<f64> {
     let scale = mounting.scale;
     if (scale - 1.0).abs() <= SAME_LENGTH {
         return Some(1.0);
@@ -379,7 +358,7 @@ fn settle_lengths(recordings: &mut [Settled<'_>], looked: &[Looked], mounting: &
     let says = format!("{} motions between images, {:.0} % agree", mounting.motions, 100.0 * mounting.share);
     if let Some(unit_m) = unit.filter(|_| recordings.iter().all(|r| r.views.has_unknown_unit)) {
         for recording in recordings {
-            scale_depth(recording.views, unit_m / 0.001);
+            scale_depth(&mut recording.views, unit_m / 0.001);
             let topic = &recording.views.topics.depth;
             let text = format!(
                 "{topic}: a unit is {} mm by the lengths of the camera poses, not 1 mm ({says}); say so \
@@ -440,11 +419,11 @@ fn seen_motions(looked: &[Looked], stop: &Stop) -> Result<Vec<SeenMotion>, Captu
 }
 
 /// The motions by images beside those of a source of poses.
-fn motion_pairs(seen: &[SeenMotion], recordings: &[Settled<'_>], candidate: usize) -> Vec<MotionPair> {
+fn motion_pairs(seen: &[SeenMotion], recordings: &[Recording], candidate: usize) -> Vec<MotionPair> {
     seen.iter().filter_map(|s| motion_pair(s, recordings, candidate)).collect()
 }
 
-fn motion_pair(seen: &SeenMotion, recordings: &[Settled<'_>], candidate: usize) -> Option<MotionPair> {
+fn motion_pair(seen: &SeenMotion, recordings: &[Recording], candidate: usize) -> Option<MotionPair> {
     let poses = &recordings[seen.recording].views.candidates[candidate].poses;
     let [first, second] = seen.views.map(|v| poses[v]);
     Some(MotionPair { by_images: seen.motion, by_poses: second?.inverse() * first?, depth: seen.depth })

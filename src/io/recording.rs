@@ -3,18 +3,19 @@
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
+    slice,
 };
 
 use super::{
     bag::Bag,
     bag_index::BagIndex,
     pixels::{Decoded, decode_views},
-    probe::{Settled, settle},
+    probe::settle,
     source::Source,
     topics::choose,
     views::{View, Views},
 };
-use capture::{CaptureConfig, CaptureError, RgbdFrame, Split, TrackCamera, spread_views};
+use capture::{CaptureConfig, CaptureError, RgbdFrame, Split, spread_views};
 use common::limits::{BYTES_PER_PIXEL, NAMED};
 use common::note::{Note, NoteCode};
 use common::stop::Stop;
@@ -40,12 +41,116 @@ pub fn state_count(sources: &[PathBuf]) -> Result<usize, CaptureError> {
     Ok(Source::of(sources)?.states())
 }
 
+/// A bag whose messages are known.
+pub(super) struct IndexedBag {
+    /// Its files.
+    pub bag: Bag,
+    /// Its messages.
+    pub index: BagIndex,
+    /// Its state, for messages.
+    state: usize,
+    /// The note on static transforms that it has from another one.
+    shared: Option<Note>,
+}
+
+impl IndexedBag {
+    /// Reads a bag without its pixels.
+    ///
+    /// # Errors
+    /// [`CaptureError`] about files.
+    pub fn read(path: &Path, state: usize, stop: &Stop) -> Result<Self, CaptureError> {
+        let bag = Bag::open(path)?;
+        let index = BagIndex::read(&bag, stop)?;
+        Ok(Self { bag, index, state, shared: None })
+    }
+
+    /// The bags of all states, with each other's static transforms.
+    ///
+    /// # Errors
+    /// Those of [`Self::read`].
+    pub fn of_states(paths: &[PathBuf], stop: &Stop) -> Result<Vec<Self>, CaptureError> {
+        let bags = paths.iter().enumerate().map(|(state, path)| Self::read(path, state, stop));
+        let mut bags = bags.collect::<Result<Vec<_>, _>>()?;
+        share_static_transforms(&mut bags);
+        Ok(bags)
+    }
+
+    /// When the states of a bag that holds both follow each other; what lies between them is left out.
+    ///
+    /// # Errors
+    /// [`CaptureError::Split`] and [`CaptureError::OneState`] where it cannot be divided, and those about
+    /// topics.
+    pub fn divided(&mut self, config: &CaptureConfig) -> Result<Split, CaptureError> {
+        let topics = choose(&self.index.summaries(), &config.topics, &self.bag.path)?;
+        let (first, last) = self.index.span_nanos().unwrap_or_default();
+        let split = match (&topics.marker, config.split_secs.as_slice()) {
+            (Some(topic), _) => {
+                Split::at_markers(topic, self.index.markers.get(topic).map_or(&[][..], Vec::as_slice))
+            }
+            (None, []) => Err(CaptureError::OneState { path: self.bag.path.clone() }),
+            (None, times) => Split::at_times(times, first, last),
+        }?;
+        self.index.leave_out_between(&split, &topics.color);
+        Ok(split)
+    }
+
+    /// Its views, to be settled.
+    ///
+    /// # Errors
+    /// Those of [`Views::find`].
+    pub fn unsettled(self, config: &CaptureConfig) -> Result<Recording, CaptureError> {
+        let mut views = Views::find(&self.bag, &self.index, config, self.state)?;
+        views.warnings.extend(self.shared);
+        Ok(Recording { bag: self.bag, views, state: self.state })
+    }
+}
+
 /// A bag whose views are known but not yet decoded.
 pub struct Recording {
     /// Its files.
     pub bag: Bag,
     /// Its views, in the order of time.
     pub views: Views,
+    /// Its state, for messages.
+    pub(super) state: usize,
+}
+
+/// A recording with the numbers of its states, and the views of each.
+pub struct RecordedStates {
+    /// The recording.
+    pub recording: Recording,
+    /// Its states.
+    pub states: Vec<(usize, Vec<usize>)>,
+}
+
+impl RecordedStates {
+    /// A recording of one state.
+    #[must_use]
+    pub fn of_one(recording: Recording) -> Self {
+        let states = vec![(recording.state, recording.all())];
+        Self { recording, states }
+    }
+
+    /// A settled recording of both states.
+    ///
+    /// # Errors
+    /// [`CaptureError::Split`] where a state has no view.
+    pub(super) fn of_both(recording: Recording, split: &Split) -> Result<Self, CaptureError> {
+        let views = &recording.views.views;
+        let mut states = Vec::new();
+        for state in 0..2 {
+            // By recording time, as markers of std_msgs have no stamp.
+            let is_of_state = |v: &usize| split.state_at(views[*v].log_nanos) == Some(state);
+            let of_state: Vec<usize> = (0..views.len()).filter(is_of_state).collect();
+            if of_state.is_empty() {
+                let all = views.len();
+                let reason = format!("no usable view lies in state {state}; {all} views in all");
+                return Err(CaptureError::Split { reason });
+            }
+            states.push((state, of_state));
+        }
+        Ok(Self { recording, states })
+    }
 }
 
 impl Recording {
@@ -59,13 +164,12 @@ impl Recording {
         state: usize,
         stop: &Stop,
     ) -> Result<Self, CaptureError> {
-        let bag = Bag::open(path)?;
-        let mut views = Views::find(&bag, &BagIndex::read(&bag, stop)?, config, state)?;
-        settle(&mut [Settled { bag: &bag, views: &mut views, state }], config, stop)?;
-        Ok(Self { bag, views })
+        let mut recording = IndexedBag::read(path, state, stop)?.unsettled(config)?;
+        settle(slice::from_mut(&mut recording), config, stop)?;
+        Ok(recording)
     }
 
-    /// Reads the bags of all states, which were recorded with one camera.
+    /// Reads the bags of all states, which were recorded with one camera: all of them have poses, or none.
     ///
     /// # Errors
     /// Those of [`Self::open`].
@@ -74,23 +178,10 @@ impl Recording {
         config: &CaptureConfig,
         stop: &Stop,
     ) -> Result<Vec<Self>, CaptureError> {
-        let bags: Vec<Bag> = paths.iter().map(|path| Bag::open(path)).collect::<Result<_, _>>()?;
-        let mut indices: Vec<BagIndex> =
-            bags.iter().map(|bag| BagIndex::read(bag, stop)).collect::<Result<_, _>>()?;
-        let shared = share_static_transforms(&mut indices);
-        let mut all = Vec::new();
-        for (state, ((bag, index), note)) in bags.iter().zip(&indices).zip(shared).enumerate() {
-            let mut views = Views::find(bag, index, config, state)?;
-            views.warnings.extend(note.map(|note| note.about(format!("state {state}"))));
-            all.push(views);
-        }
-        drop(indices);
-        let mut settled = Vec::new();
-        for (state, (bag, views)) in bags.iter().zip(&mut all).enumerate() {
-            settled.push(Settled { bag, views, state });
-        }
-        settle(&mut settled, config, stop)?;
-        Ok(bags.into_iter().zip(all).map(|(bag, views)| Self { bag, views }).collect())
+        let bags = IndexedBag::of_states(paths, stop)?.into_iter();
+        let mut recordings = bags.map(|bag| bag.unsettled(config)).collect::<Result<Vec<_>, _>>()?;
+        settle(&mut recordings, config, stop)?;
+        Ok(recordings)
     }
 
     /// Reads a bag of all states one after the other, with the views of each.
@@ -102,56 +193,14 @@ impl Recording {
         path: &Path,
         config: &CaptureConfig,
         stop: &Stop,
-    ) -> Result<(Self, Vec<Vec<usize>>), CaptureError> {
-        let bag = Bag::open(path)?;
-        let mut index = BagIndex::read(&bag, stop)?;
-        let topics = choose(&index.summaries(), &config.topics, &bag.path)?;
-        let (first, last) = index.span_nanos().unwrap_or_default();
-        let split = match (&topics.marker, config.split_secs.as_slice()) {
-            (Some(topic), _) => {
-                Split::at_markers(topic, index.markers.get(topic).map_or(&[][..], Vec::as_slice))
-            }
-            (None, []) => Err(CaptureError::OneState { path: path.to_owned() }),
-            (None, times) => Split::at_times(times, first, last),
-        };
-        if let Ok(split) = &split {
-            index.leave_out_between(split, &topics.color);
-        }
+    ) -> Result<RecordedStates, CaptureError> {
+        let mut bag = IndexedBag::read(path, 0, stop)?;
+        let split = bag.divided(config);
         // For the whole bag, so both states share one choice of topics and one source of poses.
-        let mut views = Views::find(&bag, &index, config, 0)?;
+        let mut recording = bag.unsettled(config)?;
         let split = split?;
-        settle(&mut [Settled { bag: &bag, views: &mut views, state: 0 }], config, stop)?;
-        let mut of_states = Vec::new();
-        for state in 0..2 {
-            let of_state: Vec<usize> = (0..views.views.len())
-                // By recording time, as markers of std_msgs have no stamp.
-                .filter(|v| split.state_at(views.views[*v].log_nanos) == Some(state))
-                .collect();
-            if of_state.is_empty() {
-                return Err(CaptureError::Split {
-                    reason: format!(
-                        "no usable view lies in state {state}; {} views in all",
-                        views.views.len()
-                    ),
-                });
-            }
-            of_states.push(of_state);
-        }
-        Ok((Self { bag, views }, of_states))
-    }
-
-    /// The same without the recorded poses, to be tracked.
-    ///
-    /// # Errors
-    /// Those of [`Self::open`].
-    pub fn without_poses(
-        self,
-        config: &CaptureConfig,
-        state: usize,
-        stop: &Stop,
-    ) -> Result<Self, CaptureError> {
-        let always = CaptureConfig { tracking: TrackCamera::Always, ..config.clone() };
-        Self::open(&self.bag.path, &always, state, stop)
+        settle(slice::from_mut(&mut recording), config, stop)?;
+        RecordedStates::of_both(recording, &split)
     }
 
     /// All its views, by their numbers.
@@ -203,34 +252,33 @@ impl Recording {
     }
 }
 
-/// Gives each recording the static transforms of frames that have a parent in another one alone: they belong
-/// to the camera and the robot, and recorders that start late miss them. Returns a note for each recording
-/// that got some.
-fn share_static_transforms(indices: &mut [BagIndex]) -> Vec<Option<Note>> {
+/// Gives each bag the static transforms of frames that have a parent in another one alone: they belong to the
+/// camera and the robot, and recorders that start late miss them. Those that got some have a note on it.
+fn share_static_transforms(bags: &mut [IndexedBag]) {
     let mut known: BTreeMap<String, (String, Pose)> = BTreeMap::new();
-    for index in indices.iter() {
-        for (parent, child, pose) in index.tf.static_transforms() {
+    for bag in bags.iter() {
+        for (parent, child, pose) in bag.index.tf.static_transforms() {
             known.entry(child.to_owned()).or_insert_with(|| (parent.to_owned(), pose));
         }
     }
-    let mut notes = Vec::new();
-    for index in indices {
+    for bag in bags {
         let mut got = Vec::new();
         for (child, (parent, pose)) in &known {
-            if !index.tf.has_parent(child) {
-                index.tf.add_static(parent, child, *pose);
+            if !bag.index.tf.has_parent(child) {
+                bag.index.tf.add_static(parent, child, *pose);
                 got.push(child.as_str());
             }
         }
+        if got.is_empty() {
+            continue;
+        }
         let named = got.iter().take(NAMED).copied().collect::<Vec<_>>().join(", ");
-        notes.push((!got.is_empty()).then(|| {
-            let text = format!(
-                "static transforms were recorded with another state alone, and are taken from it ({named})"
-            );
-            Note::new(NoteCode::TransformsShared, text)
-        }));
+        let text = format!(
+            "static transforms were recorded with another state alone, and are taken from it ({named})"
+        );
+        let note = Note::new(NoteCode::TransformsShared, text);
+        bag.shared = Some(note.about(format!("state {}", bag.state)));
     }
-    notes
 }
 
 /// Views without their masks.

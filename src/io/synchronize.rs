@@ -7,9 +7,10 @@ use super::{
 use capture::{CaptureConfig, CaptureError, pair, stamp_secs};
 use common::note::{Note, NoteCode};
 
-/// Longest time between color and depth of cameras that do not wait for each other, seconds.
+/// Longest time between images of one camera, and between color and depth of cameras that do not wait for
+/// each other, nanoseconds.
 /// derived: half a period at 10 Hz, below which no camera runs by hand
-const MOST_FREE_RUNNING_SECS: f64 = 0.05;
+pub(super) const MOST_FREE_RUNNING_NANOS: i64 = 50_000_000;
 /// Clocks whose messages were recorded this much later than those of others are not the same, nanoseconds.
 /// chosen: beyond the delay of any driver
 pub(super) const OTHER_CLOCK_NANOS: i64 = 1_000_000_000;
@@ -169,7 +170,7 @@ fn half_period_nanos(stamps: &[i64]) -> i64 {
     gaps.sort_unstable();
     // Stamps are rounded to a millisecond by some drivers.
     let half = gaps.get(gaps.len() / 2).map_or(0, |gap| gap / 2 + 1_000_000);
-    half.min((MOST_FREE_RUNNING_SECS * 1e9) as i64)
+    half.min(MOST_FREE_RUNNING_NANOS)
 }
 
 /// How many images of a topic have no stamp, if any.

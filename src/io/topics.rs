@@ -3,7 +3,10 @@
 
 use std::path::Path;
 
-use super::{foreign_topics::refuse_foreign, image_codec::MASK_ENCODINGS, pose_topic::POSE_TYPES};
+use super::{
+    foreign_topics::refuse_foreign, image_codec::MASK_ENCODINGS, pose_topic::POSE_TYPES,
+    synchronize::MOST_FREE_RUNNING_NANOS,
+};
 use capture::{CaptureError, TopicConfig, pair};
 use common::limits::NAMED;
 
@@ -124,7 +127,7 @@ impl TopicSummary {
         let raw = i32::from(self.type_name == IMAGE_TYPES[0]);
         match role {
             // The stream's name counts most, then the driver's own topic, then raw before compressed. An
-            // infrared image comes last, and `best` rejects a topic that is nothing else.
+            // infrared image comes last, and `is_candidate` rejects a topic that is nothing else.
             ImageRole::Color => {
                 8 * has(&["color", "rgb"]) + 2 * has(&["image_raw", "image_rect"])
                     - 16 * has(&["infra", "/ir", "fisheye", "debug", "overlay"])
@@ -167,8 +170,8 @@ fn parent(topic: &str) -> &str {
 ///
 /// # Errors
 /// [`CaptureError::Unsupported`] for a video, [`CaptureError::NotRgbd`] without any image topic,
-/// [`CaptureError::NoTopic`] without color, depth or
-/// camera_info, [`CaptureError::BadTopic`] for a requested one without usable messages.
+/// [`CaptureError::NoTopic`] without color, depth or camera_info, [`CaptureError::BadTopic`] for a requested
+/// one without usable messages.
 pub fn choose(
     topics: &[TopicSummary],
     wanted: &TopicConfig,
@@ -183,26 +186,10 @@ pub fn choose(
     }
     let asked_color = chooser.asked("color", wanted.color.as_ref(), &IMAGE_TYPES)?;
     let asked_depth = chooser.asked("depth", wanted.depth.as_ref(), &IMAGE_TYPES)?;
-    let of_one_camera = chooser.one_camera(asked_color.as_deref(), asked_depth.as_deref());
-    let color = match asked_color.or_else(|| of_one_camera.map(|pair| pair[0].to_owned())) {
-        Some(topic) => topic,
-        None => chooser.best(ImageRole::Color).ok_or_else(|| {
-            chooser.missing(
-                "color",
-                "record the color images (realsense2_camera: /camera/camera/color/image_raw), or name them \
-                 with `--topic color=TOPIC`",
-            )
-        })?,
-    };
-    let depth = match asked_depth.or_else(|| of_one_camera.map(|pair| pair[1].to_owned())) {
-        Some(topic) => topic,
-        None => chooser.best(ImageRole::Depth).ok_or_else(|| {
-            chooser.missing(
-                "depth",
-                "record depth (realsense2_camera: enable_depth:=true, /camera/camera/depth/image_rect_raw \
-                 with its camera_info and /tf_static), or name it with `--topic depth=TOPIC`",
-            )
-        })?,
+    let colors = chooser.candidates(ImageRole::Color, asked_color.as_deref());
+    let depths = chooser.candidates(ImageRole::Depth, asked_depth.as_deref());
+    let Some([color, depth]) = chooser.one_camera(&colors, &depths) else {
+        return Err(chooser.missing_image(colors.is_empty()));
     };
     let color_info = match chooser.asked("camera_info", wanted.color_info.as_ref(), &[INFO_TYPE])? {
         Some(topic) => topic,
@@ -224,8 +211,6 @@ pub fn choose(
     Ok(TopicChoice { color, depth, color_info, depth_info, mask, pose, marker, others })
 }
 
-/// Largest difference of stamps of images of one camera, nanoseconds. derived: half a period at 10 Hz
-const TOGETHER_NANOS: i64 = 50_000_000;
 /// Least share of the color images that have a mask of the same camera. chosen: a majority
 const LEAST_MASKED: f64 = 0.5;
 
@@ -242,7 +227,16 @@ fn paired_share(a: &[i64], b: &[i64]) -> f64 {
     if fewer == 0 {
         return 1.0;
     }
-    pair(a, b, TOGETHER_NANOS).iter().flatten().count() as f64 / fewer as f64
+    pair(a, b, MOST_FREE_RUNNING_NANOS).iter().flatten().count() as f64 / fewer as f64
+}
+
+/// The first of some names, and how many more there are.
+fn first_names(mut names: Vec<String>) -> Vec<String> {
+    if let Some(more) = names.len().checked_sub(NAMED).filter(|n| *n > 0) {
+        names.truncate(NAMED);
+        names.push(format!("and {more} more"));
+    }
+    names
 }
 
 struct Chooser<'a> {
@@ -252,17 +246,10 @@ struct Chooser<'a> {
 
 impl Chooser<'_> {
     fn list(&self, keep: impl Fn(&TopicSummary) -> bool) -> String {
-        let mut names: Vec<_> = self
-            .topics
-            .iter()
-            .filter(|t| keep(t))
-            .map(|t| format!("{} ({}, {})", t.name, t.type_name, t.count))
-            .collect();
-        if let Some(more) = names.len().checked_sub(NAMED).filter(|n| *n > 0) {
-            names.truncate(NAMED);
-            names.push(format!("and {more} more"));
-        }
-        if names.is_empty() { "none".into() } else { names.join(", ") }
+        let kept = self.topics.iter().filter(|t| keep(t));
+        let names = kept.map(|t| format!("{} ({}, {})", t.name, t.type_name, t.count)).collect();
+        let names = first_names(names).join(", ");
+        if names.is_empty() { "none".into() } else { names }
     }
 
     /// The requested topic, if any. Without types, any topic of std_msgs is accepted.
@@ -296,21 +283,12 @@ impl Chooser<'_> {
         })
     }
 
-    /// The best topic of a role: by name, then by count, then the first by name.
-    fn best(&self, role: ImageRole) -> Option<String> {
-        let fits = self.topics.iter().filter(|t| t.count > 0 && t.image_role() == Some(role));
-        let best = fits.min_by_key(|t| (-t.rank(role), usize::MAX - t.count, &t.name))?;
-        // An infrared or debug image is no color image.
-        (role != ImageRole::Color || best.rank(role) > -8).then(|| best.name.clone())
-    }
-
     /// Color and depth of one camera: of all pairs the one that most speaks for, by names, frames, stamps,
     /// sizes and camera_infos together.
-    fn one_camera(&self, color: Option<&str>, depth: Option<&str>) -> Option<[&str; 2]> {
-        let depths = self.candidates(ImageRole::Depth, depth);
+    fn one_camera(&self, colors: &[&TopicSummary], depths: &[&TopicSummary]) -> Option<[String; 2]> {
         let mut best: Option<(f64, [&TopicSummary; 2])> = None;
-        for c in self.candidates(ImageRole::Color, color) {
-            for d in &depths {
+        for &c in colors {
+            for &d in depths {
                 let score = self.pair_score(c, d);
                 // Of equals the first by name, as topics are sorted.
                 if best.is_none_or(|(most, _)| score > most) {
@@ -318,7 +296,7 @@ impl Chooser<'_> {
                 }
             }
         }
-        best.map(|(_, pair)| pair.map(|t| t.name.as_str()))
+        best.map(|(_, pair)| pair.map(|t| t.name.clone()))
     }
 
     /// The topic that was asked for, or all topics of a role.
@@ -369,13 +347,8 @@ impl Chooser<'_> {
             [Some(color), Some(depth), mask].into_iter().flatten().map(|u| base(u)).collect();
         let images =
             self.topics.iter().filter(|t| t.count > 0 && IMAGE_TYPES.contains(&t.type_name.as_str()));
-        let mut names: Vec<String> =
-            images.filter(|t| !used.contains(&base(&t.name))).map(|t| t.name.clone()).collect();
-        if let Some(more) = names.len().checked_sub(NAMED).filter(|n| *n > 0) {
-            names.truncate(NAMED);
-            names.push(format!("and {more} more"));
-        }
-        names
+        let others = images.filter(|t| !used.contains(&base(&t.name)));
+        first_names(others.map(|t| t.name.clone()).collect())
     }
 
     /// The camera_info beside an image topic.
@@ -399,7 +372,20 @@ impl Chooser<'_> {
         (!taken).then(|| first.name.clone())
     }
 
-    fn missing(&self, role: &'static str, remedy: &str) -> CaptureError {
+    /// The error of a recording without a topic of color, or else of depth.
+    fn missing_image(&self, is_color: bool) -> CaptureError {
+        let (role, remedy) = match is_color {
+            true => (
+                "color",
+                "record the color images (realsense2_camera: /camera/camera/color/image_raw), or name them \
+                 with `--topic color=TOPIC`",
+            ),
+            false => (
+                "depth",
+                "record depth (realsense2_camera: enable_depth:=true, /camera/camera/depth/image_rect_raw \
+                 with its camera_info and /tf_static), or name it with `--topic depth=TOPIC`",
+            ),
+        };
         let candidates = self.list(|t| t.image_role().is_some());
         CaptureError::NoTopic { role, path: self.path.to_owned(), candidates, remedy: remedy.to_owned() }
     }

@@ -44,15 +44,13 @@ pub struct View {
 pub struct Views {
     /// The topics from which they come.
     pub topics: TopicChoice,
-    /// Frame of the poses; empty if the camera must be tracked.
+    /// Frame of the poses; empty until they are settled, and if the camera must be tracked.
     pub world_frame: String,
     /// Distinct cameras.
     pub cameras: Vec<Camera>,
     /// Views, sorted by stamp.
     pub views: Vec<View>,
-    /// All views without their poses, sorted by stamp.
-    pub(super) unposed: Vec<View>,
-    /// Sources of poses, the most certain first.
+    /// Sources of poses, the most certain first, with a pose for each view or none.
     pub(super) candidates: Vec<PoseCandidate>,
     /// The source of the poses that are used, and the pose of the camera in the frame that they are of.
     pub(super) used: Option<(PoseSource, Pose)>,
@@ -64,6 +62,8 @@ pub struct Views {
     pub(super) topics_text: String,
     /// Source of the up direction for a tracked camera.
     pub accelerometer: Option<Accelerometer>,
+    /// The note on it, for where the camera is tracked.
+    pub(super) accelerometer_note: Option<Note>,
     /// Notes on the chosen topics.
     pub notes: Vec<Note>,
     /// Warnings about losses.
@@ -78,7 +78,8 @@ pub fn views_kept(state: usize, kept: usize, all: usize) -> Note {
 }
 
 impl Views {
-    /// The views of an indexed bag, with the poses of the most certain source. `state` is used in messages.
+    /// The views of an indexed bag, and the sources of their poses, among which `probe::settle` chooses.
+    /// `state` is used in messages.
     ///
     /// # Errors
     /// Every [`CaptureError`] about topics, cameras, depth and poses.
@@ -94,12 +95,12 @@ impl Views {
             world_frame: String::new(),
             cameras: Vec::new(),
             views: Vec::new(),
-            unposed: Vec::new(),
             candidates: Vec::new(),
             used: None,
             depth_factor: 1.0,
             has_unknown_unit: false,
             accelerometer: None,
+            accelerometer_note: None,
             topics_text: String::new(),
             notes: bag.notes.clone(),
             warnings: Vec::new(),
@@ -120,21 +121,17 @@ impl Views {
         for m in &matches {
             let camera = by_stamp.camera(m.color.stamp_nanos);
             found.check_sizes(m, &found.cameras[camera])?;
-            found.unposed.push(View::of(m, camera));
+            found.views.push(View::of(m, camera));
         }
         let sources = PoseSources::wanted(index, &found.topics, config)?;
         found.find_poses(index, config, state, sources)?;
         let optical = index.images.get(&found.topics.color).map_or("", |i| i.frame.as_str());
-        let (instrument, note) = accelerometer(&index.imus, &index.tf, optical);
-        found.accelerometer = instrument;
-        if found.are_untracked() {
-            found.notes.extend(note);
-        }
+        (found.accelerometer, found.accelerometer_note) = accelerometer(&index.imus, &index.tf, optical);
         found.topics_text = found.chosen_topics(bag, index);
         Ok(found)
     }
 
-    /// Gives the views the poses of the most certain source, and keeps the others to be compared.
+    /// Keeps the sources that give enough views a pose.
     ///
     /// # Errors
     /// [`CaptureError::NoPoses`] and [`CaptureError::InvalidPoses`] where the settings ask for poses.
@@ -146,25 +143,19 @@ impl Views {
         sources: PoseSources,
     ) -> Result<(), CaptureError> {
         let must = sources.must;
-        self.candidates =
+        let all = self.views.len();
+        let mut candidates: Vec<PoseCandidate> =
             sources.sources.into_iter().map(|s| PoseCandidate::of_source(s, self, index, config)).collect();
-        let most = self.candidates.iter().map(PoseCandidate::count).max().unwrap_or(0);
-        let reason =
-            sources.refused.or_else(|| self.candidates.first().map(|c| c.reason(self.unposed.len())));
-        if most == 0 && must {
-            let Some(first) = self.candidates.first() else { return Ok(()) };
-            return Err(first.error(state, self.unposed.len()));
-        }
-        self.candidates.retain(|c| c.is_enough(self.unposed.len()) || (must && c.count() > 0));
-        match self.candidates.iter().position(PoseCandidate::is_named) {
-            Some(first) => self.take_poses(first, state),
-            None => {
-                self.take_no_poses();
-                if self.candidates.is_empty() {
-                    self.warnings.extend(reason.map(|why| poses_unused(&why)));
-                }
+        let too_few = candidates.first().map(|c| c.error(state, all));
+        candidates.retain(|c| c.is_enough(all) || (must && c.count() > 0));
+        if candidates.is_empty() {
+            match too_few {
+                Some(error) if must => return Err(error),
+                Some(error) => self.warnings.push(poses_unused(&error.to_string())),
+                None => self.warnings.extend(sources.refused.map(|why| poses_unused(&why))),
             }
         }
+        self.candidates = candidates;
         Ok(())
     }
 
@@ -173,15 +164,11 @@ impl Views {
         let chosen = &self.candidates[candidate];
         self.world_frame.clone_from(&chosen.source.world);
         self.used = Some((chosen.source.clone(), Pose::identity()));
-        self.views.clear();
-        for (view, pose) in self.unposed.iter().zip(&chosen.poses) {
-            if pose.is_some() {
-                self.views.push(View { world_from_camera: *pose, ..view.clone() });
-            }
+        self.warnings.extend(chosen.warnings(state, self.views.len()));
+        for (view, pose) in self.views.iter_mut().zip(&chosen.poses) {
+            view.world_from_camera = *pose;
         }
-        let all = self.unposed.len();
-        self.warnings.retain(|w| !is_of_poses(w));
-        self.warnings.extend(chosen.warnings(state, all));
+        self.views.retain(|view| view.world_from_camera.is_some());
     }
 
     /// Brings the poses of a frame to the camera in it.
@@ -204,14 +191,6 @@ impl Views {
         Some(pose * mounted)
     }
 
-    /// Leaves the camera to be tracked.
-    pub(super) fn take_no_poses(&mut self) {
-        self.world_frame.clear();
-        self.used = None;
-        self.views.clone_from(&self.unposed);
-        self.warnings.retain(|w| !is_of_poses(w));
-    }
-
     /// `frames` frames, with their columns and rows.
     #[must_use]
     pub fn sizes(&self, frames: usize) -> (usize, usize, usize) {
@@ -220,8 +199,11 @@ impl Views {
         (frames, width, height)
     }
 
-    /// Adds the note on the topics and the poses that are used, once these are settled.
+    /// Adds the notes on the topics, the poses and the accelerometer that are used, once poses are settled.
     pub(super) fn tell_what_is_used(&mut self, poses: Option<&str>) {
+        if poses.is_none() {
+            self.notes.extend(self.accelerometer_note.take());
+        }
         let poses = poses.unwrap_or("no camera poses: tracked by the images");
         self.notes.push(Note::new(NoteCode::TopicsChosen, format!("{}, {poses}", self.topics_text)));
     }
@@ -307,15 +289,6 @@ impl Views {
             }
         }
         Ok(())
-    }
-}
-
-/// Whether a warning is about the poses of a source; one on the clock of images is not.
-fn is_of_poses(warning: &Note) -> bool {
-    match warning.code {
-        NoteCode::PosesMissing | NoteCode::TransformsInvalid => true,
-        NoteCode::ClocksDiffer => warning.text.starts_with("state "),
-        _ => false,
     }
 }
 

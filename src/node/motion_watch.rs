@@ -224,17 +224,8 @@ impl Small {
             place(k / WIDTH, scale[1], full.height) * full.width + place(k % WIDTH, scale[0], full.width)
         });
         let at: Vec<usize> = cells.collect();
-        let camera = Intrinsics {
-            width: WIDTH,
-            height: HEIGHT,
-            fx: full.fx * scale[0],
-            fy: full.fy * scale[1],
-            // Integer coordinates are pixel centers, so scaling is about -0.5.
-            cx: (full.cx + 0.5) * scale[0] - 0.5,
-            cy: (full.cy + 0.5) * scale[1] - 0.5,
-        };
         Self {
-            camera,
+            camera: full.at_size(WIDTH, HEIGHT),
             world_from_camera: *world_from_camera,
             depth_m: at.iter().map(|i| pixels.depth.pixels[*i]).collect(),
             object: at.iter().map(|i| pixels.mask.as_ref().is_none_or(|m| m.pixels[*i])).collect(),

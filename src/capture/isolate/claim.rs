@@ -7,11 +7,12 @@
 use rayon::prelude::*;
 
 use super::{
+    Standing,
     background::{Background, in_box},
     change::{LEAST_PATCH, filtered, is_gone_elsewhere},
     select::{ALSO, CLEARLY, bounds},
     support::STRIDE,
-    voxels::{Cell, CellSet, cell_of_point, center_of_cell, frames_needed, groups, supported_cells},
+    voxels::{Cell, cell_of_point, center_of_cell, frames_needed, groups, supported_cells},
 };
 use crate::RgbdFrame;
 use common::stop::{Stop, Stopped};
@@ -26,19 +27,9 @@ const PATCH_REACH: i32 = 2;
 /// it belongs to the object.
 pub type Claim = (usize, [[f64; 3]; 2]);
 
-/// What stands out from the background.
-pub struct StandingOut<'a> {
-    /// Sorted cells of each state.
-    pub cells: &'a [Vec<Cell>],
-    /// Groups of the cells of all states.
-    pub groups: &'a [Vec<Cell>],
-    /// Cells that changed between states.
-    pub changed: &'a CellSet,
-}
-
 /// The planes that belong to the object. Nothing without a change.
-pub fn claimed_planes(
-    standing: &StandingOut<'_>,
+pub(super) fn claimed_planes(
+    standing: &Standing,
     background: &Background<'_>,
     states: &[Vec<RgbdFrame>],
     size_m: f64,
@@ -50,8 +41,8 @@ pub fn claimed_planes(
         return Ok(Vec::new());
     }
     let mut moved: Vec<Vec<Cell>> = vec![Vec::new(); background.planes.len()];
-    for group in standing.groups {
-        if CLEARLY * changed_of(group) as f64 <= most as f64 || !is_missing_in_a_state(group, standing.cells)
+    for group in &standing.groups {
+        if CLEARLY * changed_of(group) as f64 <= most as f64 || !is_missing_in_a_state(group, &standing.cells)
         {
             continue;
         }
@@ -70,7 +61,7 @@ pub fn claimed_planes(
             let left: Vec<Cell> = patches.into_iter().filter(|p| p.len() >= LEAST_PATCH).flatten().collect();
             if CLEARLY * left.len() as f64 > most as f64 {
                 moved.extend(left);
-                moved.extend(standing.changed);
+                moved.extend(&standing.changed);
             }
         }
     }

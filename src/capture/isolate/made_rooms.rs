@@ -4,8 +4,9 @@ use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
 use super::{
+    background::in_box,
     cells_of_frames, isolate,
-    plane::tests::{Block, hit},
+    plane::tests::{Block, hit, normal},
     refuse_room,
     select::Object,
     voxels::Cell,
@@ -100,12 +101,12 @@ impl Found {
     }
 
     /// Number of readings in a box that are kept, and of all in it.
-    fn counts(&self, state: usize, [lower, upper]: &Block) -> [usize; 2] {
+    fn counts(&self, state: usize, block: &Block) -> [usize; 2] {
         let mut counts = [0, 0];
         for (raw, frame) in self.raw.states[state].iter().zip(&self.capture.states[state]) {
             for pixel in 0..raw.depth_m.len() {
                 let Some(point) = raw.world_point(pixel) else { continue };
-                if (0..3).all(|k| point[k] >= lower[k] && point[k] <= upper[k]) {
+                if in_box(Some(*block), &point) {
                     counts[0] += usize::from(frame.is_object(pixel) && frame.depth_m[pixel] > 0.0);
                     counts[1] += 1;
                 }
@@ -117,11 +118,6 @@ impl Found {
     fn notes(&self) -> Vec<&str> {
         self.capture.notes.iter().map(|n| n.text.as_str()).collect()
     }
-}
-
-/// About normal: the sum of twelve uniform numbers.
-fn normal(rng: &mut impl Rng) -> f64 {
-    (0..12).map(|_| rng.next_u64() as f64 / u64::MAX as f64).sum::<f64>() - 6.0
 }
 
 /// The error at a pixel between its four nodes.

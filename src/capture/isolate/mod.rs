@@ -30,10 +30,10 @@ use rayon::prelude::*;
 use self::{
     background::{Background, PLANE_CLEARANCE_M, in_box},
     change::{at_rest, changed_cells},
-    claim::{StandingOut, claimed_planes},
+    claim::claimed_planes,
     depth_error::error_factor,
     outliers::outlier_cells,
-    plane::background_planes,
+    plane::{Plane, background_planes},
     room::ShareOfRoom,
     select::{Object, Search, bounds, choose_object, groups_of_states},
     support::{Support, find_support},
@@ -176,25 +176,18 @@ fn find_object(
     let noise = capture.noise.scaled(error_factor(&capture.states, &capture.noise, stop)?);
     let frames: Vec<&RgbdFrame> = capture.states.iter().flatten().collect();
     let planes = background_planes(&frames, &noise, rng, stop)?;
-    for p in &planes {
-        let n = p.normal;
-        capture.notes.push(Note::new(
-            NoteCode::BackgroundRemoved,
-            format!(
-                "background plane taken away: normal ({:.3}, {:.3}, {:.3}), {:.4} m from the world's origin",
-                n.x, n.y, n.z, p.offset_m
-            ),
-        ));
+    for plane in &planes {
+        let text = format!("background plane taken away: {plane}");
+        capture.notes.push(Note::new(NoteCode::BackgroundRemoved, text));
     }
     let mut background = Background { planes, config, noise };
     let mut standing = standing_out(capture, &background, size_m, stop)?;
     if workspace.is_none() {
-        let Standing { cells, groups, changed, .. } = &standing;
-        let found = StandingOut { cells, groups, changed };
-        let claims = claimed_planes(&found, &background, &capture.states, size_m, stop)?;
+        let claims = claimed_planes(&standing, &background, &capture.states, size_m, stop)?;
         for &(plane, object_box_m) in &claims {
-            background.planes[plane].object_box_m = Some(object_box_m);
-            capture.notes.push(Note::new(NoteCode::BackgroundRemoved, given_back(object_box_m)));
+            let plane = &mut background.planes[plane];
+            plane.object_box_m = Some(object_box_m);
+            capture.notes.push(Note::new(NoteCode::BackgroundRemoved, given_back(plane, object_box_m)));
         }
         if !claims.is_empty() {
             standing = standing_out(capture, &background, size_m, stop)?;
@@ -227,10 +220,10 @@ fn find_object(
 }
 
 /// Says that a plane is of the object in a box, meters.
-fn given_back([lower, upper]: [[f64; 3]; 2]) -> String {
+fn given_back(plane: &Plane, [lower, upper]: [[f64; 3]; 2]) -> String {
     let corner = |c: [f64; 3]| c.map(|v| format!("{v:.3}")).join(", ");
     format!(
-        "the last background plane is of the object, which came out of it, in the box ({}) to ({}) m",
+        "a background plane is of the object, which came out of it, in the box ({}) to ({}) m: {plane}",
         corner(lower),
         corner(upper)
     )

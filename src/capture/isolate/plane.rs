@@ -4,12 +4,15 @@
 //! nothing lies behind it there, and little elsewhere. So no side of the object is taken for a wall, a floor
 //! is removed before the table on it, and a wall with a door or a window in it is still a wall.
 
+use std::fmt;
+
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use rand_core::Rng;
 
 use super::background::in_box;
 use crate::{NoiseConfig, RgbdFrame};
 use common::stop::{Stop, Stopped};
+use geometry::Intrinsics;
 
 /// Number of sampled points.
 const SAMPLES: usize = 60_000;
@@ -36,7 +39,7 @@ const BORDER_SHARE: f64 = 0.15;
 /// tuned: made and recorded objects (docs/method.md 16)
 const SUPPORT_SHARE: f64 = 0.05;
 /// Width of the image border, share of the image. tuned: made and recorded objects (docs/method.md 16)
-pub const BORDER: f64 = 0.06;
+const BORDER: f64 = 0.06;
 
 /// Plane `normal . p = offset_m`; the normal points to the cameras' side.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,6 +50,13 @@ pub struct Plane {
     pub offset_m: f64,
     /// Lower and upper corner of a box in the world, meters, in which the plane is a surface of the object.
     pub object_box_m: Option<[[f64; 3]; 2]>,
+}
+
+impl fmt::Display for Plane {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [x, y, z] = self.normal.into_inner().into();
+        write!(f, "normal ({x:.3}, {y:.3}, {z:.3}), {:.4} m from the world's origin", self.offset_m)
+    }
 }
 
 impl Plane {
@@ -125,23 +135,26 @@ fn sampled_readings(frames: &[&RgbdFrame], noise: &NoiseConfig) -> Vec<Sample> {
     let mut samples = Vec::new();
     for frame in frames {
         let k = &frame.intrinsics;
-        let w = k.width;
-        let h = k.height;
-        let bw = (w as f64 * BORDER) as usize;
-        let bh = (h as f64 * BORDER) as usize;
-        for y in (stride / 2..h).step_by(stride) {
-            for x in (stride / 2..w).step_by(stride) {
-                let Some(point) = frame.world_point(y * w + x) else { continue };
+        for y in (stride / 2..k.height).step_by(stride) {
+            for x in (stride / 2..k.width).step_by(stride) {
+                let Some(point) = frame.world_point(y * k.width + x) else { continue };
                 samples.push(Sample {
                     point,
                     ray: frame.world_from_camera.rotation * k.ray_at(x as f64, y as f64),
-                    sigma_m: noise.sigma_m(f64::from(frame.depth_m[y * w + x])),
-                    at_border: x < bw || y < bh || x + bw >= w || y + bh >= h,
+                    sigma_m: noise.sigma_m(f64::from(frame.depth_m[y * k.width + x])),
+                    at_border: is_at_border(k, x, y),
                 });
             }
         }
     }
     samples
+}
+
+/// Whether a pixel is at the image border.
+pub fn is_at_border(k: &Intrinsics, x: usize, y: usize) -> bool {
+    let width = (k.width as f64 * BORDER) as usize;
+    let height = (k.height as f64 * BORDER) as usize;
+    x < width || y < height || x + width >= k.width || y + height >= k.height
 }
 
 fn best_plane(samples: &[Sample], cameras: &[Point3<f64>], rng: &mut impl Rng) -> Option<Plane> {
@@ -236,7 +249,7 @@ fn refitted_plane(plane: &Plane, samples: &[Sample], cameras: &[Point3<f64>]) ->
 #[cfg(test)]
 pub mod tests {
     use super::*;
-    use geometry::{Intrinsics, Pose};
+    use geometry::Pose;
     use numeric::random::stage_rng;
 
     /// Lower and upper corner of a block, meters.
@@ -255,12 +268,16 @@ pub mod tests {
         (near <= far && near > 0.0).then_some(near)
     }
 
+    /// About normal: the sum of twelve uniform numbers.
+    pub fn normal(rng: &mut impl Rng) -> f64 {
+        (0..12).map(|_| rng.next_u64() as f64 / u64::MAX as f64).sum::<f64>() - 6.0
+    }
+
     /// Blocks seen with noise from an arc of cameras that look at the origin from this far.
     fn frames(blocks: &[Block], distance: f64, height: f64) -> Vec<RgbdFrame> {
         let intrinsics = Intrinsics { width: 96, height: 72, fx: 80.0, fy: 80.0, cx: 48.0, cy: 36.0 };
         let noise = NoiseConfig::default();
         let mut rng = stage_rng(3, "planes", 0);
-        let mut normal = || (0..12).map(|_| rng.next_u64() as f64 / u64::MAX as f64).sum::<f64>() - 6.0;
         let mut frame = |i: usize| {
             let angle = -0.8 + 0.2 * i as f64;
             let eye = Point3::new(distance * angle.cos(), distance * angle.sin(), height);
@@ -268,7 +285,7 @@ pub mod tests {
             let mut depth = |p: usize| {
                 let ray = world_from_camera.rotation * intrinsics.ray_at((p % 96) as f64, (p / 96) as f64);
                 let d = blocks.iter().filter_map(|b| hit(&eye, &ray, b)).fold(f64::INFINITY, f64::min);
-                if d < 6.0 { (d + noise.sigma_m(d) * normal()) as f32 } else { 0.0 }
+                if d < 6.0 { (d + noise.sigma_m(d) * normal(&mut rng)) as f32 } else { 0.0 }
             };
             let depth_m = (0..96 * 72).map(&mut depth).collect();
             RgbdFrame {

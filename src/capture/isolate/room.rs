@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::{
-    plane::BORDER,
+    plane::is_at_border,
     select::Object,
     support::STRIDE,
     voxels::{Cell, cell_of_point, frames_needed, supported_cells},
@@ -80,15 +80,13 @@ impl Count {
 /// borders.
 fn cells_and_borders(frame: &RgbdFrame, object: &Object, size_m: f64) -> (Vec<Cell>, Count) {
     let k = &frame.intrinsics;
-    let width = (k.width as f64 * BORDER) as usize;
-    let height = (k.height as f64 * BORDER) as usize;
     let mut cells = Vec::new();
     let mut borders = Count::default();
     for v in (0..k.height).step_by(STRIDE) {
         for u in (0..k.width).step_by(STRIDE) {
             let point = frame.world_point(v * k.width + u);
             let Some(cell) = point.and_then(|p| cell_of_point(&p, size_m)) else { continue };
-            if u < width || v < height || u + width >= k.width || v + height >= k.height {
+            if is_at_border(k, u, v) {
                 borders.count(object.contains(&cell));
             }
             cells.push(cell);

@@ -1,7 +1,7 @@
 //! Parts shared by the dataset layouts: reading bounded files, camera matrices and poses, building frames.
 
 use std::{
-    io::ErrorKind,
+    io::{ErrorKind, Read as _},
     path::{Path, PathBuf},
 };
 
@@ -40,6 +40,18 @@ pub fn read(path: &Path) -> Result<Vec<u8>, CaptureError> {
         ErrorKind::FileTooLarge => refuse(path, source.to_string()),
         _ => Err(CaptureError::Read { path: path.to_owned(), source }),
     })
+}
+
+/// Bytes of an image file in which its size stands. chosen: what a camera writes before it has up to 64 KiB
+const START: u64 = 1 << 17;
+
+/// The start of an image file, in which its size stands.
+pub fn read_start(path: &Path) -> Result<Vec<u8>, CaptureError> {
+    let mut start = Vec::new();
+    match files::open_regular(path).and_then(|file| file.take(START).read_to_end(&mut start)) {
+        Ok(_) => Ok(start),
+        Err(source) => Err(CaptureError::Read { path: path.to_owned(), source }),
+    }
 }
 
 /// Size stated in an image file, without its pixels.

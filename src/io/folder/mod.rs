@@ -17,11 +17,11 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use geometry::Pose;
+use geometry::{Intrinsics, Pose};
 
-use self::depth_file::depth_message;
+use self::depth_file::{depth_message, depth_start};
 use super::{
-    dataset::files::{image_size, read, refuse},
+    dataset::files::{image_size, read, read_start, refuse},
     image_codec::MAX_SIDE,
     mcap_file::{FileReport, RawMessage},
     ros2msg::{
@@ -67,46 +67,29 @@ struct ImageFile {
     path: PathBuf,
 }
 
-/// A camera matrix, with the coefficients of its lens.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// A camera, with the coefficients of its lens.
+#[derive(Clone, Debug, PartialEq)]
 struct Matrix {
-    width: usize,
-    height: usize,
-    fx: f64,
-    fy: f64,
-    /// Principal point; integers are pixel centers.
-    cx: f64,
-    cy: f64,
-    /// Name of the lens model; `plumb_bob` where `lens` is empty.
+    camera: Intrinsics,
+    /// Name of the lens model.
     model: &'static str,
     lens: Vec<f64>,
 }
 
 impl Matrix {
-    /// The matrix of the same view at another size.
-    fn at_size(&self, width: usize, height: usize) -> Self {
-        let x = width as f64 / self.width as f64;
-        let y = height as f64 / self.height as f64;
-        Self {
-            width,
-            height,
-            fx: self.fx * x,
-            fy: self.fy * y,
-            // Pixel centers are integers, so the border of the image lies at -0.5.
-            cx: (self.cx + 0.5) * x - 0.5,
-            cy: (self.cy + 0.5) * y - 0.5,
-            ..self.clone()
-        }
+    /// A camera without distortion.
+    fn pinhole(camera: Intrinsics) -> Self {
+        Self { camera, model: "plumb_bob", lens: vec![0.0; 5] }
     }
 
     fn info(&self, stamp_nanos: i64) -> CameraInfo {
-        let Self { fx, fy, cx, cy, .. } = *self;
+        let Intrinsics { width, height, fx, fy, cx, cy } = self.camera;
         CameraInfo {
             header: header(stamp_nanos),
-            height: self.height as u32,
-            width: self.width as u32,
-            distortion_model: if self.model.is_empty() { "plumb_bob" } else { self.model }.to_owned(),
-            d: if self.lens.is_empty() { vec![0.0; 5] } else { self.lens.clone() },
+            height: height as u32,
+            width: width as u32,
+            distortion_model: self.model.to_owned(),
+            d: self.lens.clone(),
             k: [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
             r: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
             p: [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
@@ -178,17 +161,17 @@ impl ImageFolder {
     /// Brings the matrices to the size of the images, where these are the same view at another size.
     fn fit_matrices(&mut self, path: &Path, size: (usize, usize)) -> Result<(), CaptureError> {
         let (width, height) = size;
-        for (_, matrix) in &mut self.matrices {
-            let is_large = matrix.width.max(matrix.height).max(width).max(height) > MAX_SIDE;
+        for (_, Matrix { camera, .. }) in &mut self.matrices {
+            let is_large = camera.width.max(camera.height).max(width).max(height) > MAX_SIDE;
             // A side of a scaled image is rounded to a pixel.
-            if is_large || (matrix.width * height).abs_diff(matrix.height * width) > matrix.width {
+            if is_large || (camera.width * height).abs_diff(camera.height * width) > camera.width {
                 let reason = format!(
                     "its camera matrix is for {}x{} pixels, its images have {width}x{height}",
-                    matrix.width, matrix.height
+                    camera.width, camera.height
                 );
                 return refuse(path, reason);
             }
-            *matrix = matrix.at_size(width, height);
+            *camera = camera.at_size(width, height);
         }
         Ok(())
     }
@@ -203,7 +186,8 @@ impl ImageFolder {
     #[must_use]
     pub fn views(&self) -> (u64, Option<(u32, u32)>) {
         let count = self.images.iter().filter(|i| i.shown == Shown::Color).count();
-        (count as u64, self.matrices.first().map(|(_, m)| (m.width as u32, m.height as u32)))
+        let camera = self.matrices.first().map(|(_, m)| m.camera);
+        (count as u64, camera.map(|c| (c.width as u32, c.height as u32)))
     }
 
     /// Unit of depth, meters.
@@ -232,33 +216,40 @@ impl ImageFolder {
     }
 
     /// Passes the folder's messages to the visitor: poses, cameras, then images, each in the order of time.
+    /// Without `pixels` only the start of each image is read.
     ///
     /// # Errors
     /// The visitor's; [`CaptureError::Read`] of a file.
     pub fn read(
         &self,
+        pixels: bool,
         visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>,
     ) -> Result<FileReport, CaptureError> {
         let mut sink = MessageSink { visit, report: FileReport::default() };
         for (stamp, pose) in &self.poses {
             sink.send("/tf", TF_TYPE, *stamp, &encoded(&transform(*stamp, &self.in_z_up(pose)))?)?;
         }
-        let color_size = self.matrices.first().map_or((0, 0), |(_, m)| (m.width, m.height));
+        let color_size = self.matrices.first().map_or((0, 0), |(_, m)| (m.camera.width, m.camera.height));
         for (stamp, matrix) in &self.matrices {
             sink.send(COLOR_INFO, INFO_TYPE, *stamp, &encoded(&matrix.info(*stamp))?)?;
             // Aligned depth of color's size has color's camera.
             if self.depth_size != color_size {
-                let depth = matrix.at_size(self.depth_size.0, self.depth_size.1);
+                let camera = matrix.camera.at_size(self.depth_size.0, self.depth_size.1);
+                let depth = Matrix { camera, ..matrix.clone() };
                 sink.send(DEPTH_INFO, INFO_TYPE, *stamp, &encoded(&depth.info(*stamp))?)?;
             }
         }
         for image in &self.images {
             let stamp = image.stamp_nanos;
             match &image.shown {
-                Shown::Color => sink.send(COLOR, COMPRESSED, stamp, &picture_message(stamp, &image.path)?)?,
-                Shown::Mask => sink.send(MASK, COMPRESSED, stamp, &picture_message(stamp, &image.path)?)?,
+                Shown::Color | Shown::Mask => {
+                    let topic = if image.shown == Shown::Mask { MASK } else { COLOR };
+                    let data = if pixels { read(&image.path)? } else { read_start(&image.path)? };
+                    sink.send(topic, COMPRESSED, stamp, &picture_message(stamp, data)?)?;
+                }
                 Shown::Depth(confidence) => {
-                    let depth = depth_message(header(stamp), &image.path, confidence.as_deref())?;
+                    let message = if pixels { depth_message } else { depth_start };
+                    let depth = message(header(stamp), &image.path, confidence.as_deref())?;
                     sink.send(DEPTH, depth.type_name, stamp, &depth.data)?;
                 }
             }
@@ -321,8 +312,7 @@ fn transform(stamp_nanos: i64, world_from_camera: &Pose) -> TfMessage {
 }
 
 /// A color image or mask as it is in its file.
-fn picture_message(stamp_nanos: i64, path: &Path) -> Result<Vec<u8>, CaptureError> {
-    let data = read(path)?;
+fn picture_message(stamp_nanos: i64, data: Vec<u8>) -> Result<Vec<u8>, CaptureError> {
     let format = if data.starts_with(&[0xff, 0xd8]) { "jpeg" } else { "png" };
     encoded(&CompressedImage { header: header(stamp_nanos), format: format.into(), data })
 }

@@ -9,10 +9,13 @@ use std::{
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
-use super::{ImageFile, ImageFolder, Matrix, Shown, made_stamp, text::pose};
+use super::{
+    ImageFile, ImageFolder, Matrix, Shown, made_stamp,
+    text::{nanos, pose},
+};
 use crate::dataset::files::{MAX_FRAMES, read_text, refuse};
 use capture::CaptureError;
-use geometry::Pose;
+use geometry::{Intrinsics, Pose};
 
 #[derive(Debug, Deserialize)]
 struct Record3dMetadata {
@@ -60,10 +63,8 @@ pub(super) fn open(folder: &Path) -> Result<ImageFolder, CaptureError> {
     let mut images = Vec::new();
     let mut poses = Vec::new();
     for (index, numbers) in found.poses.iter().enumerate() {
-        let stamp_nanos = match found.timestamps_s.get(index) {
-            Some(seconds) if (0.0..=MAX_STAMP_S).contains(seconds) => (seconds * 1e9).round() as i64 + 1,
-            _ => made_stamp(index),
-        };
+        let stamp_s = found.timestamps_s.get(index);
+        let stamp_nanos = stamp_s.and_then(|s| nanos(*s)).unwrap_or_else(|| made_stamp(index));
         let color = image(folder, &["rgb", "rgbd"], index, &["jpg", "png", "jpeg"]);
         let depth = image(folder, &["depth", "rgbd"], index, &["png", "exr", "depth"]);
         let confidence = image(folder, &["confidence", "conf"], index, &["png"]);
@@ -75,7 +76,7 @@ pub(super) fn open(folder: &Path) -> Result<ImageFolder, CaptureError> {
         poses.push((stamp_nanos, optical(&pose(&path, [x, y, z, i, j, k, w])?)));
     }
     let first = poses.first().map_or(0, |p| p.0);
-    let matrix = Matrix { width: found.w, height: found.h, fx, fy, cx, cy, ..Matrix::default() };
+    let matrix = Matrix::pinhole(Intrinsics { width: found.w, height: found.h, fx, fy, cx, cy });
     Ok(ImageFolder {
         form: "Record3D",
         images,
@@ -86,9 +87,6 @@ pub(super) fn open(folder: &Path) -> Result<ImageFolder, CaptureError> {
         is_y_up: true,
     })
 }
-
-/// Latest time of a frame, seconds. derived: nanoseconds in 63 bits end at 9.2e9 s
-const MAX_STAMP_S: f64 = 9e9;
 
 /// The pose of an optical frame, of one in OpenGL axes: half a turn about x ((2.1) of docs/method.md).
 fn optical(pose: &Pose) -> Pose {

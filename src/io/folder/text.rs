@@ -1,11 +1,14 @@
 //! Lines of numbers in the text files of folders.
 
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 
 use super::Matrix;
-use crate::dataset::files::{MAX_FRAMES, camera, pose_from_optical, read_text, refuse};
+use crate::{
+    dataset::files::{MAX_FRAMES, camera, pose_from_optical, read_text, refuse},
+    package_path::below,
+};
 use capture::CaptureError;
 use geometry::Pose;
 
@@ -45,12 +48,16 @@ pub(super) fn numbers(path: &Path) -> Result<Vec<f64>, CaptureError> {
 
 /// A stamp of seconds since the epoch or any other time, as nanoseconds.
 pub(super) fn stamp_nanos(path: &Path, word: &str) -> Result<i64, CaptureError> {
-    let seconds = number(path, word)?;
-    // Beyond them nanoseconds do not fit.
-    if !(0.0..=9e9).contains(&seconds) {
-        return refuse(path, format!("`{}` is no time in seconds", word.escape_debug()));
-    }
-    Ok((seconds * 1e9).round() as i64)
+    let refused = || refuse(path, format!("`{}` is no time in seconds", word.escape_debug()));
+    nanos(number(path, word)?).map_or_else(refused, Ok)
+}
+
+/// Latest stamp, seconds. derived: nanoseconds in 63 bits end at 9.2e9 s
+const MAX_STAMP_S: f64 = 9e9;
+
+/// A stamp of seconds as nanoseconds, of which 0 stands for a missing stamp; `None` beyond what they hold.
+pub(super) fn nanos(seconds: f64) -> Option<i64> {
+    (0.0..=MAX_STAMP_S).contains(&seconds).then(|| ((seconds * 1e9).round() as i64).max(1))
 }
 
 /// A pose of position and quaternion (x, y, z, qx, qy, qz, qw).
@@ -74,24 +81,13 @@ pub(super) fn pose_of_matrix(path: &Path, name: &str, matrix: &[f64]) -> Result<
 
 /// The camera of a file with nine numbers, a row-major matrix for images of the given size.
 pub(super) fn matrix(path: &Path, size: (usize, usize)) -> Result<Matrix, CaptureError> {
-    let k = camera(path, &numbers(path)?, size, false)?;
-    Ok(Matrix {
-        width: k.width,
-        height: k.height,
-        fx: k.fx,
-        fy: k.fy,
-        cx: k.cx,
-        cy: k.cy,
-        ..Matrix::default()
-    })
+    Ok(Matrix::pinhole(camera(path, &numbers(path)?, size, false)?))
 }
 
 /// The file of a name in `folder`, which may not lead out of it.
 pub(super) fn file_in(folder: &Path, by: &Path, name: &str) -> Result<PathBuf, CaptureError> {
-    let relative = Path::new(name);
-    let is_inside = relative.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
-    if !is_inside || name.is_empty() {
-        return refuse(by, format!("`{}` lies outside the folder", name.escape_debug()));
+    match below(name) {
+        Some(relative) => Ok(folder.join(relative)),
+        None => refuse(by, format!("`{}` lies outside the folder", name.escape_debug())),
     }
-    Ok(folder.join(relative))
 }

@@ -9,7 +9,7 @@ use serde::Deserialize;
 use super::{ImageFile, ImageFolder, Matrix, Shown, made_stamp, text::file_in};
 use crate::dataset::files::{MAX_FRAMES, image_size, pose_from_opengl, read_text, refuse};
 use capture::CaptureError;
-use geometry::Pose;
+use geometry::{Intrinsics, Pose};
 
 /// Intrinsics, of all frames or of one.
 #[derive(Clone, Debug, Default, Deserialize)]
@@ -157,14 +157,7 @@ fn matrix_of(
         _ => ("plumb_bob", vec![k1, k2, tangential[0], tangential[1], k3]),
     };
     // nerfstudio puts pixel centers at half integers.
-    Ok(Matrix {
-        width: w as usize,
-        height: h as usize,
-        fx,
-        fy,
-        cx: all[4] - 0.5,
-        cy: all[5] - 0.5,
-        model,
-        lens,
-    })
+    let [cx, cy] = [all[4] - 0.5, all[5] - 0.5];
+    let camera = Intrinsics { width: w as usize, height: h as usize, fx, fy, cx, cy };
+    Ok(Matrix { camera, model, lens })
 }

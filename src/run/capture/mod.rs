@@ -21,7 +21,7 @@ use self::{
     object::{denoised, filled, isolated},
     place::posed,
     poses::corrected,
-    read::{RecordedStates, both_states, check_undivided, each_a_state, frames_of, measure_noise},
+    read::{check_undivided, each_a_state, frames_of, measure_noise},
     steps::Steps,
     world_up::turned_upright,
 };
@@ -30,7 +30,7 @@ use ::capture::{Capture, CaptureConfig, CaptureError, PoseFindings, RefinePoses,
 use common::ahead::Ahead;
 use common::note::{Note, NoteCode};
 use geometry::Pose;
-use io::{Source, open_keyframes, open_start_end, poses_unused};
+use io::{RecordedStates, Recording, Source, open_keyframes, open_start_end, poses_unused};
 
 pub use ahead::work_ahead;
 
@@ -51,15 +51,30 @@ pub fn open(
     ahead: &Ahead,
     monitor: &Monitor,
 ) -> Result<Capture, CaptureError> {
+    open_inspected(sources, None, config, seed, ahead, monitor)
+}
+
+/// The same, where `inspect` may have read the bags already.
+///
+/// # Errors
+/// Those of [`open`].
+pub fn open_inspected(
+    sources: &[PathBuf],
+    recorded: Option<Vec<RecordedStates>>,
+    config: &CaptureConfig,
+    seed: u64,
+    ahead: &Ahead,
+    monitor: &Monitor,
+) -> Result<Capture, CaptureError> {
     config.check()?;
     let source = Source::of(sources)?;
-    let mut capture = posed_capture(&source, config, seed, ahead, monitor)?;
+    let mut capture = posed_capture(&source, recorded, config, seed, ahead, monitor)?;
     let is_of_bags = matches!(source, Source::States(_) | Source::Both(_));
     let may_track = is_of_bags && config.tracking == TrackCamera::Auto && !config.asks_for_poses();
     if may_track && capture.tracking.is_empty() && are_contradicted(&capture.poses) {
         // What the images show is more certain. Where they show too little, the poses are what there is.
         let tracked = CaptureConfig { tracking: TrackCamera::Always, ..config.clone() };
-        match posed_capture(&source, &tracked, seed, ahead, monitor) {
+        match posed_capture(&source, None, &tracked, seed, ahead, monitor) {
             Ok(mut tracked) => {
                 let why = capture.warnings.iter().find(|w| w.code == NoteCode::PosesContradict);
                 tracked.warnings.extend(why.map(|w| poses_unused(&w.text)));
@@ -99,6 +114,7 @@ fn are_contradicted(found: &PoseFindings) -> bool {
 /// The frames of a recording with corrected poses.
 fn posed_capture(
     source: &Source,
+    recorded: Option<Vec<RecordedStates>>,
     config: &CaptureConfig,
     seed: u64,
     ahead: &Ahead,
@@ -108,11 +124,12 @@ fn posed_capture(
     let mut capture = match source {
         Source::States(paths) => {
             check_undivided(paths.len(), config)?;
-            let recorded = each_a_state(paths, config, &steps.stop)?;
+            let recorded = recorded.map_or_else(|| each_a_state(paths, config, &steps.stop), Ok)?;
             posed_frames(source.states(), recorded, config, seed, ahead, &mut steps)?
         }
         Source::Both(path) => {
-            let recorded = vec![both_states(path, config, &steps.stop)?];
+            let divided = || Recording::open_divided(path, config, &steps.stop).map(|both| vec![both]);
+            let recorded = recorded.map_or_else(divided, Ok)?;
             posed_frames(source.states(), recorded, config, seed, ahead, &mut steps)?
         }
         Source::Keyframes(path) => open_keyframes(path, config, &steps.stop)?,

@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use super::{
     board_world::{board_worlds, places},
-    read::RecordedStates,
     steps::Steps,
     track::{StateSeed, track, tracked_key},
     upright::upright_of,
@@ -16,7 +15,7 @@ use common::ahead::Ahead;
 use common::note::{Note, NoteCode};
 use common::stop::{Stop, Stopped};
 use geometry::Pose;
-use io::Views;
+use io::{RecordedStates, Views};
 
 /// Tracks the camera if the recordings have no poses, and places its views in one world.
 ///

@@ -1,24 +1,18 @@
 //! Reads recordings: from paths to views, and from views to frames.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use super::steps::Steps;
 use ::capture::{Capture, CaptureConfig, CaptureError, RgbdFrame, measured_noise};
 use common::note::{Note, NoteCode};
 use common::stop::Stop;
-use io::{Decoded, Recording, views_kept};
+use io::{Decoded, RecordedStates, Recording, views_kept};
 
 /// Noise of depth, relative to the expected one, below which its unit is in doubt where no poses tell it:
 /// noise grows with the square of the distance, so depth that is N times too far has one N-th of what is
 /// expected.
 /// chosen: below that of structured light, above that of a unit of 0.25 mm
 const DOUBTFUL_NOISE: f64 = 0.35;
-
-/// A recording with the indices of its states, and of the views of each.
-pub(super) struct RecordedStates {
-    pub recording: Recording,
-    pub states: Vec<(usize, Vec<usize>)>,
-}
 
 /// Refuses to divide recordings that show one state each.
 ///
@@ -33,37 +27,17 @@ pub(super) fn check_undivided(recordings: usize, config: &CaptureConfig) -> Resu
     Err(CaptureError::Split { reason })
 }
 
-/// The recording of both states, divided, without pixels.
+/// The recordings of all states, one a state, without pixels. All of them have poses, or none has.
 ///
 /// # Errors
-/// Those of [`Recording::open_divided`].
-pub(super) fn both_states(
-    path: &Path,
-    config: &CaptureConfig,
-    stop: &Stop,
-) -> Result<RecordedStates, CaptureError> {
-    let (recording, of_states) = Recording::open_divided(path, config, stop)?;
-    Ok(RecordedStates { recording, states: of_states.into_iter().enumerate().collect() })
-}
-
-/// The recordings of all states, one a state, without pixels. All of them have poses, or none has.
+/// Those of [`Recording::open_states`].
 pub(super) fn each_a_state(
     paths: &[PathBuf],
     config: &CaptureConfig,
     stop: &Stop,
 ) -> Result<Vec<RecordedStates>, CaptureError> {
     let recordings = Recording::open_states(paths, config, stop)?;
-    // All states are tracked or none: recorded poses do not relate to another state's map.
-    let is_tracked = recordings.iter().any(|r| r.views.are_untracked());
-    let mut recorded = Vec::new();
-    for (state, mut recording) in recordings.into_iter().enumerate() {
-        if is_tracked && !recording.views.are_untracked() {
-            recording = recording.without_poses(config, state, stop)?;
-        }
-        let states = vec![(state, recording.all())];
-        recorded.push(RecordedStates { recording, states });
-    }
-    Ok(recorded)
+    Ok(recordings.into_iter().map(RecordedStates::of_one).collect())
 }
 
 /// Decodes the frames of kept views.
