@@ -95,7 +95,7 @@ def diagnose(
     effects: Iterable[str] = (),
     gravity: Iterable[float] | None = None,
     effort_unit: float | Literal["unknown"] | None = None,
-    effort_hold: Literal["zero", "linear"] | None = None,
+    effort_hold: Literal["zero", "sampled"] | None = None,
     servo: Iterable[str] = (),
     command: Mapping[str, Iterable[str]] = {},
     wrench: Mapping[str, str] = {},

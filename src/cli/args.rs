@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, builder::PossibleValue};
 
 use super::{
     actuator_args::{command_topic, effort_unit, servo},
@@ -189,9 +189,9 @@ pub(super) struct DiagnoseArgs {
         allow_hyphen_values = true
     )]
     pub gravity: [f64; 3],
-    /// How the effort runs between samples: zero, held until the next one, as simulators apply it; or linear,
-    /// sampled with the position, as drives measure it; default: what the runs show
-    #[arg(long, value_parser = ["zero", "linear"])]
+    /// How the effort runs between samples: zero, held until the next one, as simulators apply it; or sampled
+    /// with the position, as drives measure it; default: what the runs show
+    #[arg(long, value_parser = [PossibleValue::new("zero"), PossibleValue::new("sampled").alias("linear")])]
     pub effort_hold: Option<String>,
     /// Effects to fit at every joint instead of searching for them, such as viscous_friction,inertia
     #[arg(long, value_name = "EFFECT", value_delimiter = ',')]

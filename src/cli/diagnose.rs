@@ -29,10 +29,7 @@ pub(super) fn diagnose_request(args: &DiagnoseArgs) -> DiagnoseRequest {
         name: args.output.name.clone(),
         force: args.output.force,
         gravity: args.gravity,
-        hold: args
-            .effort_hold
-            .as_deref()
-            .map(|hold| if hold == "linear" { Hold::Linear } else { Hold::Zero }),
+        hold: args.effort_hold.as_deref().map(|hold| if hold == "zero" { Hold::Zero } else { Hold::Sampled }),
         seed: args.seed,
         effects: args.effects.clone(),
         streams: Streams {

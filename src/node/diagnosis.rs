@@ -87,7 +87,7 @@ impl Diagnoser {
             force: false,
             // Messages have no optional fields: clients without gravity send zeros.
             gravity: if goal.gravity == [0.0; 3] { GRAVITY } else { goal.gravity },
-            hold: goal.linear_effort.then_some(Hold::Linear),
+            hold: goal.linear_effort.then_some(Hold::Sampled),
             seed: goal.seed,
             effects: Vec::new(),
             streams: Streams::default(),

@@ -84,7 +84,7 @@ pub struct DiagnoseGoal {
     pub held_out: Vec<String>,
     /// Gravity in the root's frame, m/s^2; all 0: standard gravity along -z.
     pub gravity: [f64; 3],
-    /// Whether efforts run straight from sample to sample; else the runs decide.
+    /// Whether efforts are samples of a smooth signal; else the runs decide.
     pub linear_effort: bool,
     /// Seed of the permutation tests.
     pub seed: u64,

@@ -136,13 +136,13 @@ impl<'a> Bench<'a> {
         if !(promised > 0.0) {
             return Ok((held, EffortHold { taken: Hold::Zero, gain_if_sampled: Some(promised) }));
         }
-        let sampled = self.examination(Hold::Linear, monitor, false)?;
+        let sampled = self.examination(Hold::Sampled, monitor, false)?;
         let own = sampled.joints_beside(&held);
         let other = held.joints_beside(&sampled);
         let gain = own.iter().map(|e| e.score).sum::<f64>() - other.iter().map(|e| e.score).sum::<f64>();
         if is_sampled(gain, &own, &other) {
             let warnings = held.warnings;
-            let hold = EffortHold { taken: Hold::Linear, gain_if_sampled: Some(gain) };
+            let hold = EffortHold { taken: Hold::Sampled, gain_if_sampled: Some(gain) };
             return Ok((Examination { warnings, ..sampled }, hold));
         }
         Ok((held, EffortHold { taken: Hold::Zero, gain_if_sampled: Some(gain) }))
@@ -154,7 +154,7 @@ impl<'a> Bench<'a> {
         if held.diagnosis.verdict == Verdict::Insufficient {
             return 0.0;
         }
-        match self.plant_and_runs(joint, Hold::Linear, &mut Vec::new()) {
+        match self.plant_and_runs(joint, Hold::Sampled, &mut Vec::new()) {
             Ok((plant, split)) if !split.is_commanded() => promised_gain(held, &plant, split.fitted),
             _ => 0.0,
         }
@@ -219,7 +219,7 @@ impl<'a> Bench<'a> {
 impl EffortHold {
     /// Says that the runs show sampled efforts.
     fn note(&self) -> Option<Note> {
-        let gain = self.gain_if_sampled.filter(|_| self.taken == Hold::Linear)?;
+        let gain = self.gain_if_sampled.filter(|_| self.taken == Hold::Sampled)?;
         let text = format!(
             "the efforts are sampled with the positions, not held until the next sample: twice the log \
              likelihood is {gain:.1} higher so (--effort-hold says otherwise)"

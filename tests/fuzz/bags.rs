@@ -115,7 +115,7 @@ fn joint_logs() {
         for joint in &run.joints {
             assert_eq!((joint.position.len(), joint.effort.len()), (joint.time_s.len(), joint.time_s.len()));
         }
-        if complete_run(&mut run, &tree, Hold::Linear).is_err() {
+        if complete_run(&mut run, &tree, Hold::Sampled).is_err() {
             return false;
         }
         let mut usable = false;

@@ -145,7 +145,7 @@ fn last(model: &JointModel, start: Start) -> (f64, [f64; 16]) {
 
 fn last_of(log: &JointLog, model: &JointModel, start: Start, steps: usize) -> (f64, [f64; 16]) {
     let effects = catalogue(1);
-    let drive = Drive::with_steps(log, Hold::Linear, model.delay_s(&effects), steps);
+    let drive = Drive::with_steps(log, Hold::Sampled, model.delay_s(&effects), steps);
     let mut out = Rollout::default();
     roll_window(model, &effects, log, &drive, Span { log: 0, start: 0, len: 200 }, start, &mut out);
     (out.position[199], out.rows[199])

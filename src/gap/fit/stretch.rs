@@ -130,7 +130,7 @@ mod tests {
         let found = one_way_stretches(&runs, 0);
         assert!(found.len() > 100);
         let all: Vec<&Stretch> = found.iter().collect();
-        let efforts = mean_signal(&log, &effort, &all, Hold::Linear, 0.0);
+        let efforts = mean_signal(&log, &effort, &all, Hold::Sampled, 0.0);
         // The smoother begins without a velocity.
         for (s, u) in found.iter().zip(efforts).skip(2) {
             assert!((s.acceleration[0] - u.unwrap()).abs() < 0.05, "{s:?} {u:?}");

@@ -20,7 +20,7 @@ use crate::{
 #[must_use]
 pub fn promised_gain(held: &Examined, plant: &Plant, fitted: Vec<JointLog>) -> f64 {
     let catalogue = held.problem.catalogue;
-    let sampled = Problem::new(catalogue, plant, held.problem.turns, fitted, Hold::Linear).at_steps();
+    let sampled = Problem::new(catalogue, plant, held.problem.turns, fitted, Hold::Sampled).at_steps();
     let base = fitted_twin(&sampled);
     let found = held.diagnosis.effects_or_nearest();
     let mut seeds = vec![found.clone()];

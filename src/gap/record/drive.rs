@@ -11,8 +11,10 @@ pub enum Hold {
     /// Constant until the next sample.
     #[default]
     Zero,
-    /// Sampled from a smooth signal: cubic from sample to sample, with the slopes of parabolas through three.
+    /// Linear to the next sample.
     Linear,
+    /// Sampled from a smooth signal: cubic from sample to sample, with the slopes of parabolas through three.
+    Sampled,
 }
 
 /// Most steps of a rollout between two samples.
@@ -58,19 +60,27 @@ impl<'a> Signal<'a> {
             let width = time[self.at + 1] - time[self.at];
             self.sum += match self.hold {
                 Hold::Zero => width * effort[self.at],
-                Hold::Linear => self.cubic_to_next(self.at, 1.0).1,
+                Hold::Linear => 0.5 * width * (effort[self.at] + effort[self.at + 1]),
+                Hold::Sampled => self.cubic_to_next(self.at, 1.0).1,
             };
             self.at += 1;
         }
         let k = self.at;
         let x = t - time[k];
+        if x <= 0.0 || k + 1 == time.len() {
+            // Before the first sample the signal has the value of the first one.
+            return (effort[k], self.sum + x * effort[k]);
+        }
         match self.hold {
-            Hold::Linear if x > 0.0 && k + 1 < time.len() => {
+            Hold::Zero => (effort[k], self.sum + x * effort[k]),
+            Hold::Linear => {
+                let slope = (effort[k + 1] - effort[k]) / (time[k + 1] - time[k]);
+                (effort[k] + slope * x, self.sum + x * (effort[k] + 0.5 * slope * x))
+            }
+            Hold::Sampled => {
                 let (value, integral) = self.cubic_to_next(k, x / (time[k + 1] - time[k]));
                 (value, self.sum + integral)
             }
-            // Before the first sample the signal has the value of the first one.
-            _ => (effort[k], self.sum + x * effort[k]),
         }
     }
 
@@ -155,5 +165,33 @@ impl Drive {
     #[must_use]
     pub fn means_by_sample(&self, last: Option<f64>) -> Vec<f64> {
         (0..self.signal.len() / self.steps.max(1)).map(|k| self.mean_after(k)).chain(last).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_of_a_smooth_signal_keep_its_amplitude() {
+        // 3.2 Hz at 100 Hz, with stamps that jitter.
+        let omega = 20.0;
+        let time_s: Vec<f64> = (0..400).map(|k| 0.01 * f64::from(k) + 0.001 * f64::from(k % 3)).collect();
+        let values: Vec<f64> = time_s.iter().map(|t| (omega * t).sin()).collect();
+        let worst_of = |hold| {
+            let mut signal = Signal::new(&time_s, &values, hold);
+            let mut worst = 0.0f64;
+            for k in 10..3900 {
+                let t = 0.001 * f64::from(k);
+                let (value, integral) = signal.value_and_integral(t);
+                // The integral's error is scaled by the frequency.
+                let exact = (1.0 - (omega * t).cos()) / omega;
+                worst = worst.max((value - (omega * t).sin()).abs()).max(omega * (integral - exact).abs());
+            }
+            worst
+        };
+        let worst = [Hold::Sampled, Hold::Linear, Hold::Zero].map(worst_of);
+        assert!(worst[0] < 3e-4, "{worst:?}");
+        assert!(worst[1] > 10.0 * worst[0] && worst[2] > 10.0 * worst[1], "{worst:?}");
     }
 }

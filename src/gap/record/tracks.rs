@@ -137,7 +137,7 @@ fn names(tree: &TwinTree) -> String {
 }
 
 /// A signal resampled to other stamps, NaN where it has no value: under [`Hold::Zero`] its mean until the
-/// next stamp, each value holding until the next one; under [`Hold::Linear`] its value at the stamp.
+/// next stamp, each value holding until the next one; under [`Hold::Sampled`] its value at the stamp.
 #[must_use]
 pub fn resampled(time_s: &[f64], values: &[f64], stamps: &[f64], hold: Hold) -> Vec<f64> {
     let usual = median(time_s.windows(2).map(|w| w[1] - w[0]).collect());
@@ -157,11 +157,11 @@ pub fn resampled(time_s: &[f64], values: &[f64], stamps: &[f64], hold: Hold) -> 
             continue;
         }
         all.push(match (hold, ends) {
-            (Hold::Linear, Some(end)) => {
+            (Hold::Sampled, Some(end)) => {
                 let share = (t - time_s[first]) / (end - time_s[first]);
                 values[first] * (1.0 - share) + values[first + 1] * share
             }
-            (Hold::Linear, None) => values[first],
+            (Hold::Sampled, None) => values[first],
             (Hold::Zero, _) => held_mean(time_s, values, first, *t, stamps.get(k + 1).copied().unwrap_or(*t)),
         });
     }
@@ -260,7 +260,7 @@ mod tests {
         };
         let held = resampled(&time_s, &values, &[-0.1, 0.0, 0.1, 0.15, 0.25], Hold::Zero);
         assert!(near(&held, &[f64::NAN, 1.0, 3.0, 4.0, 5.0]), "{held:?}");
-        let straight = resampled(&time_s, &values, &[0.0, 0.05, 0.3, 0.9], Hold::Linear);
+        let straight = resampled(&time_s, &values, &[0.0, 0.05, 0.3, 0.9], Hold::Sampled);
         assert!(near(&straight, &[1.0, 2.0, 7.0, f64::NAN]), "{straight:?}");
         let with_gap = resampled(&[0.0, 0.1, 0.2, 0.3, 2.0, 2.1], &[1.0; 6], &[0.2, 1.0, 2.05], Hold::Zero);
         assert!(near(&with_gap, &[1.0, f64::NAN, 1.0]), "{with_gap:?}");
