@@ -290,8 +290,11 @@ fn assert_one_error(urdf: &str, rule: &str, words: &str) {
     let mut folder = folder();
     folder.insert("unit.urdf".to_owned(), urdf.as_bytes().to_vec());
     let found = check_folder(&folder);
-    let is_hit = |f: &&Finding| f.level == Level::Error && f.rule.word() == rule && f.message.contains(words);
-    assert_eq!(found.iter().filter(is_hit).count(), 1, "{rule}: '{words}' in:\n{}", text(&found));
+    let hits = found
+        .iter()
+        .filter(|f| f.level == Level::Error && f.rule.word() == rule && f.message.contains(words))
+        .count();
+    assert_eq!(hits, 1, "{rule}: '{words}' in:\n{}", text(&found));
 }
 
 #[test]
