@@ -296,8 +296,8 @@ fn told(candidate: &PoseCandidate, mounting: Option<&Mounting>) -> Option<Note> 
         let PoseSource { world, origin, .. } = &candidate.source;
         let from = if origin == "/tf" { "/tf_static" } else { origin };
         let text = format!(
-            "the camera stands still: its pose in `{world}` is that of {from}; what it does not see from there \
-             stays unknown"
+            "the camera stands still: its pose in `{world}` is that of {from}; what it does not see from \
+             there stays unknown"
         );
         return Some(Note::new(NoteCode::CameraStands, text));
     }

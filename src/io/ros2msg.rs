@@ -1,8 +1,8 @@
 //! The ROS 2 messages of recordings, as serde structs in CDR field order, and their decoding.
 //!
 //! A payload is a 4-byte encapsulation header followed by plain CDR (XCDR1), in either byte order. The
-//! decoder's output is still untrusted: see [`crate::image_codec`] and the crate `capture` for the checks of its
-//! meaning.
+//! decoder's output is still untrusted: see [`crate::image_codec`] and the crate `capture` for the checks of
+//! its meaning.
 
 pub mod definitions;
 pub mod diagnostic;

@@ -51,9 +51,9 @@ impl GrayPatch {
         (f00 * (1.0 - a) + f10 * a) * (1.0 - b) + (f01 * (1.0 - a) + f11 * a) * b
     }
 
-    /// Whether [`aligned_shift`] cannot find a reference anywhere, because too little of it is seen or it is too
-    /// plain. The alignment compares at least [`MIN_SEEN`] of it, whose sum of squared deviations is at most
-    /// that of all.
+    /// Whether [`aligned_shift`] cannot find a reference anywhere, because too little of it is seen or it is
+    /// too plain. The alignment compares at least [`MIN_SEEN`] of it, whose sum of squared deviations is at
+    /// most that of all.
     pub(crate) fn is_lost(&self, min_contrast: f64) -> bool {
         let seen = self.values.iter().filter(|v| v.is_finite()).map(|v| f64::from(*v));
         let count = seen.clone().count() as f64;

@@ -57,7 +57,8 @@ pub fn predictive_set(problem: &Problem, found: &Search, chosen: &Candidate) -> 
             .or_else(|| least_worse(models_with_special_case(problem, &model, chosen), &with, predicted))
     {
         (model, with) = (simpler, residuals);
-        debug!(effects = ?model.effect_names(problem.catalogue), "effect dropped: predictions are as good without");
+        let effects = model.effect_names(problem.catalogue);
+        debug!(?effects, "effect dropped: predictions are as good without");
     }
     let own = model_richness(&model);
     let mut contenders: Vec<&Candidate> =

@@ -238,7 +238,8 @@ pub fn searched_sets(problem: &Problem, breadth: &Breadth, scope: &Scope) -> Sea
         for set in sets.iter().take(FINALISTS) {
             let gain = set.score - best_before;
             let model = &set.fit.model;
-            debug!(size, effects = ?model.effect_names(problem.catalogue), score = set.score, gain, wanted, "effect added");
+            let effects = model.effect_names(problem.catalogue);
+            debug!(size, ?effects, score = set.score, gain, wanted, "effect added");
         }
         // Growing one by one misses sets whose members are visible only together.
         let smaller: Vec<Candidate> = if size > 1 {
