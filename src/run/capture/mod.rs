@@ -68,13 +68,14 @@ pub fn open_inspected(
 ) -> Result<Capture, CaptureError> {
     config.check()?;
     let source = Source::of(sources)?;
-    let mut capture = posed_capture(&source, recorded, config, seed, ahead, monitor)?;
+    let mut steps = Steps::new(monitor);
+    let mut capture = posed_capture(&source, recorded, config, seed, ahead, &mut steps)?;
     let is_of_bags = matches!(source, Source::States(_) | Source::Both(_));
     let may_track = is_of_bags && config.tracking == TrackCamera::Auto && !config.asks_for_poses();
     if may_track && capture.tracking.is_empty() && are_contradicted(&capture.poses) {
         // What the images show is more certain. Where they show too little, the poses are what there is.
         let tracked = CaptureConfig { tracking: TrackCamera::Always, ..config.clone() };
-        match posed_capture(&source, None, &tracked, seed, ahead, monitor) {
+        match posed_capture(&source, None, &tracked, seed, ahead, &mut steps) {
             Ok(mut tracked) => {
                 let why = capture.warnings.iter().find(|w| w.code == NoteCode::PosesContradict);
                 tracked.warnings.extend(why.map(|w| poses_unused(&w.text)));
@@ -84,7 +85,6 @@ pub fn open_inspected(
             Err(_) => {}
         }
     }
-    let mut steps = Steps::new(monitor);
     let frames: usize = capture.states.iter().map(Vec::len).sum();
     steps.expects((STEPS_OF_FRAMES - 1) * frames);
     if is_of_bags && capture.tracking.is_empty() {
@@ -118,19 +118,18 @@ fn posed_capture(
     config: &CaptureConfig,
     seed: u64,
     ahead: &Ahead,
-    monitor: &Monitor,
+    steps: &mut Steps<'_>,
 ) -> Result<Capture, CaptureError> {
-    let mut steps = Steps::new(monitor);
     let mut capture = match source {
         Source::States(paths) => {
             check_undivided(paths.len(), config)?;
             let recorded = recorded.map_or_else(|| each_a_state(paths, config, &steps.stop), Ok)?;
-            posed_frames(source.states(), recorded, config, seed, ahead, &mut steps)?
+            posed_frames(source.states(), recorded, config, seed, ahead, steps)?
         }
         Source::Both(path) => {
             let divided = || Recording::open_divided(path, config, &steps.stop).map(|both| vec![both]);
             let recorded = recorded.map_or_else(divided, Ok)?;
-            posed_frames(source.states(), recorded, config, seed, ahead, &mut steps)?
+            posed_frames(source.states(), recorded, config, seed, ahead, steps)?
         }
         Source::Keyframes(path) => open_keyframes(path, config, &steps.stop)?,
         Source::StartEnd(path) => open_start_end(path, config, &steps.stop)?,

@@ -40,9 +40,7 @@ fn stops(name: &str, config: &CaptureConfig, after: Duration, is_due: impl Fn(us
         let asked = Instant::now();
         flag.store(true, Ordering::Relaxed);
         let (error, ended) = opened.join().unwrap();
-        // On a busy machine it may have ended before it was asked.
-        let is_stopped = matches!(error, Some(CaptureError::Stopped(_)));
-        assert!(is_stopped || (error.is_none() && ended <= asked), "{error:?}");
+        assert!(matches!(error, Some(CaptureError::Stopped(_))), "{error:?}");
         let went_on = ended.saturating_duration_since(asked);
         assert!(went_on < Duration::from_secs(1), "{name}: {went_on:?}");
     });
