@@ -43,12 +43,13 @@ impl Logger {
 
 /// The lines that are shown from a level on, as ROS 2 numbers it.
 fn filter_of_number(number: u32) -> LevelFilter {
-    match u8::try_from(number).unwrap_or(LogMessage::FATAL) {
-        ..=LogMessage::DEBUG => LevelFilter::Debug,
-        ..=LogMessage::INFO => LevelFilter::Info,
-        ..=LogMessage::WARN => LevelFilter::Warn,
-        _ => LevelFilter::Error,
-    }
+    let filters = [
+        (LogMessage::DEBUG, LevelFilter::Debug),
+        (LogMessage::INFO, LevelFilter::Info),
+        (LogMessage::WARN, LevelFilter::Warn),
+    ];
+    let shown = filters.into_iter().find(|(level, _)| number <= u32::from(*level));
+    shown.map_or(LevelFilter::Error, |(_, filter)| filter)
 }
 
 /// The present level of a logger as ROS 2 numbers it; 0, as rclcpp answers where none was set, for others
