@@ -216,11 +216,11 @@ fn two_things_that_changed_are_asked_about() {
     let ended = artitwin(&["inspect", "--picture", picture.to_str().unwrap()], &bags);
     assert_ne!(ended.code, 0, "{}", ended.stdout);
     let said = format!("{}{}", ended.stdout, ended.stderr);
-    assert!(said.contains("changed") && said.contains("--at X,Y,Z"), "{said}");
+    assert!(said.contains("changed") && said.contains("--at"), "{said}");
     // The middle of the box that holds the object in all its states.
     let middle = Vector3::new(b[0] + b[3], b[1] + b[4], b[2] + b[5]) * 0.5;
     let at = format!("{:.3},{:.3},{:.3}", middle.x, middle.y, middle.z);
     let ended = artitwin(&["inspect", "--picture", picture.to_str().unwrap(), "--at", &at], &bags);
     assert!(ended.code == 0 || ended.code == 3, "{}", ended.stdout);
-    assert!(picture.is_file() && !ended.stdout.contains("--at X,Y,Z"), "{}", ended.stdout);
+    assert!(picture.is_file() && !ended.stdout.contains("--at"), "{}", ended.stdout);
 }

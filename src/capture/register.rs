@@ -2,8 +2,8 @@
 //!
 //! The readings are the corners of a mesh over the depth image, cut where neighbors lie on different
 //! surfaces. Its triangles are drawn into the other camera with a depth buffer, so nearer surface hides
-//! what is behind it, and depth of fewer pixels than color fills all of color's pixels. See docs/method.md
-//! (2.3).
+//! what is behind it, and depth of fewer pixels than color fills all of color's pixels. See
+//! docs/method.md (2.3).
 
 use nalgebra::{Point3, Vector3};
 

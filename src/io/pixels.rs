@@ -1,6 +1,9 @@
 //! Second reading of a bag: only the pixels of the chosen views.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::OnceLock,
+};
 
 use rayon::prelude::*;
 
@@ -99,22 +102,16 @@ pub fn decode_views(
     // Most recordings have one camera. One that focuses has a lens for each frame, and maps for all would
     // fill memory.
     let used: BTreeSet<usize> = chosen.iter().map(|(_, v)| views.views[*v].camera).collect();
-    let shared: BTreeMap<usize, Maps> =
-        used.into_iter().take(SHARED_MAPS).map(|c| (c, maps(&views.cameras[c]))).collect();
+    let shared: BTreeMap<usize, OnceLock<Maps>> =
+        used.into_iter().take(SHARED_MAPS).map(|c| (c, OnceLock::new())).collect();
     // In parallel, but gathered in the order of the choice.
     let decoded: Vec<Result<RgbdFrame, FrameError>> = chosen
         .par_iter()
         .map(|(_, v)| {
             stop.check().map_err(CaptureError::from)?;
             let view = &views.views[*v];
-            let own;
-            let maps = match shared.get(&view.camera) {
-                Some(maps) => maps,
-                None => {
-                    own = maps(&views.cameras[view.camera]);
-                    &own
-                }
-            };
+            let own = OnceLock::new();
+            let maps = shared.get(&view.camera).unwrap_or(&own);
             Decoder { views, payloads: &payloads, maps, config }.frame(view)
         })
         .collect();
@@ -185,7 +182,8 @@ impl Payloads {
 struct Decoder<'a> {
     views: &'a Views,
     payloads: &'a Payloads,
-    maps: &'a Maps,
+    /// Made once an image has the size that its camera states.
+    maps: &'a OnceLock<Maps>,
     config: &'a CaptureConfig,
 }
 
@@ -201,14 +199,15 @@ impl Decoder<'_> {
         };
         // Lens (2.3). Depth and masks take the nearest pixel: a mean
         // across an edge is an unseen surface.
-        if let Some(map) = &self.maps.color {
+        let maps = self.maps.get_or_init(|| maps(&self.views.cameras[view.camera]));
+        if let Some(map) = &maps.color {
             rgb = map.undistorted_color(&rgb);
             mask = mask.map(|m| map.undistorted_nearest(&m, false));
         }
-        if let Some(map) = &self.maps.depth {
+        if let Some(map) = &maps.depth {
             depth_m = map.undistorted_nearest(&depth_m, 0.0);
         }
-        if let Some(registration) = &self.maps.registration {
+        if let Some(registration) = &maps.registration {
             depth_m = registration.registered(&depth_m);
         }
         let factor = self.views.depth_factor as f32;
