@@ -253,7 +253,7 @@ fn without_metadata_the_files_are_used_and_metadata_cannot_point_outside() {
 #[test]
 fn missing_topics_are_named_with_a_remedy() {
     let text = error_of("nodepth", |o| (o.depth, o.depth_info) = (DepthKind::None, false)).to_string();
-    assert!(text.contains("no depth topic") && text.contains("align_depth"), "{text}");
+    assert!(text.contains("no depth topic") && text.contains("enable_depth"), "{text}");
     let text = error_of("nocolor", |o| o.color = ColorKind::None).to_string();
     assert!(text.contains("no color topic"), "{text}");
     let text = error_of("noinfo", |o| (o.info, o.depth_info) = (false, false)).to_string();
