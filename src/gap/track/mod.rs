@@ -6,7 +6,7 @@
 //! It is a process that wanders along the track ([`wander`]), whose size, correlation and outliers are found
 //! with the curve ([`fit`]). The type follows from the evidence for the bend ([`bend`]), to which rotations
 //! add how much the part turns along its way ([`spin`]). Several openings make one joint ([`repeats`]).
-//! See docs/method.md (14.17).
+//! See docs/method.md (14.20).
 
 pub mod bend;
 pub mod curve;
