@@ -174,8 +174,8 @@ fn opening_json<'a>(track: &'a str, odds: f64, own: Option<&'a OpeningJoint>) ->
         attachment: own.map(|o| o.attachment.into()),
         rms: own.map(|o| o.rms),
         outliers: own.map(|o| o.outliers),
-        at: own.map_or(&[], |o| &o.at),
-        position: own.map_or(&[], |o| &o.positions),
-        position_std: own.map_or(&[], |o| &o.deviations),
+        at: own.map_or(&[][..], |o| &o.at[..]),
+        position: own.map_or(&[][..], |o| &o.positions[..]),
+        position_std: own.map_or(&[][..], |o| &o.deviations[..]),
     }
 }

@@ -167,7 +167,7 @@ fn track_of_bag(path: &Path, named: Option<&str>) -> Result<(Trace, Vec<Note>), 
             return Err(refused(path, format!("several things move in it; name one with --of: {listed}")));
         }
     };
-    let (samples, invalid) = match index.poses.get(&chosen) {
+    let (samples, invalid): (Vec<(i64, Pose)>, usize) = match index.poses.get(&chosen) {
         Some(topic) => (topic.samples.iter().map(|(t, p)| (*t, *p)).collect(), topic.invalid),
         None => (frame_samples(&index, &chosen), index.tf.invalid),
     };
