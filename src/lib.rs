@@ -89,5 +89,5 @@ pub use io::{RunSummary, RunSummaryError, SummaryJoint, read_run_summary};
 pub use model::JointKind;
 pub use run::{
     Cancelled, DiagnoseOutcome, DiagnoseRequest, Event, JointSummary, Monitor, Outcome, ReconstructRequest,
-    RunError, diagnose, diagnose_frames, reconstruct, reconstruct_all,
+    RunError, diagnose, diagnose_frames, joint_of_tracks, reconstruct, reconstruct_all,
 };

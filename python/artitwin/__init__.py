@@ -5,7 +5,7 @@ otherwise.
 """
 
 from .check import Check, CheckFinding
-from .commands import check, diagnose, reconstruct
+from .commands import check, diagnose, joint, reconstruct
 from .diagnosis import Diagnosis, Export, Finding, Gap, Parameter
 from .errors import ArtitwinError, FailedError, ProgramError, ReportError, StoppedError, UsageError
 from .events import (
@@ -61,6 +61,7 @@ __all__ = [
     "Warned",
     "check",
     "diagnose",
+    "joint",
     "program",
     "reconstruct",
 ]

@@ -152,6 +152,19 @@ def check(model: StrPath) -> Check:
     return Check(tuple(CheckFinding(*line.groups()) for line in lines))
 
 
+def joint(tracks: StrPath | Iterable[StrPath], *, of: str | None = None, urdf: StrPath | None = None) -> dict:
+    """The joint behind recorded paths of a point of its part (`artitwin joint --help`), as the program's JSON.
+
+    A type of `undecided` or `fixed` is a result, with its reason in `warnings`; what cannot be read raises.
+    """
+    arguments = ["joint", "--json", *option("of", of), *options("urdf", paths(urdf or [])), "--", *paths(tracks)]
+    exit_code, output, message = run_whatever(arguments)
+    if exit_code not in (0, 3):
+        raise ended(exit_code, message)
+    found: dict = json.loads(output)
+    return found
+
+
 def _command(topic: str, joints: list[str]) -> str:
     return "=".join([topic, ",".join(joints)]) if joints else topic
 

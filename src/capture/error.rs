@@ -39,6 +39,14 @@ pub enum CaptureError {
         /// Why it is no recording.
         reason: String,
     },
+    /// The path holds no track of a point.
+    #[error("`{}` gives no track: {reason}", path.display())]
+    NotATrack {
+        /// Path as given.
+        path: PathBuf,
+        /// Why it gives none.
+        reason: String,
+    },
     /// The bag is in sqlite3 storage, which is not read.
     #[error(
         "`{}` is an sqlite3 (.db3) bag; convert it first: `rosbags-convert --src {} --dst {} --dst-storage \

@@ -195,6 +195,16 @@ impl TfBuffer {
         matches!(self.edges.get(frame), Some((_, Edge::Moving(_))))
     }
 
+    /// Stamps of the samples of a frame whose pose in its parent changes with time, nanoseconds; none of
+    /// others.
+    #[must_use]
+    pub fn stamps_of(&self, frame: &str) -> Vec<i64> {
+        match self.edges.get(frame) {
+            Some((_, Edge::Moving(samples))) => samples.keys().copied().collect(),
+            _ => Vec::new(),
+        }
+    }
+
     /// Whether a frame has a parent.
     #[must_use]
     pub fn has_parent(&self, frame: &str) -> bool {

@@ -12,6 +12,7 @@ use super::{
     },
     board::BoardArgs,
     gallery::GalleryArgs,
+    joint::JointArgs,
     trials::TrialsArgs,
 };
 
@@ -47,6 +48,8 @@ pub(super) enum Command {
     Check(CheckArgs),
     /// Find where a twin and recorded motion disagree, name the missing effect, update the twin
     Diagnose(DiagnoseArgs),
+    /// Find the joint behind recorded paths of a tag, a tracker or a gripper on its part
+    Joint(JointArgs),
     /// Let a robot open and close a twin in MuJoCo by contact alone, and film it; needs Python
     Demo(DemoArgs),
     /// Make an articulated object and film it: recordings of two states with their truth

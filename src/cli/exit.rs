@@ -115,6 +115,9 @@ pub(super) enum CliError {
         /// The system's error.
         source: std::io::Error,
     },
+    /// There is no joint to write.
+    #[error("no URDF is written: {0}")]
+    NoJoint(String),
     /// Standard output could not be written.
     #[error("cannot write to standard output; files that the command wrote are in their place")]
     Output(#[source] std::io::Error),

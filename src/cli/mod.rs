@@ -15,6 +15,7 @@ mod exit;
 mod external;
 mod gallery;
 mod inspect;
+mod joint;
 mod machine;
 mod memory;
 #[cfg(feature = "node")]
@@ -93,6 +94,7 @@ fn run_command(command: Command) -> Result<Exit, CliError> {
         Command::Trials(args) => trials::run_trials(&args),
         Command::Diagnose(args) if args.estimate => estimate::print_diagnose_estimate(&args),
         Command::Diagnose(args) => diagnose::run_diagnose(&args),
+        Command::Joint(args) => joint::print_joint(&args),
         Command::Demo(args) => demo::run_demo(&args),
         Command::Synth(args) => synth::write_object(&args),
         #[cfg(feature = "node")]

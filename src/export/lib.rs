@@ -43,6 +43,7 @@ mod scene;
 mod sdf;
 mod srdf;
 mod start;
+mod traced_urdf;
 mod urdf;
 mod usda;
 mod viewer;
@@ -73,5 +74,6 @@ pub use report_json::{InputFacts, RecordedCamera, Rendering, Report, RunFacts, S
 pub use report_read::{ReadJoint, ReadReport};
 pub use start::InitialMotion;
 pub use start::{compare_starts, nearest_starts};
+pub use traced_urdf::traced_urdf;
 pub use urdf::{SINGLE_JOINT, roll_pitch_yaw};
 pub use usda::usda;

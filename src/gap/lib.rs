@@ -17,5 +17,6 @@ pub mod fit;
 pub mod judge;
 pub mod model;
 pub mod record;
+pub mod track;
 pub mod trig;
 pub mod twin_tree;

@@ -55,6 +55,7 @@ mod stage_facts;
 mod stage_store;
 mod state;
 mod state_surface;
+mod traced_joint;
 mod trials;
 mod write;
 
@@ -74,4 +75,5 @@ pub use reconstruct::reconstruct;
 pub use reconstruct_twin::{Twin, reconstruct_twin};
 pub use stage::Stages;
 pub use stage_store::StageStore;
+pub use traced_joint::joint_of_tracks;
 pub use trials::{Method, TrialsError, TrialsRequest, trials};

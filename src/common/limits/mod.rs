@@ -46,6 +46,8 @@ pub const NPY: FileLimit = file_limit("a NumPy array", 1 << 30);
 pub const DATASET: FileLimit = file_limit("a file of a dataset", 256 << 20);
 /// Ground truth of a recording.
 pub const TRUTH: FileLimit = file_limit("a truth.json", 16 << 20);
+/// Positions or poses of a point, a line each; an hour at 200 Hz has 90 MB.
+pub const TRACK: FileLimit = file_limit("a track", 128 << 20);
 /// Report of a run, with its series.
 pub const REPORT: FileLimit = file_limit("a report", 256 << 20);
 
