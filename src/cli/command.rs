@@ -147,7 +147,7 @@ mod tests {
         let shown =
             Layers::new(&Config::default()).unwrap().resolve::<Config>().unwrap().to_lines_with_origins();
         let settings = shown.lines().count();
-        assert!(options <= 98 && settings <= 126, "{options} options, {settings} settings");
+        assert!(options <= 100 && settings <= 126, "{options} options, {settings} settings");
     }
 
     #[test]

@@ -21,7 +21,10 @@ pub fn traced_urdf(name: &str, joint: &TracedJoint) -> Option<String> {
     // Writing to a string cannot fail.
     write!(
         text,
-        "  <link name=\"base\"/>\n  <link name=\"part\"/>\n  <joint name=\"joint\" type=\"{}\">\n    \
+        "  <!-- No track shows a mass: that of the part is a stand-in. -->\n  <link name=\"base\"/>\n  \
+         <link name=\"part\">\n    <inertial>\n      <mass value=\"{MASS}\"/>\n      <inertia \
+         ixx=\"{INERTIA}\" ixy=\"0\" ixz=\"0\" iyy=\"{INERTIA}\" iyz=\"0\" izz=\"{INERTIA}\"/>\n    \
+         </inertial>\n  </link>\n  <joint name=\"joint\" type=\"{}\">\n    \
          <parent link=\"base\"/>\n    <child link=\"part\"/>\n    <origin xyz=\"{}\" rpy=\"0 0 0\"/>\n    \
          <axis xyz=\"{}\"/>\n    <limit lower=\"{lower}\" upper=\"{upper}\" effort=\"{EFFORT}\" \
          velocity=\"{VELOCITY}\"/>\n  </joint>\n</robot>\n",
@@ -37,3 +40,7 @@ pub fn traced_urdf(name: &str, joint: &TracedJoint) -> Option<String> {
 /// chosen: more than any hand gives a door.
 const EFFORT: &str = "1000";
 const VELOCITY: &str = "10";
+/// Mass and inertia of the part, without which simulators drop it; kg and kg m^2.
+/// chosen: a kilogram, as PyBullet takes it, with a radius of gyration of 10 cm.
+const MASS: &str = "1";
+const INERTIA: &str = "0.01";

@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::UnitQuaternion;
 
 use super::{bag::Bag, bag_index::BagIndex, ros2msg};
 use capture::CaptureError;
@@ -15,7 +15,7 @@ use common::{
     note::{Note, NoteCode},
     stop::Stop,
 };
-use gap::track::trace::Trace;
+use gap::track::trace::PointTrack;
 use geometry::Pose;
 
 /// Numbers of a line of positions and of poses, without a stamp.
@@ -28,7 +28,7 @@ const ANY_GAP_NANOS: i64 = i64::MAX;
 ///
 /// # Errors
 /// [`CaptureError`] where the file cannot be read, is no track, or holds several and none is named.
-pub fn read_track(path: &Path, named: Option<&str>) -> Result<(Trace, Vec<Note>), CaptureError> {
+pub fn read_track(path: &Path, named: Option<&str>) -> Result<(PointTrack, Vec<Note>), CaptureError> {
     if Bag::is_at(path) {
         return track_of_bag(path, named);
     }
@@ -51,8 +51,8 @@ fn track_name(path: &Path) -> String {
 ///
 /// # Errors
 /// A sentence on the first line that cannot be read.
-pub fn track_of_text(name: &str, text: &str) -> Result<(Trace, Vec<Note>), String> {
-    let mut trace = Trace { name: name.to_owned(), ..Trace::default() };
+pub fn track_of_text(name: &str, text: &str) -> Result<(PointTrack, Vec<Note>), String> {
+    let mut trace = PointTrack { name: name.to_owned(), ..PointTrack::default() };
     let mut columns = None;
     let mut broken = 0;
     let mut backward = 0;
@@ -140,7 +140,7 @@ fn notes_on_losses(name: &str, broken: usize, backward: usize) -> Vec<Note> {
 }
 
 /// The track of a bag: of the only pose topic or frame of /tf that moves, or of the named one.
-fn track_of_bag(path: &Path, named: Option<&str>) -> Result<(Trace, Vec<Note>), CaptureError> {
+fn track_of_bag(path: &Path, named: Option<&str>) -> Result<(PointTrack, Vec<Note>), CaptureError> {
     let bag = Bag::open(path)?;
     let index = BagIndex::read(&bag, &Stop::never())?;
     let mut notes = bag.warnings.clone();
@@ -176,7 +176,7 @@ fn track_of_bag(path: &Path, named: Option<&str>) -> Result<(Trace, Vec<Note>), 
     }
     notes.extend(notes_on_losses(&track_name(path), invalid, 0));
     let first = samples[0].0;
-    let trace = Trace {
+    let trace = PointTrack {
         name: track_name(path),
         time_s: samples.iter().map(|(t, _)| (t - first) as f64 * 1e-9).collect(),
         position: samples.iter().map(|(_, p): &(i64, Pose)| p.translation.vector).collect(),
@@ -195,6 +195,8 @@ fn frame_samples(index: &BagIndex, frame: &str) -> Vec<(i64, Pose)> {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector3;
+
     use super::*;
 
     #[test]

@@ -2,7 +2,8 @@
 //!
 //! Both have the same offsets and tilts. Averaged over these, the likelihood is a function of the bend, a
 //! normal density about the fitted one. A line is its value at zero, a circle its mean over the bends that
-//! hinges have: all directions alike, all orders of magnitude of the radius alike. See docs/method.md (14.21).
+//! hinges have: all directions alike, all orders of magnitude of the radius alike.
+//! See docs/method.md (14.21).
 
 use nalgebra::{Matrix2, Vector2};
 

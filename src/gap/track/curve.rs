@@ -15,7 +15,7 @@ const STRAIGHT: f64 = 1e-7;
 
 /// A curve through a point: its direction there, two directions across, and how it bends towards them.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Curve {
+pub struct PathCurve {
     /// Point of the curve, meters.
     pub point: Vector3<f64>,
     /// Unit direction of the curve in this point.
@@ -26,7 +26,7 @@ pub struct Curve {
     pub bend: Vector2<f64>,
 }
 
-impl Curve {
+impl PathCurve {
     /// The line through a point; `None` where the direction is zero.
     #[must_use]
     pub fn line(point: Vector3<f64>, direction: &Vector3<f64>) -> Option<Self> {
@@ -109,8 +109,8 @@ impl Curve {
         self.tangent.cross(&self.bend_vector())
     }
 
-    /// Distances of a point from the curve in the directions across, meters, and the length along the curve to
-    /// the nearest point, meters, less than half a turn from [`Self::point`].
+    /// Distances of a point from the curve in the directions across, meters, and the length along the curve
+    /// to the nearest point, meters, less than half a turn from [`Self::point`].
     #[must_use]
     pub fn residual(&self, position: &Vector3<f64>) -> (Vector2<f64>, f64) {
         let off = position - self.point;

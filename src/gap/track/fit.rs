@@ -3,9 +3,9 @@
 use nalgebra::{DMatrix, DVector, Matrix2};
 
 use crate::track::{
-    curve::{CIRCLE, Curve, LINE},
+    curve::{CIRCLE, LINE, PathCurve},
     start::start_curve,
-    trace::Trace,
+    trace::PointTrack,
     wander::{Gate, Wander, Whitened, clock},
 };
 use numeric::statistics::SIGMAS_PER_MAD;
@@ -24,7 +24,7 @@ pub const ROUNDING: f64 = 1e-6;
 #[derive(Clone, Debug)]
 pub struct CurveFit {
     /// The curve.
-    pub curve: Curve,
+    pub curve: PathCurve,
     /// Correlation of what lies off it.
     pub wander: Wander,
     /// Covariance of what lies off it in the directions across, square meters.
@@ -44,7 +44,7 @@ pub struct CurveFit {
 impl CurveFit {
     /// The fit of a line, or of a circle; `None` where no curve can be found.
     #[must_use]
-    pub fn of_trace(trace: &Trace, is_bent: bool) -> Option<Self> {
+    pub fn of_trace(trace: &PointTrack, is_bent: bool) -> Option<Self> {
         let (start, distance) = start_curve(&trace.position, is_bent)?;
         let shares = trace.shares_of_time();
         let spread = Matrix2::identity() * (SIGMAS_PER_MAD * distance).powi(2);
@@ -67,7 +67,7 @@ impl CurveFit {
 
     /// Root mean square of what lies off the curve, without outliers, meters.
     #[must_use]
-    pub fn rms_m(&self, trace: &Trace) -> f64 {
+    pub fn rms_m(&self, trace: &PointTrack) -> f64 {
         let inliers = trace.position.iter().zip(&self.used).filter(|(_, used)| **used);
         let squares: Vec<f64> = inliers.map(|(p, _)| self.curve.residual(p).0.norm_squared()).collect();
         (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
@@ -76,9 +76,9 @@ impl CurveFit {
 
 /// The fit under one correlation, from a start with its spread.
 fn fitted(
-    trace: &Trace,
+    trace: &PointTrack,
     shares_of_time: &[f64],
-    start: &Curve,
+    start: &PathCurve,
     is_bent: bool,
     spread: &Matrix2<f64>,
     wander: Wander,
@@ -121,7 +121,7 @@ fn gate_of(spread: &Matrix2<f64>, along: &[f64]) -> Option<Gate> {
 }
 
 /// Residuals and their slopes, one column a sample, and the lengths along the curve.
-fn design(trace: &Trace, curve: &Curve, parameters: usize) -> (DMatrix<f64>, Vec<f64>) {
+fn design(trace: &PointTrack, curve: &PathCurve, parameters: usize) -> (DMatrix<f64>, Vec<f64>) {
     let (residuals, along) = curve.residuals(&trace.position);
     let mut rows = DMatrix::zeros(2 + 2 * parameters, trace.position.len());
     rows.rows_mut(0, 2).copy_from(&residuals);

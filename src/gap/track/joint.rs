@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 use crate::track::{
     opening::{DECISIVE, Opening, OpeningJoint},
     repeats::{SharedAxis, shared_axis},
-    trace::Trace,
+    trace::PointTrack,
 };
 use common::note::{Note, NoteCode};
 
@@ -82,7 +82,7 @@ pub struct TracedJoint {
 ///
 /// # Errors
 /// [`TraceFault`] where a track has too few samples.
-pub fn joint_of_traces(traces: &[Trace]) -> Result<TracedJoint, TraceFault> {
+pub fn joint_of_traces(traces: &[PointTrack]) -> Result<TracedJoint, TraceFault> {
     if traces.is_empty() {
         return Err(TraceFault::None);
     }

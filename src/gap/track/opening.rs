@@ -4,11 +4,11 @@ use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Vector3, Vector6};
 
 use crate::track::{
     bend::BendLikelihood,
-    curve::{CIRCLE, Curve, LINE},
+    curve::{CIRCLE, LINE, PathCurve},
     fit::CurveFit,
     joint::TraceFault,
     spin::Spin,
-    trace::Trace,
+    trace::PointTrack,
     wander::clock,
 };
 use common::note::{Note, NoteCode};
@@ -54,9 +54,9 @@ enum Path {
 #[derive(Clone, Debug)]
 pub struct Opening {
     /// All samples.
-    pub whole: Trace,
+    pub whole: PointTrack,
     /// The samples of the fit, medians of groups.
-    trace: Trace,
+    trace: PointTrack,
     path: Path,
     /// Logarithm of the odds of a revolute joint against a prismatic one; 0 where nothing moved.
     pub log_odds: f64,
@@ -94,7 +94,7 @@ impl Opening {
     ///
     /// # Errors
     /// [`TraceFault`] for too few samples, or for samples without any extent.
-    pub fn of_trace(trace: &Trace) -> Result<Self, TraceFault> {
+    pub fn of_trace(trace: &PointTrack) -> Result<Self, TraceFault> {
         let whole = trace.clone();
         let trace = trace.grouped(MOST_SAMPLES);
         if trace.position.len() < LEAST_SAMPLES {
@@ -150,8 +150,8 @@ impl Opening {
     }
 
     /// The opening of a point that went nowhere.
-    fn without_way(whole: Trace, trace: Trace) -> Self {
-        let turned = Trace { position: trace.spins(), rotation: Vec::new(), ..trace.clone() };
+    fn without_way(whole: PointTrack, trace: PointTrack) -> Self {
+        let turned = PointTrack { position: trace.spins(), rotation: Vec::new(), ..trace.clone() };
         let spins = (!turned.position.is_empty()).then(|| CurveFit::of_trace(&turned, false)).flatten();
         let (path, log_odds) = match spins.filter(|s| is_moved(s, &turned)) {
             Some(spins) => (Path::InPlace { spins }, IN_PLACE),
@@ -184,7 +184,7 @@ impl Opening {
                 let information = circle.information.clone();
                 let (curve, covariance) = with_spin(&circle.curve, information, spin.as_ref())?;
                 curve.axis_and_center()?;
-                let values = |c: &Curve| hinge_values(c);
+                let values = |c: &PathCurve| hinge_values(c);
                 Some(opening_joint([&self.whole, &self.trace], circle, &curve, &covariance, &values, true))
             }
         }
@@ -195,13 +195,13 @@ impl Opening {
     pub fn slide(&self) -> Option<OpeningJoint> {
         let Path::Along { line, .. } = &self.path else { return None };
         let covariance = line.information.clone().cholesky()?.inverse();
-        let values = |c: &Curve| stacked(&c.tangent, &c.point, 0.0);
+        let values = |c: &PathCurve| stacked(&c.tangent, &c.point, 0.0);
         Some(opening_joint([&self.whole, &self.trace], line, &line.curve, &covariance, &values, false))
     }
 }
 
 /// Whether a path is longer than noise makes it.
-fn is_moved(fit: &CurveFit, trace: &Trace) -> bool {
+fn is_moved(fit: &CurveFit, trace: &PointTrack) -> bool {
     let [low, high] = fit.ends();
     let jumps = fit.along.windows(3).map(|w| (w[0] - 2.0 * w[1] + w[2]).abs() / SECOND_DIFFERENCE);
     let jitter = SIGMAS_PER_MAD * median(jumps.collect()).unwrap_or(0.0);
@@ -234,7 +234,7 @@ fn circle_evidence(circle: &CurveFit, spin: Option<&Spin>) -> f64 {
 }
 
 /// Slopes of the spin of a circle in its parameters.
-fn spin_slopes(curve: &Curve) -> DMatrix<f64> {
+fn spin_slopes(curve: &PathCurve) -> DMatrix<f64> {
     curve.slopes_of(CIRCLE, &|c| DVector::from_column_slice(c.spin().as_slice()))
 }
 
@@ -248,7 +248,11 @@ fn spin_misfit(circle: &CurveFit, spin: &Spin) -> f64 {
 }
 
 /// The circle of positions moved by what rotations say, and the covariance of its parameters.
-fn with_spin(curve: &Curve, information: DMatrix<f64>, spin: Option<&Spin>) -> Option<(Curve, DMatrix<f64>)> {
+fn with_spin(
+    curve: &PathCurve,
+    information: DMatrix<f64>,
+    spin: Option<&Spin>,
+) -> Option<(PathCurve, DMatrix<f64>)> {
     let Some(spin) = spin else { return Some((*curve, information.cholesky()?.inverse())) };
     let inverse = spin.covariance.try_inverse()?;
     let inverse = DMatrix::from_column_slice(3, 3, inverse.as_slice());
@@ -264,25 +268,25 @@ fn stacked(axis: &Vector3<f64>, point: &Vector3<f64>, radius: f64) -> DVector<f6
 }
 
 /// Rotation vectors of all samples from the middle rotation of the groups.
-fn whole_spins(whole: &Trace, trace: &Trace) -> Trace {
-    let from = |t: &Trace| t.rotation.get(t.rotation.len() / 2).copied().unwrap_or_default();
+fn whole_spins(whole: &PointTrack, trace: &PointTrack) -> PointTrack {
+    let from = |t: &PointTrack| t.rotation.get(t.rotation.len() / 2).copied().unwrap_or_default();
     let shift = geometry::log_so3(&(from(whole) * from(trace).inverse()));
-    Trace { position: whole.spins().iter().map(|w| w + shift).collect(), ..whole.clone() }
+    PointTrack { position: whole.spins().iter().map(|w| w + shift).collect(), ..whole.clone() }
 }
 
 /// Axis, center and radius of a circle.
-fn hinge_values(curve: &Curve) -> DVector<f64> {
+fn hinge_values(curve: &PathCurve) -> DVector<f64> {
     let (axis, center) = curve.axis_and_center().unwrap_or((curve.tangent, curve.point));
     stacked(&axis, &center, 1.0 / curve.bend.norm())
 }
 
 /// The joint of a curve with the covariance of its parameters, from all samples and those of the fit.
 fn opening_joint(
-    [whole, trace]: [&Trace; 2],
+    [whole, trace]: [&PointTrack; 2],
     fit: &CurveFit,
-    curve: &Curve,
+    curve: &PathCurve,
     covariance: &DMatrix<f64>,
-    values: &dyn Fn(&Curve) -> DVector<f64>,
+    values: &dyn Fn(&PathCurve) -> DVector<f64>,
     turns: bool,
 ) -> OpeningJoint {
     let rms = fit.rms_m(trace);
@@ -290,7 +294,7 @@ fn opening_joint(
     let is_near = |p: &Vector3<f64>| curve.residual(p).0.norm() <= farthest;
     let inliers: Vec<usize> = (0..whole.position.len()).filter(|k| is_near(&whole.position[*k])).collect();
     let points: Vec<Vector3<f64>> = inliers.iter().map(|k| whole.position[*k]).collect();
-    let lengths = |c: &Curve| -> DVector<f64> { positions_on(c, &points, turns) };
+    let lengths = |c: &PathCurve| -> DVector<f64> { positions_on(c, &points, turns) };
     let mut positions: Vec<f64> = lengths(curve).iter().copied().collect();
     let sign = sign_of(&positions);
     positions.iter_mut().for_each(|q| *q *= sign);
@@ -329,7 +333,7 @@ fn opening_joint(
 }
 
 /// Positions on a curve from the first of some points, meters or, where it turns, radians.
-fn positions_on(curve: &Curve, points: &[Vector3<f64>], turns: bool) -> DVector<f64> {
+fn positions_on(curve: &PathCurve, points: &[Vector3<f64>], turns: bool) -> DVector<f64> {
     let scale = if turns { curve.bend.norm() } else { 1.0 };
     let along = curve.residuals(points).1;
     let first = along.first().copied().unwrap_or(0.0);
@@ -343,12 +347,12 @@ fn sign_of(positions: &[f64]) -> f64 {
 }
 
 /// The hinge of a part that turned about the tracked point: rotations about one axis lie on a line.
-fn in_place(whole: &Trace, trace: &Trace, spins: &CurveFit) -> OpeningJoint {
+fn in_place(whole: &PointTrack, trace: &PointTrack, spins: &CurveFit) -> OpeningJoint {
     let inverse = spins.information.clone().cholesky().map(|c| c.inverse());
     let covariance = inverse.unwrap_or_else(|| DMatrix::identity(LINE, LINE));
-    let turned = Trace { position: trace.spins(), ..trace.clone() };
+    let turned = PointTrack { position: trace.spins(), ..trace.clone() };
     let all = whole_spins(whole, trace);
-    let values = |c: &Curve| stacked(&c.tangent, &c.point, 0.0);
+    let values = |c: &PathCurve| stacked(&c.tangent, &c.point, 0.0);
     let joint = opening_joint([&all, &turned], spins, &spins.curve, &covariance, &values, false);
     let count = trace.position.len() as f64;
     let mean = trace.position.iter().sum::<Vector3<f64>>() / count;

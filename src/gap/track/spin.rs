@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, Matrix3, Matrix3x2, Vector2, Vector3};
 
 use crate::track::{
     bend::BendLikelihood,
-    curve::Curve,
+    curve::PathCurve,
     fit::ROUNDING,
     wander::{Gate, Wander, Whitened},
 };
@@ -74,7 +74,7 @@ impl Spin {
 
     /// Log likelihood of the bend of a curve.
     #[must_use]
-    pub fn bend_likelihood(&self, curve: &Curve) -> Option<BendLikelihood> {
+    pub fn bend_likelihood(&self, curve: &PathCurve) -> Option<BendLikelihood> {
         let inverse = self.covariance.try_inverse()?;
         let [first, second] = curve.across;
         // The spin of a curve is linear in its bend.

@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 
-use crate::track::curve::Curve;
+use crate::track::curve::PathCurve;
 use numeric::{
     random::{stage_rng, unit_uniform},
     statistics::median,
@@ -19,16 +19,19 @@ const APART: f64 = 0.03;
 /// The best line, or circle, through samples, from the middle of its length on, with the median distance,
 /// meters.
 #[must_use]
-pub fn start_curve(positions: &[Vector3<f64>], is_bent: bool) -> Option<(Curve, f64)> {
+pub fn start_curve(positions: &[Vector3<f64>], is_bent: bool) -> Option<(PathCurve, f64)> {
     let mut rng = stage_rng(0, "track", u64::from(is_bent));
     let judges = places(positions)?;
-    let mut best: Option<(Curve, f64)> = None;
+    let mut best: Option<(PathCurve, f64)> = None;
     for _ in 0..TRIALS {
         let mut chosen = [0; 3].map(|_: usize| (unit_uniform(&mut rng) * judges.len() as f64) as usize);
         chosen.sort_unstable();
         let [first, middle, last] = chosen.map(|k| &judges[k]);
-        let curve =
-            if is_bent { Curve::circle([first, middle, last]) } else { Curve::line(*first, &(last - first)) };
+        let curve = if is_bent {
+            PathCurve::circle([first, middle, last])
+        } else {
+            PathCurve::line(*first, &(last - first))
+        };
         let Some(curve) = curve else { continue };
         let distances = judges.iter().map(|p| curve.residual(p).0.norm()).collect();
         let distance = median(distances).unwrap_or(f64::INFINITY);

@@ -5,7 +5,7 @@ use numeric::statistics::median;
 
 /// Positions of a point in one frame, with rotations and stamps where they were recorded.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Trace {
+pub struct PointTrack {
     /// Name of the recording.
     pub name: String,
     /// Stamps, seconds, increasing; empty where there are none.
@@ -16,7 +16,7 @@ pub struct Trace {
     pub rotation: Vec<UnitQuaternion<f64>>,
 }
 
-impl Trace {
+impl PointTrack {
     /// Medians of groups of neighboring samples, so that at most `most` remain: their errors are alike, and
     /// outliers change no median.
     #[must_use]
@@ -43,8 +43,8 @@ impl Trace {
         self.time_s.iter().map(|t| (t - first) / (last - first)).collect()
     }
 
-    /// Rotation vectors from the middle sample's rotation, radians, without jumps by full turns; empty without
-    /// rotations.
+    /// Rotation vectors from the middle sample's rotation, radians, without jumps by full turns; empty
+    /// without rotations.
     #[must_use]
     pub fn spins(&self) -> Vec<Vector3<f64>> {
         let Some(middle) = self.rotation.get(self.rotation.len() / 2) else { return Vec::new() };
