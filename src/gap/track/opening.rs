@@ -43,7 +43,7 @@ const IN_PLACE: f64 = 100.0;
 #[derive(Clone, Debug)]
 enum Path {
     /// The point moved.
-    Along { line: CurveFit, circle: CurveFit, spin: Option<Spin> },
+    Along { line: Box<CurveFit>, circle: Box<CurveFit>, spin: Option<Spin> },
     /// The part turned about the point.
     InPlace { spins: CurveFit },
     /// Neither.
@@ -118,7 +118,7 @@ impl Opening {
         let on_line = spins.and_then(|s| Spin::along(s, &line.along, &line.clock));
         let on_circle = spins.and_then(|s| Spin::along(s, &circle.along, &circle.clock));
         let (Some(on_line), Some(on_circle)) = (on_line, on_circle) else {
-            let path = Path::Along { line, circle, spin: None };
+            let path = Path::Along { line: line.into(), circle: circle.into(), spin: None };
             return Ok(Self { whole, trace, path, log_odds: by_positions, notes });
         };
         // Errors of rotations grow with the angle of view: the slope is as wrong as it shows.
@@ -142,10 +142,10 @@ impl Opening {
                     trace.name
                 ),
             ));
-            let path = Path::Along { line, circle, spin: None };
+            let path = Path::Along { line: line.into(), circle: circle.into(), spin: None };
             return Ok(Self { whole, trace, path, log_odds: by_positions, notes });
         }
-        let path = Path::Along { line, circle, spin: Some(on_circle) };
+        let path = Path::Along { line: line.into(), circle: circle.into(), spin: Some(on_circle) };
         Ok(Self { whole, trace, path, log_odds: both, notes })
     }
 
