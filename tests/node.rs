@@ -352,8 +352,10 @@ fn what_is_collected_is_shown_as_it_comes() -> Result<(), Missing> {
         // surface.
         let delays: Vec<f64> = found["delays"].as_array().unwrap().iter().map(number).collect();
         assert_eq!(delays.len(), 16);
-        assert!(delays.iter().all(|d| (0.0..1.0).contains(d)), "{delays:?}");
-        assert!((1e-3..1.0).contains(&number(&found["behind"])), "{short}");
+        // Views come every 0.2 s: a machine that takes longer for one falls behind by the rest, with each.
+        let most = 1.0 + 16.0 * (number(&found["seconds_a_view"]) - 0.2).max(0.0);
+        assert!(delays.iter().all(|d| (0.0..most).contains(d)), "{delays:?}, {most} s at most");
+        assert!((1e-3..most).contains(&number(&found["behind"])), "{short}");
         assert_eq!(found["frames"], serde_json::json!(["world"]), "{short}");
         assert!(number(&found["largest"]) < 300_000.0 && number(&found["map_bytes"]) < 64e6, "{short}");
         let truth = distance_to(&format!("drawer/truth/state{state}/whole.ply"));
