@@ -4,7 +4,7 @@ import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from .check import Check, CheckFinding
 from .diagnosis import Diagnosis
@@ -152,7 +152,7 @@ def check(model: StrPath) -> Check:
     return Check(tuple(CheckFinding(*line.groups()) for line in lines))
 
 
-def joint(tracks: StrPath | Iterable[StrPath], *, of: str | None = None, urdf: StrPath | None = None) -> dict:
+def joint(tracks: StrPath | Iterable[StrPath], *, of: str | None = None, urdf: StrPath | None = None) -> dict[str, Any]:
     """The joint behind recorded paths of a point of its part (`artitwin joint --help`), as the program's JSON.
 
     A type of `undecided` or `fixed` is a result, with its reason in `warnings`; what cannot be read raises.
@@ -161,7 +161,7 @@ def joint(tracks: StrPath | Iterable[StrPath], *, of: str | None = None, urdf: S
     exit_code, output, message = run_whatever(arguments)
     if exit_code not in (0, 3):
         raise ended(exit_code, message)
-    found: dict = json.loads(output)
+    found: dict[str, Any] = json.loads(output)
     return found
 
 
