@@ -28,7 +28,9 @@ pub use camera::Intrinsics;
 pub use grid::Grid3;
 pub use nearest::NearestPoints;
 pub use rigid_fit::rigid_fit;
-pub use screw::{AxisMotion, Screw, exp_so3, line_distance_m, log_so3, rotation_angle_rad, shift_and_turn};
+pub use screw::{
+    AxisMotion, Screw, exp_so3, line_distance_m, log_so3, normals_of, rotation_angle_rad, shift_and_turn,
+};
 
 /// A rigid motion or a frame transform; name it `target_from_source`.
 pub type Pose = nalgebra::Isometry3<f64>;

@@ -62,6 +62,14 @@ impl Screw {
     }
 }
 
+/// Two unit vectors normal to a third one, `unit`, and to each other; with it they are right-handed.
+#[must_use]
+pub fn normals_of(unit: &Vector3<f64>) -> [Vector3<f64>; 2] {
+    // The axis least aligned with the vector keeps the cross product far from zero.
+    let first = unit.cross(&Vector3::ith(unit.iamin(), 1.0)).normalize();
+    [first, unit.cross(&first)]
+}
+
 /// How a joint moves its child along its axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum AxisMotion {

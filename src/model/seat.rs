@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 
 use super::sweep::MAX_TURN_RAD;
 use super::{ArticulatedModel, Joint, JointKind, Seat};
+use geometry::normals_of;
 use nalgebra::{Point3, Vector3};
 use surface::TriangleMesh;
 
@@ -243,12 +244,10 @@ impl Frame {
     /// In the joint's frame at position 0; the axis is reversed if needed, so the motion goes upwards.
     fn of_joint(joint: &Joint, above: bool, child: &TriangleMesh) -> Self {
         let axis = if above { joint.axis.into_inner() } else { -joint.axis.into_inner() };
-        let least = Vector3::ith(axis.iamin(), 1.0);
-        let first = axis.cross(&least).normalize();
         let extent_m = child.bounds().map_or(0.0, |(lo, hi)| f64::from((hi - lo).max()));
         Self {
             axis,
-            across: [first, axis.cross(&first)],
+            across: normals_of(&axis),
             turns: joint.kind != JointKind::Prismatic,
             cell_m: CELL_M.max(extent_m / MOST_CELLS),
         }

@@ -1,9 +1,9 @@
 //! ROS messages of the live map: surface chunks, unseen space, the next view, moved surface.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 
 use super::live_map::LiveProducts;
-use geometry::{Intrinsics, Pose};
+use geometry::{Intrinsics, Pose, normals_of};
 use io::ros2msg::{
     Header, PoseStamped, Transform, Vector3 as Point,
     markers::{Color, Marker, MarkerArray, action, kind},
@@ -143,10 +143,8 @@ fn point_message(p: &Point3<f64>) -> Point {
 
 /// Two triangles that form a square with the patch's area, perpendicular to its normal.
 fn patch_square(patch: &UnseenPatch) -> [Point3<f64>; 6] {
-    let across = patch.normal.cross(&Vector3::ith(patch.normal.iamin(), 1.0)).normalize();
     let half = 0.5 * patch.area_m2.sqrt();
-    let u = across * half;
-    let v = patch.normal.cross(&across) * half;
+    let [u, v] = normals_of(&patch.normal).map(|across| across * half);
     let [a, b, c, d] = [-u - v, u - v, u + v, -u + v].map(|offset| patch.center + offset);
     [a, b, c, a, c, d]
 }

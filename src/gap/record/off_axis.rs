@@ -16,7 +16,7 @@ use crate::{
     },
     twin_tree::{Motion, TwinJoint, TwinTree},
 };
-use geometry::{Pose, log_so3};
+use geometry::{Pose, log_so3, normals_of};
 
 /// Translation and rotation off a joint's motion, root mean square over the samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -203,9 +203,7 @@ fn off_axis_evidence(
         return None;
     }
     let axis = joint.axis.into_inner();
-    // The unit vector least aligned with the axis keeps the cross product far from zero.
-    let first = axis.cross(&Vector3::ith(axis.iamin(), 1.0)).normalize();
-    let second = axis.cross(&first);
+    let [first, second] = normals_of(&axis);
     let flat = |v: &Vector3<f64>| Complex::new(first.dot(v), second.dot(v));
     let shifts: Vec<Vector3<f64>> = left.iter().map(|e| e.translation.vector).collect();
     let turns: Vec<Vector3<f64>> = left.iter().map(|e| log_so3(&e.rotation)).collect();

@@ -1,5 +1,6 @@
 //! A line or a circle in space, by parameters in which a line is the circle without bend.
 
+use geometry::normals_of;
 use nalgebra::{Matrix2xX, Unit, UnitQuaternion, Vector2, Vector3};
 
 /// Number of parameters of a line: offset and tilt across.
@@ -31,8 +32,7 @@ impl PathCurve {
     #[must_use]
     pub fn line(point: Vector3<f64>, direction: &Vector3<f64>) -> Option<Self> {
         let tangent = Unit::try_new(*direction, f64::MIN_POSITIVE)?.into_inner();
-        let first = tangent.cross(&Vector3::ith(tangent.iamin(), 1.0)).normalize();
-        Some(Self { point, tangent, across: [first, tangent.cross(&first)], bend: Vector2::zeros() })
+        Some(Self { point, tangent, across: normals_of(&tangent), bend: Vector2::zeros() })
     }
 
     /// The circle through three points, from the middle one; their line where they are on one.

@@ -6,6 +6,7 @@ use nalgebra::{Matrix3, Point2, Point3, Vector3};
 
 use super::reach::Reach;
 use crate::TriangleMesh;
+use geometry::normals_of;
 
 /// A gap is no wider than this, voxels.
 /// tuned: made and recorded objects (docs/method.md 16); a twentieth of the object at the default resolution
@@ -66,8 +67,7 @@ impl Face {
         {
             return None;
         }
-        let first = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).normalize();
-        let face = Self { middle, along: [first, normal.cross(&first)] };
+        let face = Self { middle, along: normals_of(&normal) };
         // With the surface on its left the rim of a gap turns clockwise.
         let gap_m2 = -signed_area(&rim_points.iter().map(|p| face.in_plane(p)).collect::<Vec<_>>());
         (gap_m2 > 0.0 && gap_m2 <= area_m2).then_some(face)

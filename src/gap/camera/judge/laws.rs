@@ -4,9 +4,9 @@ use nalgebra::{Point3, Unit, Vector3};
 
 use crate::camera::{
     effects::screw_pitch::{LEAST_PITCH, PITCHES},
-    model::{parameter::normals_of, twin::SeenTwin},
+    model::twin::SeenTwin,
 };
-use geometry::AxisMotion;
+use geometry::{AxisMotion, normals_of};
 use surface::TriangleMesh;
 
 /// Sine below which two directions count as parallel, and have no common normal.

@@ -9,14 +9,11 @@ use crate::{
             finding::{CameraFinding, Subject},
             select::Selected,
         },
-        model::{
-            interval::estimate_with_half_width,
-            parameter::{HypothesisParameter, normals_of},
-        },
+        model::{interval::estimate_with_half_width, parameter::HypothesisParameter},
     },
     judge::finding::Finding,
 };
-use geometry::AxisMotion;
+use geometry::{AxisMotion, normals_of};
 use numeric::statistics::HALF_WIDTH_95;
 
 /// Index in reports, after the catalogue's effects.

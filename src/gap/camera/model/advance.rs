@@ -4,11 +4,11 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 use crate::camera::model::{
     hypothesis::{Hypothesis, MotionLaw},
-    parameter::{HypothesisParameter, normals_of, unit_component},
+    parameter::{HypothesisParameter, unit_component},
     small_motion::small_motion,
     twin::SeenTwin,
 };
-use geometry::{AxisMotion, Pose};
+use geometry::{AxisMotion, Pose, normals_of};
 
 /// Adds parameter increments to a hypothesis. All are taken about its poses at the start.
 pub fn advance_hypothesis(

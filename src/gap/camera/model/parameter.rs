@@ -1,6 +1,6 @@
 //! The free numbers of a hypothesis.
 
-use nalgebra::{Unit, Vector3};
+use nalgebra::Vector3;
 
 /// A free number of a hypothesis. Angles in rad, lengths in m.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
@@ -43,16 +43,6 @@ impl HypothesisParameter {
     pub fn is_turn(&self) -> bool {
         matches!(self, Self::AxisTurn(..) | Self::Frame(_, 3..) | Self::Extra(_, _, 3..))
     }
-}
-
-/// Two unit vectors normal to a third and to each other.
-pub fn normals_of(axis: &Unit<Vector3<f64>>) -> [Vector3<f64>; 2] {
-    let a = axis.into_inner();
-    // The unit vector least aligned with the axis keeps the cross product far from zero.
-    let k = a.iamin();
-    let e = Vector3::from_fn(|i, _| if i == k { 1.0 } else { 0.0 });
-    let u = a.cross(&e).normalize();
-    [u, a.cross(&u)]
 }
 
 /// The unit vector of component `k`, and whether it is a turn.

@@ -5,12 +5,12 @@ use nalgebra::{Point3, Vector3};
 use crate::camera::{
     model::{
         hypothesis::Hypothesis,
-        parameter::{HypothesisParameter, normals_of, unit_component},
+        parameter::{HypothesisParameter, unit_component},
         twin::SeenTwin,
     },
     record::frames::FrameRun,
 };
-use geometry::{AxisMotion, Pose};
+use geometry::{AxisMotion, Pose, normals_of};
 
 /// The twin posed under a hypothesis, for derivatives there.
 pub struct PosedTwin<'a> {
