@@ -193,7 +193,7 @@ impl<'c> Problem<'c> {
             lag_sigma_s: match hold {
                 _ if plant.actuator.is_late => SERVO_LAG_S,
                 Hold::Zero => LAG_SHARE * interval,
-                Hold::Linear | Hold::Sampled => SAMPLED_LAG_SHARE * interval,
+                Hold::Sampled => SAMPLED_LAG_SHARE * interval,
             },
             min_sigma_u,
             steps,

@@ -99,7 +99,7 @@ pub fn mean_signal(
     delay_s: f64,
 ) -> Vec<Option<f64>> {
     let spans = log.gapless_segments(0);
-    let mut signal = Signal::new(&log.time_s, values, hold);
+    let mut signal = Signal::new(&log.time_s, values, hold.into());
     let mut means = Vec::with_capacity(stretches.len());
     for s in stretches {
         let (from, to) = s.time_s;

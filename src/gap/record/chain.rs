@@ -157,7 +157,7 @@ fn expected_accelerations(
             let log = &logs[a];
             let effort = match hold {
                 Hold::Zero => log.effort[k],
-                Hold::Linear | Hold::Sampled => 0.5 * (log.effort[k] + log.effort[next]),
+                Hold::Sampled => 0.5 * (log.effort[k] + log.effort[next]),
             };
             let joint = &tree.joints[j];
             effort - bias[j] - joint.damping * v[j] - joint.friction * v[j].signum()

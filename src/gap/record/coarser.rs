@@ -51,7 +51,7 @@ fn mean_over(time_s: &[f64], values: &[f64], hold: Hold, from: usize, to: usize)
         let width = time_s.get(k + 1).map_or(0.0, |next| next - time_s[k]);
         let value = match hold {
             Hold::Zero => values[k],
-            Hold::Linear | Hold::Sampled => 0.5 * (values[k] + values.get(k + 1).unwrap_or(&values[k])),
+            Hold::Sampled => 0.5 * (values[k] + values.get(k + 1).unwrap_or(&values[k])),
         };
         widths.push(width);
         areas.push(width * value);

@@ -1,6 +1,6 @@
 //! Commands of joints, and known properties of their actuators.
 
-use crate::record::drive::{Hold, Signal};
+use crate::record::drive::{Interpolation, Signal};
 
 /// Commands of one joint.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -66,7 +66,8 @@ impl Command {
 /// must not decrease.
 fn held_means(time_s: &[f64], position: &[f64], is_straight: bool, stamps: &[f64]) -> Vec<f64> {
     let Some(first) = time_s.first() else { return vec![f64::NAN; stamps.len()] };
-    let mut signal = Signal::new(time_s, position, if is_straight { Hold::Linear } else { Hold::Zero });
+    let between = if is_straight { Interpolation::Linear } else { Interpolation::Held };
+    let mut signal = Signal::new(time_s, position, between);
     let mut here = signal.value_and_integral(stamps.first().copied().unwrap_or(*first));
     let mut means = Vec::with_capacity(stamps.len());
     for (k, t) in stamps.iter().enumerate() {

@@ -11,10 +11,28 @@ pub enum Hold {
     /// Constant until the next sample.
     #[default]
     Zero,
-    /// Linear to the next sample.
-    Linear,
-    /// Sampled from a smooth signal: cubic from sample to sample, with the slopes of parabolas through three.
+    /// Sampled from a smooth signal.
     Sampled,
+}
+
+/// What a signal is between two of its samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Interpolation {
+    /// The value before.
+    Held,
+    /// The line between both.
+    Linear,
+    /// The cubic between both with the slopes of parabolas through three samples.
+    Cubic,
+}
+
+impl From<Hold> for Interpolation {
+    fn from(hold: Hold) -> Self {
+        match hold {
+            Hold::Zero => Self::Held,
+            Hold::Sampled => Self::Cubic,
+        }
+    }
 }
 
 /// Most steps of a rollout between two samples.
@@ -39,7 +57,7 @@ pub struct Drive {
 pub struct Signal<'a> {
     time_s: &'a [f64],
     values: &'a [f64],
-    hold: Hold,
+    between: Interpolation,
     at: usize,
     /// Integral up to sample `at`.
     sum: f64,
@@ -48,8 +66,8 @@ pub struct Signal<'a> {
 impl<'a> Signal<'a> {
     /// A signal of values at increasing stamps, at least one.
     #[must_use]
-    pub fn new(time_s: &'a [f64], values: &'a [f64], hold: Hold) -> Self {
-        Self { time_s, values, hold, at: 0, sum: 0.0 }
+    pub fn new(time_s: &'a [f64], values: &'a [f64], between: Interpolation) -> Self {
+        Self { time_s, values, between, at: 0, sum: 0.0 }
     }
 
     /// Value and integral at time `t`; successive calls must not go back in time.
@@ -58,10 +76,10 @@ impl<'a> Signal<'a> {
         let effort = self.values;
         while self.at + 1 < time.len() && time[self.at + 1] <= t {
             let width = time[self.at + 1] - time[self.at];
-            self.sum += match self.hold {
-                Hold::Zero => width * effort[self.at],
-                Hold::Linear => 0.5 * width * (effort[self.at] + effort[self.at + 1]),
-                Hold::Sampled => self.cubic_to_next(self.at, 1.0).1,
+            self.sum += match self.between {
+                Interpolation::Held => width * effort[self.at],
+                Interpolation::Linear => 0.5 * width * (effort[self.at] + effort[self.at + 1]),
+                Interpolation::Cubic => self.cubic_to_next(self.at, 1.0).1,
             };
             self.at += 1;
         }
@@ -71,13 +89,13 @@ impl<'a> Signal<'a> {
             // Before the first sample the signal has the value of the first one.
             return (effort[k], self.sum + x * effort[k]);
         }
-        match self.hold {
-            Hold::Zero => (effort[k], self.sum + x * effort[k]),
-            Hold::Linear => {
+        match self.between {
+            Interpolation::Held => (effort[k], self.sum + x * effort[k]),
+            Interpolation::Linear => {
                 let slope = (effort[k + 1] - effort[k]) / (time[k + 1] - time[k]);
                 (effort[k] + slope * x, self.sum + x * (effort[k] + 0.5 * slope * x))
             }
-            Hold::Sampled => {
+            Interpolation::Cubic => {
                 let (value, integral) = self.cubic_to_next(k, x / (time[k + 1] - time[k]));
                 (value, self.sum + integral)
             }
@@ -138,7 +156,7 @@ impl Drive {
         if n < 2 {
             return drive;
         }
-        let mut signal = Signal::new(time_s, values, hold);
+        let mut signal = Signal::new(time_s, values, hold.into());
         let mut last = signal.value_and_integral(time_s[0] - delay_s);
         for k in 0..n - 1 {
             let width = time_s[k + 1] - time_s[k];
@@ -178,8 +196,8 @@ mod tests {
         let omega = 20.0;
         let time_s: Vec<f64> = (0..400).map(|k| 0.01 * f64::from(k) + 0.001 * f64::from(k % 3)).collect();
         let values: Vec<f64> = time_s.iter().map(|t| (omega * t).sin()).collect();
-        let worst_of = |hold| {
-            let mut signal = Signal::new(&time_s, &values, hold);
+        let worst_of = |between| {
+            let mut signal = Signal::new(&time_s, &values, between);
             let mut worst = 0.0f64;
             for k in 10..3900 {
                 let t = 0.001 * f64::from(k);
@@ -190,7 +208,7 @@ mod tests {
             }
             worst
         };
-        let worst = [Hold::Sampled, Hold::Linear, Hold::Zero].map(worst_of);
+        let worst = [Interpolation::Cubic, Interpolation::Linear, Interpolation::Held].map(worst_of);
         assert!(worst[0] < 3e-4, "{worst:?}");
         assert!(worst[1] > 10.0 * worst[0] && worst[2] > 10.0 * worst[1], "{worst:?}");
     }

@@ -157,11 +157,11 @@ pub fn resampled(time_s: &[f64], values: &[f64], stamps: &[f64], hold: Hold) -> 
             continue;
         }
         all.push(match (hold, ends) {
-            (Hold::Linear | Hold::Sampled, Some(end)) => {
+            (Hold::Sampled, Some(end)) => {
                 let share = (t - time_s[first]) / (end - time_s[first]);
                 values[first] * (1.0 - share) + values[first + 1] * share
             }
-            (Hold::Linear | Hold::Sampled, None) => values[first],
+            (Hold::Sampled, None) => values[first],
             (Hold::Zero, _) => held_mean(time_s, values, first, *t, stamps.get(k + 1).copied().unwrap_or(*t)),
         });
     }
