@@ -12,10 +12,7 @@ use super::{
     wanted::local,
 };
 use common::note::Note;
-use gap::track::{
-    joint::{TracedJoint, TracedType},
-    opening::OpeningJoint,
-};
+use gap::track::{joint::TracedJoint, opening::OpeningJoint, repeats::SharedAxis};
 
 /// Options of `joint`.
 #[derive(Args, Clone, Debug)]
@@ -57,20 +54,15 @@ pub(super) fn print_joint(args: &JointArgs) -> Result<Exit, CliError> {
     Ok(if joint.notes.is_empty() { Exit::Done } else { Exit::Degraded })
 }
 
-/// Root of the mean variance of two directions across.
-fn deviation_across(covariance: &Matrix3<f64>) -> f64 {
-    (0.5 * covariance.trace()).sqrt()
-}
-
 /// A few lines for people.
 fn text_of(joint: &TracedJoint) -> String {
     let mut text = format!("type: {}, ln(revolute : prismatic) = {:.1}\n", joint.kind.name(), joint.log_odds);
-    let (Some(axis), TracedType::Known(motion)) = (&joint.axis, joint.kind) else { return text };
+    let Some(axis) = &joint.axis else { return text };
     let numbers = |v: &Vector3<f64>| format!("{:.4} {:.4} {:.4}", v.x, v.y, v.z);
-    let tilt_deg = deviation_across(&axis.axis_covariance).to_degrees();
+    let tilt_deg = axis.axis_std_rad().to_degrees();
     _ = writeln!(text, "axis: {} (+- {tilt_deg:.2} deg)", numbers(&axis.axis));
-    let off_mm = 1e3 * deviation_across(&axis.origin_covariance);
-    let line = if motion.is_turning() { format!(" (+- {off_mm:.1} mm)") } else { String::new() };
+    let off_mm = 1e3 * axis.origin_std_m();
+    let line = if joint.kind.is_turning() { format!(" (+- {off_mm:.1} mm)") } else { String::new() };
     _ = writeln!(text, "origin: {} m{line}", numbers(&axis.origin));
     let [lower, upper] = joint.limits;
     let [lower_std, upper_std] = joint.limit_deviations;
@@ -95,7 +87,7 @@ fn text_of(joint: &TracedJoint) -> String {
 }
 
 fn unit_of(joint: &TracedJoint) -> &'static str {
-    if matches!(joint.kind, TracedType::Known(motion) if !motion.is_turning()) { "m" } else { "rad" }
+    if joint.kind.is_turning() { "rad" } else { "m" }
 }
 
 /// The JSON object; what is not known is `null`.
@@ -137,19 +129,18 @@ struct OpeningJson<'a> {
 }
 
 fn json_of(joint: &TracedJoint) -> String {
-    let turns = matches!(joint.kind, TracedType::Known(motion) if motion.is_turning());
     let axis = joint.axis.as_ref();
-    let line = axis.filter(|_| turns);
+    let line = axis.filter(|_| joint.kind.is_turning());
     let rows = |m: &Matrix3<f64>| [0, 1, 2].map(|r| [0, 1, 2].map(|c| m[(r, c)]));
     let json = JointJson {
         r#type: joint.kind.name(),
         log_odds_revolute: joint.log_odds,
         unit: axis.map(|_| unit_of(joint)),
         axis: axis.map(|a| a.axis.into()),
-        axis_std_rad: axis.map(|a| deviation_across(&a.axis_covariance)),
+        axis_std_rad: axis.map(SharedAxis::axis_std_rad),
         axis_covariance: axis.map(|a| rows(&a.axis_covariance)),
         origin: axis.map(|a| a.origin.into()),
-        origin_std_m: line.map(|a| deviation_across(&a.origin_covariance)),
+        origin_std_m: line.map(SharedAxis::origin_std_m),
         origin_covariance: line.map(|a| rows(&a.origin_covariance)),
         limits: axis.map(|_| joint.limits),
         limits_std: axis.map(|_| joint.limit_deviations),

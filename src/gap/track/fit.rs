@@ -49,11 +49,12 @@ impl CurveFit {
         let shares = trace.shares_of_time();
         let spread = Matrix2::identity() * (SIGMAS_PER_MAD * distance).powi(2);
         let fits = Wander::all().filter_map(|w| fitted(trace, &shares, &start, is_bent, &spread, w));
-        fits.max_by(|a, b| a.score().total_cmp(&b.score()))
+        fits.max_by(|a, b| a.log_evidence().total_cmp(&b.log_evidence()))
     }
 
     /// Log likelihood with the parameters averaged out, but for a constant.
-    fn score(&self) -> f64 {
+    #[must_use]
+    pub fn log_evidence(&self) -> f64 {
         let log_det = self.information.clone().cholesky().map_or(f64::INFINITY, |c| c.determinant().ln());
         self.log_likelihood - 0.5 * log_det
     }

@@ -1,7 +1,7 @@
 //! One joint of one or several openings of a mechanism.
 
 use geometry::AxisMotion;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 use crate::track::{
     opening::{DECISIVE, Opening, OpeningJoint},
@@ -47,6 +47,12 @@ pub enum TracedType {
 }
 
 impl TracedType {
+    /// Whether it is known to turn.
+    #[must_use]
+    pub fn is_turning(&self) -> bool {
+        matches!(self, Self::Known(motion) if motion.is_turning())
+    }
+
     /// Name in files and reports.
     #[must_use]
     pub fn name(&self) -> &'static str {
@@ -111,7 +117,7 @@ pub fn joint_of_traces(traces: &[PointTrack]) -> Result<TracedJoint, TraceFault>
         })
         .collect();
     let moved: Vec<OpeningJoint> = openings.iter().filter_map(|(_, _, joint)| joint.clone()).collect();
-    let axis = shared_axis(&moved, matches!(kind, TracedType::Known(m) if m.is_turning()));
+    let axis = shared_axis(&moved, kind.is_turning());
     notes.extend(axis.iter().filter_map(|a| doubt_of_frames(a, moved.len())));
     let [lower, upper] = limits(&moved, axis.as_ref());
     Ok(TracedJoint {
@@ -128,10 +134,12 @@ pub fn joint_of_traces(traces: &[PointTrack]) -> Result<TracedJoint, TraceFault>
 /// Least and largest position of all openings, each with its deviation.
 fn limits(openings: &[OpeningJoint], axis: Option<&SharedAxis>) -> [(f64, f64); 2] {
     let shared = axis.map_or_else(Vector3::zeros, |a| a.axis);
-    let signed = |o: &OpeningJoint| if o.axis.dot(&shared) < 0.0 { -1.0 } else { 1.0 };
     let all: Vec<(f64, f64)> = openings
         .iter()
-        .flat_map(|o| o.positions.iter().map(move |q| signed(o) * q).zip(o.deviations.iter().copied()))
+        .flat_map(|o| {
+            let sign = o.sign_along(&shared);
+            o.positions.iter().map(move |q| sign * q).zip(o.deviations.iter().copied())
+        })
         .collect();
     let least = all.iter().copied().fold((0.0, 0.0), |m, q| if q.0 < m.0 { q } else { m });
     let largest = all.iter().copied().fold((0.0, 0.0), |m, q| if q.0 > m.0 { q } else { m });
@@ -165,11 +173,10 @@ fn doubt_of_type(kind: TracedType, log_odds: f64, all: &[Opening]) -> Option<Not
 
 /// A note where openings differ by more than their own deviations.
 fn doubt_of_frames(axis: &SharedAxis, count: usize) -> Option<Note> {
-    let own = |covariance: &Matrix3<f64>| (0.5 * covariance.trace()).sqrt();
     // The deviations of the mean contain what differs; an opening's own are without it.
     let root = (count as f64).sqrt();
-    let is_apart = axis.between_m > 0.0 && APART * axis.between_m > root * own(&axis.origin_covariance);
-    let turned = axis.between_rad > 0.0 && APART * axis.between_rad > root * own(&axis.axis_covariance);
+    let is_apart = axis.between_m > 0.0 && APART * axis.between_m > root * axis.origin_std_m();
+    let turned = axis.between_rad > 0.0 && APART * axis.between_rad > root * axis.axis_std_rad();
     (count > 1 && (is_apart || turned)).then(|| {
         Note::new(
             NoteCode::JointContradicted,

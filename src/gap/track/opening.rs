@@ -89,6 +89,14 @@ pub struct OpeningJoint {
     pub outliers: usize,
 }
 
+impl OpeningJoint {
+    /// -1 where its axis points against a direction, else 1.
+    #[must_use]
+    pub fn sign_along(&self, direction: &Vector3<f64>) -> f64 {
+        if self.axis.dot(direction) < 0.0 { -1.0 } else { 1.0 }
+    }
+}
+
 impl Opening {
     /// What a track shows.
     ///
@@ -112,7 +120,7 @@ impl Opening {
         let line = CurveFit::of_trace(&trace, false);
         let Some(line) = line else { return Ok(Self::without_way(whole, trace)) };
         let mut notes = Vec::new();
-        let by_positions = circle_evidence(&circle, None) - line_evidence(&line);
+        let by_positions = circle_evidence(&circle, None) - line.log_evidence();
         let turns = trace.spins();
         let spins = (!turns.is_empty()).then_some(&turns);
         let on_line = spins.and_then(|s| Spin::along(s, &line.along, &line.clock));
@@ -126,7 +134,7 @@ impl Opening {
         let on_line = on_line.widened(misfit);
         let on_circle = on_circle.widened(misfit);
         let both = circle_evidence(&circle, Some(&on_circle))
-            - line_evidence(&line)
+            - line.log_evidence()
             - on_line.log_likelihood(&Vector3::zeros());
         // A hand that turns about the handle keeps its rotation on a hinge.
         let hinge_spin = circle.curve.spin();
@@ -206,12 +214,6 @@ fn is_moved(fit: &CurveFit, trace: &PointTrack) -> bool {
     let jumps = fit.along.windows(3).map(|w| (w[0] - 2.0 * w[1] + w[2]).abs() / SECOND_DIFFERENCE);
     let jitter = SIGMAS_PER_MAD * median(jumps.collect()).unwrap_or(0.0);
     high - low > MOVED * jitter.max(fit.rms_m(trace)).max(crate::track::fit::ROUNDING)
-}
-
-/// Log evidence of a line, its parameters averaged out.
-fn line_evidence(line: &CurveFit) -> f64 {
-    let log_det = line.information.clone().cholesky().map_or(f64::INFINITY, |c| c.determinant().ln());
-    line.log_likelihood - 0.5 * log_det
 }
 
 /// Log evidence of a circle, by positions and by rotations.

@@ -1,6 +1,7 @@
 //! Several openings as one joint: the mean of their axes, each weighed by its own covariance and by what the
 //! openings differ beyond it (a random effect, after DerSimonian and Laird 1986).
 
+use geometry::normals_of;
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix3x2, Vector3};
 
 use crate::track::opening::OpeningJoint;
@@ -26,22 +27,39 @@ pub struct SharedAxis {
     pub between_m: f64,
 }
 
+impl SharedAxis {
+    /// Standard deviation of the direction, radians: root of the mean variance of two directions across.
+    #[must_use]
+    pub fn axis_std_rad(&self) -> f64 {
+        deviation_across(&self.axis_covariance)
+    }
+
+    /// The same of the line, meters.
+    #[must_use]
+    pub fn origin_std_m(&self) -> f64 {
+        deviation_across(&self.origin_covariance)
+    }
+}
+
+fn deviation_across(covariance: &Matrix3<f64>) -> f64 {
+    (0.5 * covariance.trace()).sqrt()
+}
+
 /// The shared axis of openings of one type; `None` without any.
 #[must_use]
 pub fn shared_axis(openings: &[OpeningJoint], turns: bool) -> Option<SharedAxis> {
     let first = openings.first()?.axis;
     // An opening that went the other way has the opposite axis.
-    let aligned = |o: &OpeningJoint| if o.axis.dot(&first) < 0.0 { -o.axis } else { o.axis };
-    let middle_axis = openings.iter().map(aligned).sum::<Vector3<f64>>().try_normalize(f64::MIN_POSITIVE)?;
+    let aligned = openings.iter().map(|o| o.sign_along(&first) * o.axis);
+    let middle_axis = aligned.sum::<Vector3<f64>>().try_normalize(f64::MIN_POSITIVE)?;
     let origin = openings.iter().map(|o| o.point).sum::<Vector3<f64>>() / openings.len() as f64;
-    let u = middle_axis.cross(&Vector3::ith(middle_axis.iamin(), 1.0)).normalize();
-    let across = Matrix3x2::from_columns(&[u, middle_axis.cross(&u)]);
+    let across = Matrix3x2::from_columns(&normals_of(&middle_axis));
     let plane = Plane { axis: middle_axis, origin, across };
     let count = if turns { 4 } else { 2 };
     let found: Vec<(DVector<f64>, DMatrix<f64>)> = openings
         .iter()
         .map(|o| {
-            let sign = if o.axis.dot(&first) < 0.0 { -1.0 } else { 1.0 };
+            let sign = o.sign_along(&first);
             let place = plane.place_of(&(sign * o.axis), &o.point);
             let slopes = plane.slopes(&(sign * o.axis), &o.point, sign);
             let covariance =
