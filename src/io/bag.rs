@@ -279,10 +279,7 @@ impl Bag {
         &self,
         visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>,
     ) -> Result<Vec<(PathBuf, FileReport)>, CaptureError> {
-        match &self.images {
-            Some(images) => Ok(vec![(self.path.clone(), images.read(true, visit)?)]),
-            None => self.read_files(visit),
-        }
+        self.read_messages(true, visit)
     }
 
     /// The same, of images of a folder only the start with their size.
@@ -293,16 +290,17 @@ impl Bag {
         &self,
         visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>,
     ) -> Result<Vec<(PathBuf, FileReport)>, CaptureError> {
-        match &self.images {
-            Some(images) => Ok(vec![(self.path.clone(), images.read(false, visit)?)]),
-            None => self.read_files(visit),
-        }
+        self.read_messages(false, visit)
     }
 
-    fn read_files(
+    fn read_messages(
         &self,
+        pixels: bool,
         visit: &mut dyn FnMut(&RawMessage) -> Result<(), CaptureError>,
     ) -> Result<Vec<(PathBuf, FileReport)>, CaptureError> {
+        if let Some(images) = &self.images {
+            return Ok(vec![(self.path.clone(), images.read(pixels, visit)?)]);
+        }
         let mut reports = Vec::new();
         // One budget for all files: ten thousand small ones may not unpack to more than one large one.
         let bytes = self.files.iter().filter_map(|f| fs::metadata(f).ok()).map(|m| m.len()).sum();

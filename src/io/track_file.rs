@@ -21,6 +21,9 @@ use geometry::Pose;
 /// Numbers of a line of positions and of poses, without a stamp.
 const POSITION: usize = 3;
 const POSE: usize = 7;
+/// The same with a stamp.
+const STAMPED_POSITION: usize = 1 + POSITION;
+const STAMPED_POSE: usize = 1 + POSE;
 /// Longest gap over which transforms above a moving frame are interpolated, nanoseconds: any.
 const ANY_GAP_NANOS: i64 = i64::MAX;
 
@@ -82,7 +85,7 @@ pub fn track_of_text(name: &str, text: &str) -> Result<(PointTrack, Vec<Note>), 
         }
         let has_stamp = match numbers.len() {
             POSITION | POSE => 0,
-            4 | 8 => 1,
+            STAMPED_POSITION | STAMPED_POSE => 1,
             other => {
                 return Err(format!(
                     "line {}: {other} numbers; give `x y z` or `x y z qx qy qz qw`, with or without a stamp \
