@@ -58,15 +58,15 @@ impl Camera {
 /// What a recording says about the camera of its depth images.
 pub struct DepthSource {
     /// Camera and lens by the camera_info of depth; `None` without one.
-    own: Option<(Intrinsics, Distortion)>,
+    pub own: Option<(Intrinsics, Distortion)>,
     /// Columns and rows of the images, if known.
-    size: Option<(usize, usize)>,
+    pub size: Option<(usize, usize)>,
     /// Pose in the frame of color, by the frames of the images; `None` where no static transform gives it.
-    color_from_depth: Option<Pose>,
+    pub color_from_depth: Option<Pose>,
     /// Color and depth topic.
-    topics: [String; 2],
+    pub topics: [String; 2],
     /// Frames of color and depth.
-    frames: [String; 2],
+    pub frames: [String; 2],
 }
 
 impl DepthSource {

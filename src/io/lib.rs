@@ -121,7 +121,7 @@ pub use dataset::{JointTransform, JointTransforms, STATES, open_keyframes, open_
 pub use glimpse::{Glimpse, count_joint_messages, glimpse_views};
 pub use growing::{GrowingState, Grown};
 pub use inspect::{inspect, inspect_with, inspected, printable};
-pub use live_view::LiveEye;
+pub use live_view::{LiveCamera, LiveEye, LiveImages, LiveTopics};
 pub use offered_qos::OfferedQos;
 #[cfg(not(feature = "onnx"))]
 pub use onnx::OnnxMatcher;

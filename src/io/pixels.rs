@@ -57,8 +57,8 @@ fn most_pixels(camera: &Intrinsics) -> usize {
 /// Number of cameras whose lens maps are shared by all frames; with more cameras, each frame makes its own.
 const SHARED_MAPS: usize = 4;
 
-/// What brings the images of a camera to its ideal one.
-struct Maps {
+/// What brings the images of a camera to its ideal one (equation 2.3).
+pub(super) struct Maps {
     /// Undistortion of color and masks.
     color: Option<UndistortMap>,
     /// Undistortion of depth in the camera of color.
@@ -67,15 +67,41 @@ struct Maps {
     registration: Option<DepthRegistration>,
 }
 
-fn maps(camera: &Camera) -> Maps {
-    let registration = camera.own_depth.map(|(own, color_from_depth)| {
-        DepthRegistration::new(own, &camera.depth, camera.intrinsics, color_from_depth)
-    });
-    let depth = match registration {
-        Some(_) => None,
-        None => UndistortMap::new(&camera.intrinsics, &camera.depth),
-    };
-    Maps { color: UndistortMap::new(&camera.intrinsics, &camera.color), depth, registration }
+/// Pixels of a view in the order of rows.
+pub(super) struct ViewPixels {
+    pub rgb: Vec<[u8; 3]>,
+    /// Meters; 0: unknown.
+    pub depth_m: Vec<f32>,
+    pub mask: Option<Vec<bool>>,
+}
+
+impl Maps {
+    pub(super) fn of_camera(camera: &Camera) -> Self {
+        let registration = camera.own_depth.map(|(own, color_from_depth)| {
+            DepthRegistration::new(own, &camera.depth, camera.intrinsics, color_from_depth)
+        });
+        let depth = match registration {
+            Some(_) => None,
+            None => UndistortMap::new(&camera.intrinsics, &camera.depth),
+        };
+        Self { color: UndistortMap::new(&camera.intrinsics, &camera.color), depth, registration }
+    }
+
+    /// The pixels in the ideal camera of color. Depth and masks take the nearest pixel: a mean across an edge
+    /// is an unseen surface.
+    pub(super) fn ideal_pixels(&self, mut pixels: ViewPixels) -> ViewPixels {
+        if let Some(map) = &self.color {
+            pixels.rgb = map.undistorted_color(&pixels.rgb);
+            pixels.mask = pixels.mask.map(|m| map.undistorted_nearest(&m, false));
+        }
+        if let Some(map) = &self.depth {
+            pixels.depth_m = map.undistorted_nearest(&pixels.depth_m, 0.0);
+        }
+        if let Some(registration) = &self.registration {
+            pixels.depth_m = registration.registered(&pixels.depth_m);
+        }
+        pixels
+    }
 }
 
 /// Frames of the chosen views, and what was lost.
@@ -190,30 +216,16 @@ struct Decoder<'a> {
 impl Decoder<'_> {
     fn frame(&self, view: &View) -> Result<RgbdFrame, FrameError> {
         let intrinsics = self.views.cameras[view.camera].intrinsics;
-        let mut rgb = self.pixels(view, (0, view.color), codec::raw_color, codec::compressed_color)?.pixels;
-        let mut depth_m =
+        let rgb = self.pixels(view, (0, view.color), codec::raw_color, codec::compressed_color)?.pixels;
+        let depth_m =
             self.pixels(view, (DEPTH, view.depth), codec::raw_depth, codec::compressed_depth)?.pixels;
-        let mut mask = match view.mask {
+        let mask = match view.mask {
             Some(m) => Some(self.pixels(view, (2, m), codec::raw_mask, codec::compressed_mask)?.pixels),
             None => None,
         };
-        // Lens (2.3). Depth and masks take the nearest pixel: a mean
-        // across an edge is an unseen surface.
-        let maps = self.maps.get_or_init(|| maps(&self.views.cameras[view.camera]));
-        if let Some(map) = &maps.color {
-            rgb = map.undistorted_color(&rgb);
-            mask = mask.map(|m| map.undistorted_nearest(&m, false));
-        }
-        if let Some(map) = &maps.depth {
-            depth_m = map.undistorted_nearest(&depth_m, 0.0);
-        }
-        if let Some(registration) = &maps.registration {
-            depth_m = registration.registered(&depth_m);
-        }
-        let factor = self.views.depth_factor as f32;
-        if factor != 1.0 {
-            depth_m.iter_mut().for_each(|d| *d *= factor);
-        }
+        let maps = self.maps.get_or_init(|| Maps::of_camera(&self.views.cameras[view.camera]));
+        let ViewPixels { rgb, mut depth_m, mask } = maps.ideal_pixels(ViewPixels { rgb, depth_m, mask });
+        scale_depth(&mut depth_m, self.views.depth_factor);
         limit_depth(&mut depth_m, self.config);
         Ok(RgbdFrame {
             id: String::new(),
@@ -271,6 +283,14 @@ impl Decoder<'_> {
                 Err(CaptureError::Encoding { topic: topic.to_owned(), encoding, supported }.into())
             }
         }
+    }
+}
+
+/// Multiplies depth by the ratio of its unit to that in which it was decoded.
+pub(super) fn scale_depth(depth_m: &mut [f32], factor: f64) {
+    let factor = factor as f32;
+    if factor != 1.0 {
+        depth_m.iter_mut().for_each(|d| *d *= factor);
     }
 }
 

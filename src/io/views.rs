@@ -110,7 +110,7 @@ impl Views {
         let depth_encoding = index.images.get(&found.topics.depth).map_or("", |i| i.encoding.as_str());
         if counts_units(depth_encoding) {
             let unit_m = config.depth_unit_m.or(bag.depth_unit_m());
-            found.depth_factor = unit_m.unwrap_or(REP_118_UNIT_M) / REP_118_UNIT_M;
+            found.depth_factor = depth_factor(unit_m);
             found.has_unknown_unit = unit_m.is_none();
         }
         // First messages of one moment, then their cameras, then their poses: losses of each step are
@@ -290,6 +290,12 @@ impl Views {
         }
         Ok(())
     }
+}
+
+/// What multiplies depth whose integers were taken for millimeters.
+#[must_use]
+pub fn depth_factor(unit_m: Option<f64>) -> f64 {
+    unit_m.unwrap_or(REP_118_UNIT_M) / REP_118_UNIT_M
 }
 
 /// Refuses an image with another size than its camera's.

@@ -21,9 +21,8 @@ use super::{
     sample::Sample,
     session_lock::SessionLock,
     track_status::{TrackStatus, TrackWatch},
-    view::Pixels,
 };
-use capture::TrackCamera;
+use capture::{RgbdFrame, TrackCamera};
 use io::ros2msg::TransformStamped;
 
 /// Queue length for images.
@@ -352,15 +351,13 @@ impl Core {
     }
 
     /// Sends a kept view to the live map, unless a reconstruction needs the CPU.
-    fn map_live(&self, seen: &Seen, pixels: &Pixels) {
+    fn map_live(&self, frame: &RgbdFrame) {
         if self.maps_live && !self.shared.is_read() {
             self.live.offer_view(KeptView {
                 key: MapKey { tracked: self.collector.tracked_map(), ..self.live_key },
-                stamp_nanos: seen.stamp_nanos,
                 kept: Instant::now(),
                 world_frame: self.collector.world_frame.clone().unwrap_or_default(),
-                pixels: pixels.clone(),
-                world_from_camera: seen.world_from_camera,
+                frame: frame.clone(),
             });
         }
     }
@@ -414,18 +411,17 @@ impl Core {
     }
 
     fn see_view(&mut self, seen: &Seen) {
-        let Some(pixels) = &seen.pixels else { return };
+        let Some(frame) = &seen.frame else { return };
         if seen.kept {
-            self.map_live(seen, pixels);
-            self.cloud.add_view(pixels, &seen.world_from_camera);
+            self.map_live(frame);
+            self.cloud.add_view(frame);
             self.cloud_version += 1;
             // A copy, so that the publisher never waits for this thread.
             *guard(&self.shared.cloud) = self.cloud.colored_points();
         }
         // While a reconstruction reads the session no state can start, so motion is not watched.
         let Some(watch) = self.watch.as_mut().filter(|_| !self.shared.is_read()) else { return };
-        let turn =
-            watch.see_view(seen.stamp_nanos, pixels, &seen.world_from_camera, self.collector.kept_views());
+        let turn = watch.see_view(frame, self.collector.kept_views());
         match turn {
             Turn::None => {}
             Turn::Start(state) => match self.unless_read(|core| core.start_state(state)) {

@@ -19,12 +19,12 @@ use super::{
     sample::{Picture, Sample},
     state_bag::{StateBag, Topics},
     synchronizer::{Matched, Synchronizer},
-    view::{Pixels, View},
+    view::View,
 };
-use capture::{TrackCamera, stamp_secs};
+use capture::{CaptureConfig, RgbdFrame, TrackCamera, stamp_secs};
 use geometry::Pose;
 use io::{
-    BagWriteError,
+    BagWriteError, LiveCamera, LiveEye,
     ros2msg::{CameraInfo, Header, PoseStamped, Transform, TransformStamped},
 };
 
@@ -34,6 +34,8 @@ const JUMP_NANOS: i64 = 500_000_000;
 /// Settings of a collector.
 #[derive(Clone, Debug)]
 pub(crate) struct CollectorSettings {
+    /// Capture settings of a reconstruction.
+    pub capture: CaptureConfig,
     /// Names of the topics, for messages and the recording.
     pub topics: Topics,
     /// Frame of the twin, if given.
@@ -74,8 +76,8 @@ pub(crate) struct Seen {
     pub stamp_nanos: i64,
     /// Its pose.
     pub world_from_camera: Pose,
-    /// Its pixels; `None` if they were not needed and not decoded.
-    pub pixels: Option<Pixels>,
+    /// Its frame; `None` if it was not needed and not decoded.
+    pub frame: Option<RgbdFrame>,
     /// Whether it was kept.
     pub kept: bool,
 }
@@ -98,6 +100,7 @@ pub(crate) struct Collector {
     /// Recent transforms.
     pub tf: LiveTf,
     infos: [Option<CameraInfo>; 2],
+    eye: LiveEye,
     phase: Phase,
     bag: Option<StateBag>,
     held: VecDeque<Held>,
@@ -128,6 +131,7 @@ impl Collector {
             waiting: VecDeque::new(),
             tf,
             infos: [None, None],
+            eye: LiveEye::new(settings.capture.clone()),
             phase: Phase::Idle,
             bag: None,
             held: VecDeque::new(),
@@ -413,6 +417,20 @@ impl Collector {
     fn optical_frame(&self) -> Option<String> {
         let info = self.infos[0].as_ref().and_then(|i| i.header.checked());
         info.map(|(_, frame)| frame).filter(|f| !f.is_empty())
+    }
+
+    /// What came so far about the camera of a set of images.
+    fn camera_of_images(&self, images: &[Option<Picture>; 3]) -> LiveCamera {
+        let frames = [0, 1].map(|role| {
+            let header = images[role].as_ref().and_then(|picture| picture.header().checked());
+            header.map_or_else(String::new, |(_, frame)| frame)
+        });
+        let color_from_depth = match frames[0] == frames[1] {
+            true => Some(Pose::identity()),
+            // Stamp 0 and no gap: only a static transform can answer.
+            false => self.tf.lookup(&frames[0], &frames[1], 0, 0).ok(),
+        };
+        LiveCamera { infos: self.infos.clone(), frames, color_from_depth }
     }
 
     /// Assigns poses to waiting sets in order, and keeps new views.

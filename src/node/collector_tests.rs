@@ -30,6 +30,7 @@ fn settings() -> CollectorSettings {
     };
     let rule = KeyframeRule { translation_m: 0.02, rotation_rad: 0.03, most: 100 };
     CollectorSettings {
+        capture: CaptureConfig::default(),
         topics,
         world_frame: None,
         pose_frame: None,
@@ -289,4 +290,77 @@ fn a_view_of_an_earlier_map_is_left_out_and_one_that_asks_for_poses_is_not_track
     let outcome = crate::live_tracking::Outcome::Lost(capture::Lost::Dark);
     let old = crate::live_tracking::Tracked { map: 0, view, outcome, keyframes: (1, false) };
     assert!(always.accept_tracked(old, 0).unwrap().is_none());
+}
+
+/// The depth image of a picture at half of its size, in a frame of its own.
+fn half_depth(picture: &Picture) -> Picture {
+    let full = picture.depth_raster().unwrap();
+    let mut header = picture.header().clone();
+    header.frame_id = "depth_frame".into();
+    let width = full.width / 2;
+    let height = full.height / 2;
+    let of_row = |v: usize| (0..width).map(move |u| (2 * v, 2 * u));
+    let millimeters = (0..height).flat_map(of_row).map(|(v, u)| 1e3 * full.pixels[v * full.width + u]);
+    Picture::Raw(Image {
+        header,
+        height: height as u32,
+        width: width as u32,
+        encoding: "16UC1".into(),
+        is_bigendian: 0,
+        step: 2 * width as u32,
+        data: millimeters.flat_map(|z| (z.round() as u16).to_le_bytes()).collect(),
+    })
+}
+
+/// Frames of state 0 with depth at half the size, whose camera stands `behind_m` behind that of color.
+fn frames_with_half_depth(behind_m: f64) -> Vec<RgbdFrame> {
+    let folder = tempfile::tempdir().unwrap();
+    let mut collector = Collector::new(settings(), folder.path());
+    collector.start_state(0).unwrap();
+    let mut beside = TransformStamped {
+        header: Header { stamp: io::ros2msg::Time::default(), frame_id: "camera_color_optical_frame".into() },
+        child_frame_id: "depth_frame".into(),
+        transform: Transform::default(),
+    };
+    beside.transform.rotation.w = 1.0;
+    beside.transform.translation.z = -behind_m;
+    let related = Sample::StaticTransforms(TfMessage { transforms: vec![beside] });
+    collector.accept_sample(related, 0, true).unwrap();
+    let mut frames = Vec::new();
+    for (time, sample) in samples(0) {
+        let sample = match sample {
+            Sample::Depth(picture) => Sample::Depth(half_depth(&picture)),
+            Sample::DepthInfo(mut info) => {
+                info.width /= 2;
+                info.height /= 2;
+                [0, 2, 4, 5].into_iter().for_each(|k| info.k[k] *= 0.5);
+                Sample::DepthInfo(info)
+            }
+            other => other,
+        };
+        frames.extend(collector.accept_sample(sample, time, true).unwrap().into_iter().flat_map(|s| s.frame));
+    }
+    assert_eq!(collector.counts.broken, 0, "{:?}", collector.problem);
+    assert_eq!(collector.finish_state(0).unwrap(), 16);
+    frames
+}
+
+fn median_depth_m(frame: &RgbdFrame) -> f32 {
+    let mut read: Vec<f32> = frame.depth_m.iter().copied().filter(|z| *z > 0.0).collect();
+    // A pixel of depth covers four of color.
+    assert!(read.len() > frame.depth_m.len() / 2, "{} of {}", read.len(), frame.depth_m.len());
+    read.sort_by(f32::total_cmp);
+    read[read.len() / 2]
+}
+
+#[test]
+fn depth_of_another_size_and_frame_is_brought_to_colors_pixels() {
+    let beside = frames_with_half_depth(0.0);
+    let behind = frames_with_half_depth(0.1);
+    assert_eq!((beside.len(), behind.len()), (16, 16));
+    for (beside, behind) in beside.iter().zip(&behind) {
+        assert_eq!(beside.depth_m.len(), beside.rgb.len());
+        let nearer_m = median_depth_m(beside) - median_depth_m(behind);
+        assert!((nearer_m - 0.1).abs() < 0.02, "{nearer_m}");
+    }
 }

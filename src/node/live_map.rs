@@ -13,9 +13,8 @@ use std::{
 
 use tokio::sync::watch;
 
-use super::view::Pixels;
 use capture::RgbdFrame;
-use geometry::{Intrinsics, Pose};
+use geometry::Intrinsics;
 use surface::{LiveMap, LiveSettings, MeshChunk, Moved, NextView, Unseen};
 
 /// Queue length for views.
@@ -46,16 +45,12 @@ impl MapKey {
 pub(crate) struct KeptView {
     /// Map it belongs to.
     pub key: MapKey,
-    /// Stamp of the color image, nanoseconds.
-    pub stamp_nanos: i64,
     /// Time at which it was kept.
     pub kept: Instant,
-    /// Frame of its pose.
+    /// Name of the coordinate frame of its pose.
     pub world_frame: String,
-    /// Its pixels.
-    pub pixels: Pixels,
-    /// Its pose.
-    pub world_from_camera: Pose,
+    /// Its pixels and pose.
+    pub frame: RgbdFrame,
 }
 
 /// Current contents of the map.
@@ -254,7 +249,7 @@ impl Mapper {
                 continue;
             }
             views += 1;
-            last = Some((view.stamp_nanos, view.world_frame.clone(), view.pixels.intrinsics));
+            last = Some((view.frame.stamp_nanos, view.world_frame.clone(), view.frame.intrinsics));
             self.add_view(view);
         }
         let Some((stamp_nanos, world_frame, intrinsics)) = last else { return Some(None) };
@@ -274,17 +269,7 @@ impl Mapper {
             self.key = view.key;
             self.unusable = 0;
         }
-        let frame = RgbdFrame {
-            id: String::new(),
-            stamp_nanos: view.stamp_nanos,
-            intrinsics: view.pixels.intrinsics,
-            world_from_camera: view.world_from_camera,
-            rgb: view.pixels.color.pixels,
-            depth_m: view.pixels.depth.pixels,
-            mask: view.pixels.mask.map(|m| m.pixels),
-            readings: Vec::new(),
-        };
-        self.unusable += u64::from(!self.map.add_view(&frame));
+        self.unusable += u64::from(!self.map.add_view(&view.frame));
     }
 
     /// The current contents; `None` without views.
@@ -320,24 +305,10 @@ impl Mapper {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use io::image_codec::Raster;
+    use geometry::Pose;
 
     fn view(frame: &RgbdFrame, key: MapKey) -> KeptView {
-        let width = frame.intrinsics.width;
-        let height = frame.intrinsics.height;
-        KeptView {
-            key,
-            stamp_nanos: frame.stamp_nanos,
-            kept: Instant::now(),
-            world_frame: "map".into(),
-            pixels: Pixels {
-                intrinsics: frame.intrinsics,
-                color: Raster { width, height, pixels: frame.rgb.clone() },
-                depth: Raster { width, height, pixels: frame.depth_m.clone() },
-                mask: frame.mask.clone().map(|pixels| Raster { width, height, pixels }),
-            },
-            world_from_camera: frame.world_from_camera,
-        }
+        KeptView { key, kept: Instant::now(), world_frame: "map".into(), frame: frame.clone() }
     }
 
     /// A wall at 1 m.
@@ -419,7 +390,7 @@ mod tests {
                     for frame in frames {
                         let key = MapKey { begun: state as u64, state, ..MapKey::default() };
                         let mut view = view(frame, key);
-                        view.pixels.mask = view.pixels.mask.filter(|_| with_mask);
+                        view.frame.mask = view.frame.mask.filter(|_| with_mask);
                         let start = Instant::now();
                         mapper.add_view(view);
                         let fused = start.elapsed();

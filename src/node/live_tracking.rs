@@ -5,16 +5,12 @@ use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 
 use tokio::sync::mpsc;
 
-use super::{
-    sample::Picture,
-    state_bag::Topics,
-    view::{Pixels, View},
-};
-use capture::{CaptureConfig, LiveTracker, LiveView, Lost, NoiseConfig, Observation, noise_of};
+use super::{sample::Picture, state_bag::Topics, view::View};
+use capture::{CaptureConfig, LiveTracker, LiveView, Lost, NoiseConfig, Observation, RgbdFrame, noise_of};
 use common::ahead::Ahead;
 use common::stop::Stop;
 use geometry::Pose;
-use io::{LiveEye, ros2msg::CameraInfo};
+use io::{LiveCamera, LiveEye};
 
 /// Queue length for views.
 /// derived: one in work and one waiting; older ones say less about the current pose
@@ -28,8 +24,8 @@ pub(crate) struct ToTrack {
     pub stamp_nanos: i64,
     /// Color, depth and mask.
     pub images: [Option<Picture>; 3],
-    /// Camera infos of color and depth.
-    pub infos: [Option<CameraInfo>; 2],
+    /// What came about its camera.
+    pub seen_by: LiveCamera,
 }
 
 /// A view after tracking.
@@ -38,7 +34,7 @@ pub(crate) struct Tracked {
     pub map: u64,
     /// Its images, with the pose if it has one.
     pub view: View,
-    /// Its pixels and pose, or the reason for having none.
+    /// Its frame and place, or the reason for having none.
     pub outcome: Outcome,
     /// Number of keyframes in the map, and whether it is full.
     pub keyframes: (usize, bool),
@@ -47,7 +43,7 @@ pub(crate) struct Tracked {
 /// Result of tracking a view.
 pub(crate) enum Outcome {
     /// It was located.
-    Placed(Box<(Pixels, LiveView)>),
+    Placed(Box<(RgbdFrame, LiveView)>),
     /// It could not be located.
     Lost(Lost),
     /// Its images cannot be used.
@@ -125,39 +121,25 @@ impl<'a> Follower<'a> {
 
     /// Tracks the next view.
     pub(crate) fn follow_view(&mut self, view: ToTrack) -> Tracked {
-        let ToTrack { map, stamp_nanos, images, infos } = view;
+        let ToTrack { map, stamp_nanos, images, seen_by } = view;
         let mut view = View { stamp_nanos, images, world_from_camera: Pose::identity() };
-        let outcome = self.place_view(map, &mut view, &infos).unwrap_or_else(Outcome::Broken);
+        let outcome = self.place_view(map, &mut view, &seen_by).unwrap_or_else(Outcome::Broken);
         let keyframes = self.map.as_ref().map_or((0, false), |(_, t)| (t.keyframes(), t.is_full()));
         Tracked { map, view, outcome, keyframes }
     }
 
-    fn place_view(
-        &mut self,
-        map: u64,
-        view: &mut View,
-        infos: &[Option<CameraInfo>; 2],
-    ) -> Result<Outcome, String> {
-        let t = &self.settings.topics;
-        let info = infos[0].as_ref().ok_or_else(|| format!("no camera_info came on {}", t.color_info))?;
-        let names = [t.color.as_str(), t.depth.as_str(), t.mask.as_deref().unwrap_or_default()];
-        let pixels = view.decoded_pixels(info, &t.color_info, names).map_err(|why| why.to_string())?;
-        let frame = self
-            .eye
-            .see(
-                view.stamp_nanos,
-                infos.each_ref().map(Option::as_ref),
-                [&t.color_info, &t.color],
-                (&pixels.color, &pixels.depth),
-            )
-            .map_err(|why| why.to_string())?;
+    fn place_view(&mut self, map: u64, view: &mut View, seen_by: &LiveCamera) -> Result<Outcome, String> {
+        let mut frame =
+            view.frame(&mut self.eye, seen_by, &self.settings.topics).map_err(|why| why.to_string())?;
+        // What stands about the object helps to place the camera.
+        let unmasked = RgbdFrame { mask: None, ..frame.clone() };
         let noise = match self.noise {
             Some(noise) => noise,
-            None => noise_of(std::iter::once(&frame), &self.settings.config, &Stop::never())
+            None => noise_of(std::iter::once(&unmasked), &self.settings.config, &Stop::never())
                 .map_err(|why| why.to_string())?,
         };
         self.noise = Some(noise);
-        let observation = Observation::of_frame(frame, &noise, &Ahead::default());
+        let observation = Observation::of_frame(unmasked, &noise, &Ahead::default());
         if self.map.as_ref().is_none_or(|(number, _)| *number != map) {
             self.map = Some((map, LiveTracker::new(self.settings.seed, self.settings.most)));
         }
@@ -165,7 +147,8 @@ impl<'a> Follower<'a> {
         Ok(match tracker.see(observation) {
             Ok(found) => {
                 view.world_from_camera = found.world_from_camera;
-                Outcome::Placed(Box::new((pixels, found)))
+                frame.world_from_camera = found.world_from_camera;
+                Outcome::Placed(Box::new((frame, found)))
             }
             Err(why) => Outcome::Lost(why),
         })

@@ -5,7 +5,7 @@
 
 use std::collections::VecDeque;
 
-use super::view::Pixels;
+use capture::RgbdFrame;
 use geometry::{Intrinsics, Pose};
 
 /// Columns and rows of a reduced view.
@@ -116,14 +116,9 @@ impl MotionWatch {
     }
 
     /// Handles a view; `kept` is the number of kept views per state.
-    pub(crate) fn see_view(
-        &mut self,
-        stamp_nanos: i64,
-        pixels: &Pixels,
-        world_from_camera: &Pose,
-        kept: [usize; 2],
-    ) -> Turn {
-        let view = Small::new(stamp_nanos, pixels, world_from_camera);
+    pub(crate) fn see_view(&mut self, frame: &RgbdFrame, kept: [usize; 2]) -> Turn {
+        let stamp_nanos = frame.stamp_nanos;
+        let view = Small::of_frame(frame);
         let moved = self.shows_motion(&view);
         self.moved_in_a_row = if moved { self.moved_in_a_row + 1 } else { 0 };
         if moved {
@@ -214,8 +209,8 @@ impl MotionWatch {
 }
 
 impl Small {
-    fn new(stamp_nanos: i64, pixels: &Pixels, world_from_camera: &Pose) -> Self {
-        let full = &pixels.intrinsics;
+    fn of_frame(frame: &RgbdFrame) -> Self {
+        let full = &frame.intrinsics;
         // Low resolution, as each view is compared with twelve others at 30 Hz.
         let scale = [WIDTH as f64 / full.width as f64, HEIGHT as f64 / full.height as f64];
         // Sample k is the pixel at the center of its cell.
@@ -226,10 +221,10 @@ impl Small {
         let at: Vec<usize> = cells.collect();
         Self {
             camera: full.at_size(WIDTH, HEIGHT),
-            world_from_camera: *world_from_camera,
-            depth_m: at.iter().map(|i| pixels.depth.pixels[*i]).collect(),
-            object: at.iter().map(|i| pixels.mask.as_ref().is_none_or(|m| m.pixels[*i])).collect(),
-            stamp_nanos,
+            world_from_camera: frame.world_from_camera,
+            depth_m: at.iter().map(|i| frame.depth_m[*i]).collect(),
+            object: at.iter().map(|i| frame.mask.as_ref().is_none_or(|m| m[*i])).collect(),
+            stamp_nanos: frame.stamp_nanos,
         }
     }
 
@@ -282,12 +277,11 @@ mod tests {
     use nalgebra::Vector3;
 
     use super::*;
-    use io::image_codec::Raster;
 
     const S: i64 = 1_000_000_000;
 
     /// A wall at 1.5 m with a box in front of it whose face stands at `face_m`, seen from `x`.
-    fn view(x: f64, face_m: f64) -> (Pixels, Pose) {
+    fn view(stamp_nanos: i64, x: f64, face_m: f64) -> RgbdFrame {
         let width = 320;
         let height = 240;
         let camera = Intrinsics { width, height, fx: 300.0, fy: 300.0, cx: 160.0, cy: 120.0 };
@@ -298,13 +292,16 @@ mod tests {
             if hits { face_m as f32 } else { 1.5 }
         };
         let size = width * height;
-        let pixels = Pixels {
+        RgbdFrame {
+            id: String::new(),
+            stamp_nanos,
             intrinsics: camera,
-            color: Raster { width, height, pixels: vec![[0; 3]; size] },
-            depth: Raster { width, height, pixels: (0..size).map(depth).collect() },
+            world_from_camera: Pose::new(Vector3::new(x, 0.0, 0.0), Vector3::zeros()),
+            rgb: vec![[0; 3]; size],
+            depth_m: (0..size).map(depth).collect(),
             mask: None,
-        };
-        (pixels, Pose::new(Vector3::new(x, 0.0, 0.0), Vector3::zeros()))
+            readings: Vec::new(),
+        }
     }
 
     /// Turns of a watch over views every 0.1 s; `face_m` by the number of the view.
@@ -314,8 +311,8 @@ mod tests {
         let mut state = 0;
         let mut found = Vec::new();
         for i in 0..views {
-            let (pixels, pose) = view(0.2 * (0.3 * i as f64).sin(), face_m(i));
-            match watch.see_view(i as i64 * S / 10, &pixels, &pose, kept) {
+            let frame = view(i as i64 * S / 10, 0.2 * (0.3 * i as f64).sin(), face_m(i));
+            match watch.see_view(&frame, kept) {
                 Turn::None => kept[state] += usize::from(!watch.is_moving()),
                 turn => {
                     if let Turn::Start(s) = turn {

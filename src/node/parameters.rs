@@ -20,7 +20,8 @@ pub(crate) struct Parameters {
     pub color_topic: String,
     /// `raw` or `compressed`.
     pub color_transport: String,
-    /// Depth images aligned to color; with `compressedDepth` transport `/compressedDepth` is appended.
+    /// Depth images; `/compressedDepth` is appended with that transport. Depth of another camera than color's
+    /// is brought to color's pixels by `/tf_static`.
     pub depth_topic: String,
     /// `raw` or `compressedDepth`.
     pub depth_transport: String,

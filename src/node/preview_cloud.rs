@@ -2,8 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::view::Pixels;
-use geometry::Pose;
+use capture::RgbdFrame;
 
 /// Stride of the sampled pixels.
 const EVERY: usize = 6;
@@ -28,25 +27,25 @@ impl PreviewCloud {
     }
 
     /// Adds a view; with a mask, only the object.
-    pub(crate) fn add_view(&mut self, pixels: &Pixels, world_from_camera: &Pose) {
+    pub(crate) fn add_view(&mut self, frame: &RgbdFrame) {
         if self.most == 0 {
             return;
         }
-        let camera = &pixels.intrinsics;
+        let camera = &frame.intrinsics;
         for v in (0..camera.height).step_by(EVERY) {
             for u in (0..camera.width).step_by(EVERY) {
                 let i = v * camera.width + u;
-                let z = pixels.depth.pixels[i];
-                let hidden = pixels.mask.as_ref().is_some_and(|m| !m.pixels[i]);
+                let z = frame.depth_m[i];
+                let hidden = frame.mask.as_ref().is_some_and(|m| !m[i]);
                 if !(z > 0.0 && z < MAX_DEPTH_M) || hidden {
                     continue;
                 }
                 let z = f64::from(z);
                 let ray = [(u as f64 - camera.cx) / camera.fx, (v as f64 - camera.cy) / camera.fy];
-                let point = world_from_camera * nalgebra::Point3::new(ray[0] * z, ray[1] * z, z);
+                let point = frame.world_from_camera * nalgebra::Point3::new(ray[0] * z, ray[1] * z, z);
                 // Single precision, as in PointCloud2.
                 let point = [point.x as f32, point.y as f32, point.z as f32];
-                self.cells.entry(self.cell_of_point(&point)).or_insert((point, pixels.color.pixels[i]));
+                self.cells.entry(self.cell_of_point(&point)).or_insert((point, frame.rgb[i]));
             }
             // After each row, so that the map hardly exceeds its limit.
             self.double_cells();
@@ -78,26 +77,24 @@ impl PreviewCloud {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geometry::Intrinsics;
-    use io::image_codec::Raster;
+    use geometry::{Intrinsics, Pose};
 
     #[test]
     fn the_cloud_lies_on_the_surface_and_stays_small() {
         let intrinsics = Intrinsics { width: 320, height: 240, fx: 300.0, fy: 300.0, cx: 160.0, cy: 120.0 };
         let size = 320 * 240;
-        let raster = |z: f32| Raster { width: 320, height: 240, pixels: vec![z; size] };
-        let pixels = Pixels {
+        let frame = RgbdFrame {
+            id: String::new(),
+            stamp_nanos: 0,
             intrinsics,
-            color: Raster { width: 320, height: 240, pixels: vec![[9, 8, 7]; size] },
-            depth: raster(1.0),
-            mask: Some(Raster {
-                width: 320,
-                height: 240,
-                pixels: (0..size).map(|i| i % 320 < 160).collect(),
-            }),
+            world_from_camera: Pose::translation(0.0, 0.0, 2.0),
+            rgb: vec![[9, 8, 7]; size],
+            depth_m: vec![1.0; size],
+            mask: Some((0..size).map(|i| i % 320 < 160).collect()),
+            readings: Vec::new(),
         };
         let mut cloud = PreviewCloud::new(100);
-        cloud.add_view(&pixels, &Pose::translation(0.0, 0.0, 2.0));
+        cloud.add_view(&frame);
         let points = cloud.colored_points();
         assert!((20..=100).contains(&points.len()), "{}", points.len());
         assert!(points.iter().all(|(p, c)| (p[2] - 3.0).abs() < 1e-6 && p[0] < 0.0 && *c == [9, 8, 7]));

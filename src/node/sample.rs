@@ -68,6 +68,15 @@ impl Picture {
         }
     }
 
+    /// Its encoding; that of a compressed image begins with the encoding of its pixels.
+    #[must_use]
+    pub(crate) fn encoding(&self) -> &str {
+        match self {
+            Self::Raw(m) => &m.encoding,
+            Self::Compressed(m) => &m.format,
+        }
+    }
+
     /// Its ROS type.
     #[must_use]
     pub(crate) fn type_name(&self) -> &'static str {

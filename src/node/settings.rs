@@ -64,6 +64,7 @@ pub(crate) fn collector_settings(p: &Parameters, topics: Topics, config: &Config
     let count = |n: i64| usize::try_from(n).unwrap_or(1);
     let capture = &config.capture;
     CollectorSettings {
+        capture: capture.clone(),
         poses_asked: capture.world_frame.is_some() || capture.pose_frame.is_some() || topics.pose.is_some(),
         tracking: capture.tracking,
         map_frame: capture.world_frame.clone().unwrap_or_else(|| MAP_FRAME.to_owned()),

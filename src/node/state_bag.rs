@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::view::View;
 use io::{
-    BagWriteError, BagWriter, OfferedQos,
+    BagWriteError, BagWriter, LiveTopics, OfferedQos,
     ros2msg::{
         CameraInfo, Header, PoseStamped, TfMessage, TransformStamped, definitions::RosMessage, encode,
         odometry::FullOdometry,
@@ -31,6 +31,19 @@ pub(crate) struct Topics {
     pub mask: Option<String>,
     /// Camera poses in place of `/tf`, and whether they are odometry.
     pub pose: Option<(String, bool)>,
+}
+
+impl Topics {
+    /// The names of the images, for messages.
+    #[must_use]
+    pub(crate) fn live_names(&self) -> LiveTopics<'_> {
+        LiveTopics {
+            color: &self.color,
+            color_info: &self.color_info,
+            depth: &self.depth,
+            mask: self.mask.as_deref().unwrap_or_default(),
+        }
+    }
 }
 
 /// The recording of one state during writing.

@@ -133,9 +133,9 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crate::view::{Pixels, View};
+    use crate::view::View;
+    use capture::RgbdFrame;
     use geometry::{Intrinsics, Pose};
-    use io::image_codec::Raster;
 
     fn tracked(stamp_secs: f64, outcome: Outcome) -> Tracked {
         let view = View {
@@ -149,10 +149,17 @@ mod tests {
     fn placed(stamp_secs: f64, is_fast: bool) -> Tracked {
         let found = LiveView { world_from_camera: Pose::identity(), inliers: 0.97, error_m: 0.001, is_fast };
         let intrinsics = Intrinsics { width: 1, height: 1, fx: 1.0, fy: 1.0, cx: 0.0, cy: 0.0 };
-        let color = Raster { width: 1, height: 1, pixels: vec![[0; 3]] };
-        let depth = Raster { width: 1, height: 1, pixels: vec![1.0] };
-        let pixels = Pixels { intrinsics, color, depth, mask: None };
-        tracked(stamp_secs, Outcome::Placed(Box::new((pixels, found))))
+        let frame = RgbdFrame {
+            id: String::new(),
+            stamp_nanos: 0,
+            intrinsics,
+            world_from_camera: Pose::identity(),
+            rgb: vec![[0; 3]],
+            depth_m: vec![1.0],
+            mask: None,
+            readings: Vec::new(),
+        };
+        tracked(stamp_secs, Outcome::Placed(Box::new((frame, found))))
     }
 
     #[test]

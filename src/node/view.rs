@@ -1,13 +1,11 @@
 //! A set of images with camera and pose, decoded as in a recording.
 
-use super::sample::Picture;
-use capture::CaptureError;
-use geometry::{Intrinsics, Pose};
+use super::{sample::Picture, state_bag::Topics};
+use capture::{CaptureError, RgbdFrame};
+use geometry::Pose;
 use io::{
-    check_size,
+    LiveCamera, LiveEye, LiveImages,
     image_codec::{ImageError, Raster},
-    pinhole,
-    ros2msg::CameraInfo,
 };
 
 /// Matched images with everything that a recording needs.
@@ -21,23 +19,10 @@ pub(crate) struct View {
     pub world_from_camera: Pose,
 }
 
-/// Pixels of a view, before removal of lens distortion.
-#[derive(Clone, Debug)]
-pub(crate) struct Pixels {
-    /// Pinhole intrinsics of the color camera.
-    pub intrinsics: Intrinsics,
-    /// Color.
-    pub color: Raster<[u8; 3]>,
-    /// Depth, meters; 0: unknown.
-    pub depth: Raster<f32>,
-    /// Object mask.
-    pub mask: Option<Raster<bool>>,
-}
-
 /// Why the images of a view cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ViewError {
-    /// The camera_info or the size of an image is invalid.
+    /// The camera or the size of an image is invalid.
     #[error(transparent)]
     Capture(#[from] CaptureError),
     /// Color or depth is missing.
@@ -54,38 +39,30 @@ pub(crate) enum ViewError {
 }
 
 impl View {
-    /// Decodes all images with the checks of a recording. `info` is that of the color camera; topic names are
-    /// for messages.
+    /// Decodes all images with the checks of a recording, and brings them to the ideal camera of color.
     ///
     /// # Errors
     /// [`ViewError`] with the image and what is wrong.
-    pub(crate) fn decoded_pixels(
+    pub(crate) fn frame(
         &self,
-        info: &CameraInfo,
-        info_topic: &str,
-        topics: [&str; 3],
-    ) -> Result<Pixels, ViewError> {
-        // Only parsed to check it: the pipeline removes distortion.
-        let (intrinsics, _) = pinhole(info, info_topic, topics[0])?;
+        eye: &mut LiveEye,
+        seen_by: &LiveCamera,
+        topics: &Topics,
+    ) -> Result<RgbdFrame, ViewError> {
         let [Some(color), Some(depth), mask] = &self.images else { return Err(ViewError::Missing) };
+        let names = topics.live_names();
         // All images or none, as a view without depth is useless later.
-        let color = self.checked_raster(topics[0], &intrinsics, color.color_raster())?;
-        let depth = self.checked_raster(topics[1], &intrinsics, depth.depth_raster())?;
-        let mask = mask
-            .as_ref()
-            .map(|m| self.checked_raster(topics[2], &intrinsics, m.mask_raster()))
-            .transpose()?;
-        Ok(Pixels { intrinsics, color, depth, mask })
+        let images = LiveImages {
+            color: raster_of_topic(names.color, color.color_raster())?,
+            depth: raster_of_topic(names.depth, depth.depth_raster())?,
+            depth_encoding: depth.encoding().to_owned(),
+            mask: mask.as_ref().map(|m| raster_of_topic(names.mask, m.mask_raster())).transpose()?,
+        };
+        let frame = eye.frame(self.stamp_nanos, seen_by, names, images)?;
+        Ok(RgbdFrame { world_from_camera: self.world_from_camera, ..frame })
     }
+}
 
-    fn checked_raster<T>(
-        &self,
-        topic: &str,
-        camera: &Intrinsics,
-        decoded: Result<Raster<T>, ImageError>,
-    ) -> Result<Raster<T>, ViewError> {
-        let raster = decoded.map_err(|source| ViewError::Image { topic: topic.to_owned(), source })?;
-        check_size(topic, (raster.width, raster.height), self.stamp_nanos, camera)?;
-        Ok(raster)
-    }
+fn raster_of_topic<T>(topic: &str, decoded: Result<Raster<T>, ImageError>) -> Result<Raster<T>, ViewError> {
+    decoded.map_err(|source| ViewError::Image { topic: topic.to_owned(), source })
 }

@@ -1,7 +1,8 @@
 //! The choice of kept views.
 
 use super::{Collector, Held, Phase, Seen, View};
-use crate::{keyframes::Verdict, view::Pixels};
+use crate::keyframes::Verdict;
+use capture::RgbdFrame;
 use io::BagWriteError;
 
 impl Collector {
@@ -11,9 +12,8 @@ impl Collector {
         view: View,
         now_nanos: i64,
         pixels: bool,
-        tracked: Option<Pixels>,
+        tracked: Option<RgbdFrame>,
     ) -> Result<Option<Seen>, BagWriteError> {
-        let Some(info) = self.infos[0].clone() else { return Ok(None) };
         // By the pose alone, before decoding, since most views show nothing new.
         let verdict = match self.phase {
             Phase::Collecting(state) => self.keyframes[state].verdict_on(
@@ -28,13 +28,9 @@ impl Collector {
         let decoded = if is_tracked {
             tracked
         } else if keep || pixels {
-            let t = &self.settings.topics;
-            match view.decoded_pixels(
-                &info,
-                &t.color_info,
-                [t.color.as_str(), t.depth.as_str(), t.mask.as_deref().unwrap_or_default()],
-            ) {
-                Ok(pixels) => Some(pixels),
+            let seen_by = self.camera_of_images(&view.images);
+            match view.frame(&mut self.eye, &seen_by, &self.settings.topics) {
+                Ok(frame) => Some(frame),
                 Err(why) => {
                     self.counts.broken += 1;
                     self.problem = Some(why.to_string());
@@ -48,7 +44,7 @@ impl Collector {
         let seen = Seen {
             stamp_nanos: view.stamp_nanos,
             world_from_camera: view.world_from_camera,
-            pixels: decoded,
+            frame: decoded,
             kept: keep,
         };
         if let (true, Phase::Collecting(state)) = (keep, self.phase) {

@@ -83,11 +83,12 @@ impl Collector {
     }
 
     pub(super) fn hand_over(&mut self, set: Matched<Picture>) {
+        let seen_by = self.camera_of_images(&set.images);
         self.tracking.to_track.push(ToTrack {
             map: self.tracking.map,
             stamp_nanos: set.stamp_nanos,
             images: set.images,
-            infos: self.infos.clone(),
+            seen_by,
         });
     }
 
@@ -103,7 +104,7 @@ impl Collector {
         if tracked.map != self.tracking.map {
             return Ok(None);
         }
-        let pixels = match tracked.outcome {
+        let frame = match tracked.outcome {
             Outcome::Placed(placed) => placed.0,
             // Later views may connect to it, which the pipeline will find.
             Outcome::Lost(why) if !why.is_blind() => {
@@ -119,7 +120,7 @@ impl Collector {
         };
         self.world_frame = Some(self.settings.map_frame.clone());
         let transform = self.camera_transform(&tracked.view);
-        let seen = self.keep_if_new(tracked.view, now_nanos, true, Some(pixels));
+        let seen = self.keep_if_new(tracked.view, now_nanos, true, Some(frame));
         let seen = self.unless_failed(seen)?;
         Ok(seen.map(|seen| (seen, transform)))
     }
