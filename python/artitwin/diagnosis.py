@@ -13,12 +13,14 @@ from .record import Array, load, record
 
 @dataclass(frozen=True, eq=False)
 class Parameter:
-    """A number of an effect with its 95 % interval, shape (2,)."""
+    """A number of an effect with its 95 % interval, shape (2,). `open` is why the runs leave it open: `at_bound` or
+    `wide`; what is not finite is then nan."""
 
     name: str
     value: float
     unit: str
     interval: Array
+    open: str | None = None
 
 
 @dataclass(frozen=True)

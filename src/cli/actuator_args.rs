@@ -11,7 +11,7 @@ fn positive_number(text: &str) -> Option<f64> {
 pub(super) fn effort_unit(text: &str) -> Result<EffortUnit, Wanted> {
     match (text, text.trim().parse::<f64>()) {
         ("unknown", _) => Ok(EffortUnit::Unknown),
-        (_, Ok(1.0)) => Ok(EffortUnit::Newton),
+        (_, Ok(1.0)) => Ok(EffortUnit::Calibrated),
         // A negative one turns the sign.
         (_, Ok(factor)) if factor.is_finite() && factor != 0.0 => Ok(EffortUnit::Factor(factor)),
         _ => Err(Wanted("a factor other than 0, such as 0.0024 for milliamperes, or `unknown`")),
@@ -73,7 +73,7 @@ mod tests {
 
     #[test]
     fn a_unit_is_a_factor_or_unknown() {
-        assert_eq!(effort_unit("1").unwrap(), EffortUnit::Newton);
+        assert_eq!(effort_unit("1").unwrap(), EffortUnit::Calibrated);
         assert_eq!(effort_unit("-0.5").unwrap(), EffortUnit::Factor(-0.5));
         assert_eq!(effort_unit("unknown").unwrap(), EffortUnit::Unknown);
         assert!(effort_unit("0").is_err() && effort_unit("inf").is_err() && effort_unit("mA").is_err());

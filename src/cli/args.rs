@@ -206,11 +206,12 @@ pub(super) struct DiagnoseArgs {
     /// twin are read
     #[arg(long, value_name = "TOPIC=LINK", value_parser = topic_of_link)]
     pub pose: Vec<(String, String)>,
-    /// Newton meters (newtons) that one unit of the recorded efforts is, or `unknown` for currents, duty
-    /// cycles or counts: the factor is then found
-    #[arg(long, value_name = "FACTOR", value_parser = effort_unit, default_value = "1")]
+    /// Newton meters (newtons) that one unit of the recorded efforts is: 1 for a calibrated sensor, which has
+    /// no gain to be found; or `unknown` for currents, duty cycles or counts: the factor is then found. By
+    /// default newton meters, calibrated where wrenches are read
+    #[arg(long, value_name = "FACTOR", value_parser = effort_unit)]
     #[arg(allow_hyphen_values = true)]
-    pub effort_unit: EffortUnit,
+    pub effort_unit: Option<EffortUnit>,
     /// Position controller that follows recorded commands; they then count before efforts. What is not given
     /// is found: kp (N m/rad or N/m), kd (N m s/rad or N s/m), limit (N m or N; none if not given), delay
     /// (s); may be repeated for single joints. Without recorded efforts commands are read anyway

@@ -15,7 +15,11 @@ use common::note::{Note, NoteCode};
 use gap::{
     camera::record::options::FrameOptions,
     judge::verdict::Verdict,
-    record::{command::Told, drive::Hold, tracks::Streams},
+    record::{
+        command::{EffortUnit, Told},
+        drive::Hold,
+        tracks::Streams,
+    },
 };
 use run::{self, DiagnoseOutcome, DiagnoseRequest, Event, Monitor, RunError};
 
@@ -39,7 +43,14 @@ pub(super) fn diagnose_request(args: &DiagnoseArgs) -> DiagnoseRequest {
             joints: args.joint.clone(),
             ..Streams::default()
         },
-        told: Told { unit: args.effort_unit, servos: args.servo.clone() },
+        told: Told {
+            // Wrenches are measured by force sensors, which are calibrated.
+            unit: args.effort_unit.unwrap_or(match args.wrench.is_empty() {
+                true => EffortUnit::Assumed,
+                false => EffortUnit::Calibrated,
+            }),
+            servos: args.servo.clone(),
+        },
     }
 }
 

@@ -66,11 +66,10 @@ fn tree() -> TwinTree {
 }
 
 fn finding(index: usize, effect: &str, name: &str, value: f64, half: f64, unit: &str) -> Finding {
-    let interval = (value - half, value + half);
     Finding {
         index,
         effect: effect.into(),
-        parameters: vec![ParameterEstimate { name: name.into(), value, unit: unit.into(), interval }],
+        parameters: vec![ParameterEstimate::with_half_width(name, value, unit, half)],
         weight: 1.0,
         alternatives: Vec::new(),
         experiment: "reverse slowly six times or more, at two speeds".into(),

@@ -52,7 +52,10 @@ fn parameter_value(
     Value {
         parts: own.map(|_| [text(twin), sign.to_owned(), text(found), text(with(p.value))]),
         alone: text(p.value),
-        interval: format!("{} to {}", text(with(p.interval.0)), text(with(p.interval.1))),
+        interval: match p.open {
+            Some(_) => "not determined".to_owned(),
+            None => format!("{} to {}", text(with(p.interval.0)), text(with(p.interval.1))),
+        },
         unit: unit_text(&p.unit),
     }
 }

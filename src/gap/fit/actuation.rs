@@ -65,7 +65,9 @@ pub fn actuated_plant(
 ) -> Result<Plant, ActuationError> {
     let is_servo = fitted.iter().chain(held_out.iter()).any(|l| !l.commanded.is_empty());
     if !is_servo && told.unit != EffortUnit::Unknown {
-        return Ok(plant.clone());
+        let is_calibrated = told.unit == EffortUnit::Calibrated;
+        let actuator = Actuator { is_calibrated, ..plant.actuator };
+        return Ok(Plant { actuator, ..plant.clone() });
     }
     let moments = moving_moments(plant, fitted);
     if !is_servo {

@@ -316,10 +316,12 @@ impl<'c> Problem<'c> {
 
     /// Whether an effect is sought.
     fn is_sought(&self, effect: usize) -> bool {
-        let [gain, damping] = self.plant.actuator.is_found;
+        let actuator = &self.plant.actuator;
+        let [gain, damping] = actuator.is_found;
+        let gain = gain || actuator.is_calibrated;
         match self.catalogue[effect].place() {
             Place::Gain => !gain,
-            Place::Delay => !self.plant.actuator.is_late,
+            Place::Delay => !actuator.is_late,
             // If the load does not depend on the position, a scale of the position is equivalent to a gain.
             Place::Scale => !gain || self.coverage.has_load_slope,
             _ => !(damping && self.catalogue[effect].is_of_damping()),

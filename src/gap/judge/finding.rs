@@ -4,7 +4,7 @@ use crate::{
     fit::problem::Problem,
     judge::spread::Spread,
     model::{
-        effect::{RUN_SPACING_S, Reported},
+        effect::{Dimension, RUN_SPACING_S, Reported},
         joint_model::{Catalogue, JointModel, Term},
     },
 };
@@ -20,7 +20,42 @@ pub struct ParameterEstimate {
     pub unit: String,
     /// 95 % interval.
     pub interval: (f64, f64),
+    /// Why the runs leave it open.
+    pub open: Option<Open>,
 }
+
+impl ParameterEstimate {
+    /// An estimate from its value and half the width of its 95 % interval.
+    #[must_use]
+    pub fn with_half_width(name: &str, value: f64, unit: &str, half: f64) -> Self {
+        let interval = (value - half, value + half);
+        Self { name: name.to_owned(), value, unit: unit.to_owned(), interval, open: None }
+    }
+}
+
+/// Why runs do not determine a parameter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Open {
+    /// It is as far from no effect as it may be: what limits it is not the recording.
+    AtBound,
+    /// Its interval is infinite or covers orders of magnitude.
+    Wide,
+}
+
+impl Open {
+    /// Name in reports.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::AtBound => "at_bound",
+            Self::Wide => "wide",
+        }
+    }
+}
+
+/// Half width from which an interval is that of an undetermined parameter, in multiples of the parameter.
+/// chosen: from there on it covers another order of magnitude
+const WIDE: f64 = 9.0;
 
 /// A named effect.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,6 +75,14 @@ pub struct Finding {
     /// Whether it is certainly present. An uncertain effect is not named, but files hold it where it improves
     /// unseen windows.
     pub is_sure: bool,
+}
+
+impl Finding {
+    /// Whether the runs determine any of its parameters. Else it is no name.
+    #[must_use]
+    pub fn is_determined(&self) -> bool {
+        self.parameters.iter().any(|p| p.open.is_none())
+    }
 }
 
 /// Weight of the sets containing `effect`, and the effects replacing it in the other sets; `own` is the found
@@ -88,7 +131,31 @@ fn parameter_estimate(
         value,
         unit: r.dimension.unit_name(problem.turns).to_owned(),
         interval: (low, value + half),
+        open: reason_open(problem, term, r, half),
     }
+}
+
+/// Why a number of a term is left open, given the half width of its interval.
+fn reason_open(problem: &Problem, term: &Term, r: &Reported, half: f64) -> Option<Open> {
+    let effect = &problem.catalogue[term.effect];
+    for (i, p) in term.p.iter().enumerate().filter(|(i, _)| r.gradient[*i] != 0.0) {
+        let (low, high) = effect.parameter_bounds(i, &problem.coverage);
+        // Where it has no effect, the bound is what is found.
+        let is_neutral = effect.parameters()[i].neutral == Some(*p);
+        if (*p <= low || *p >= high) && !is_neutral {
+            return Some(Open::AtBound);
+        }
+    }
+    // Places and times count from where the motion begins, not from 0.
+    let scale = match r.dimension {
+        Dimension::Position => r.value.abs().max(problem.coverage.travel),
+        Dimension::Time => {
+            r.value.abs().max(problem.coverage.durations_s.iter().copied().fold(0.0, f64::max))
+        }
+        _ => r.value.abs(),
+    };
+    let is_wide = !r.value.is_finite() || !(half <= WIDE * scale);
+    is_wide.then_some(Open::Wide)
 }
 
 /// The findings of a model with their weights: `rivals` are other sets of the same size with their weights,

@@ -6,7 +6,7 @@ use crate::{
     judge::{
         doubt::Doubt,
         doubt_json::DoubtJson,
-        finding::{Finding, ParameterEstimate},
+        finding::{Finding, Open, ParameterEstimate},
         format_model::FormatModel,
         law::Law,
         proof::{Gap, RunSeries, left_of},
@@ -266,7 +266,13 @@ pub fn report(joints: &[JointReport], exports: Vec<ExportNote>) -> Report {
 
 fn parameter_json(p: &ParameterEstimate) -> ParameterJson {
     let interval = [Some(p.interval.0), Some(p.interval.1)];
-    ParameterJson { name: p.name.clone(), value: Some(p.value), unit: p.unit.clone(), interval }
+    ParameterJson {
+        name: p.name.clone(),
+        value: Some(p.value),
+        unit: p.unit.clone(),
+        interval,
+        open: p.open.map(|why| why.name().to_owned()),
+    }
 }
 
 fn actuator_json(joint: &JointReport) -> Option<ActuatorJson> {
@@ -466,6 +472,11 @@ pub fn summary_of_joints(joints: &[JointReport]) -> String {
 
 /// A parameter with its interval, in words.
 fn words(p: &ParameterEstimate) -> String {
+    match p.open {
+        Some(Open::AtBound) => return format!("{} not determined (at its bound, {:.4})", p.name, p.value),
+        Some(Open::Wide) => return format!("{} not determined", p.name),
+        None => {}
+    }
     format!("{} {:.4} [{:.4}, {:.4}] {}", p.name, p.value, p.interval.0, p.interval.1, p.unit)
 }
 

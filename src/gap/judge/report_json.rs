@@ -51,6 +51,9 @@ pub struct ParameterJson {
     pub unit: String,
     /// Lower and upper bound.
     pub interval: [Option<f64>; 2],
+    /// Why the runs leave it open: `at_bound` or `wide`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub open: Option<String>,
 }
 
 /// Root mean square residuals of the held-out runs, rad or m.

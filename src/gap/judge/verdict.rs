@@ -201,7 +201,9 @@ impl Diagnosis {
         if !is_given {
             self.mark_sure_effects(problem.catalogue);
         }
-        if self.nearest.is_none() && !self.findings.is_empty() && self.sure_findings().next().is_none() {
+        let is_open = !self.findings.iter().all(Finding::is_determined);
+        let is_unsure = self.sure_findings().next().is_none();
+        if self.nearest.is_none() && !self.findings.is_empty() && (is_open || is_unsure) {
             self.withdraw_names();
         }
     }
@@ -290,14 +292,15 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     diagnosis.findings = findings_of_model(problem, &model, &spread, &rivals, total);
     diagnosis.actuator = actuator_estimates(&model, &spread, problem.turns);
     (diagnosis.model, diagnosis.spread) = (model, Some(spread));
-    // Given effects are judged by the held-out runs only.
+    let mut keeps = diagnosis.findings.iter().all(Finding::is_determined);
+    // What given effects explain is judged by the held-out runs only.
     if effects.is_empty() {
         diagnosis.mark_sure_effects(problem.catalogue);
-        let keeps = !explains_too_little(problem, &diagnosis, base, chosen);
-        debug!(effects = ?effects_found, keeps, left = diagnosis.left, "names kept or taken back");
-        if !keeps {
-            diagnosis.withdraw_names();
-        }
+        keeps &= !explains_too_little(problem, &diagnosis, base, chosen);
+    }
+    debug!(effects = ?effects_found, keeps, left = diagnosis.left, "names kept or taken back");
+    if !keeps {
+        diagnosis.withdraw_names();
     }
     diagnosis
 }
@@ -348,23 +351,28 @@ fn actuator_estimates(model: &JointModel, spread: &Spread, turns: bool) -> Vec<P
             Some(servo) => ("stiffness", Dimension::Stiffness.unit_name(turns), servo.stiffness),
             None => ("gain", if turns { "N m per unit" } else { "N per unit" }, actuator.unit),
         };
-        all.push(estimate(name, scale * actuator.gain, unit, spread.half_width(at, &[scale])));
+        all.push(ParameterEstimate::with_half_width(
+            name,
+            scale * actuator.gain,
+            unit,
+            spread.half_width(at, &[scale]),
+        ));
     }
     if let Some(at) = damping {
         let unit = Dimension::Damping.unit_name(turns);
-        all.push(estimate("damping", actuator.damping, unit, spread.half_width(at, &[1.0])));
+        all.push(ParameterEstimate::with_half_width(
+            "damping",
+            actuator.damping,
+            unit,
+            spread.half_width(at, &[1.0]),
+        ));
     }
     if actuator.is_late {
         // The lag is the first of the free parameters.
         let half = spread.half_width(0, &[1.0]);
-        all.push(estimate("delay", actuator.delay_s + model.lag_s, "s", half));
+        all.push(ParameterEstimate::with_half_width("delay", actuator.delay_s + model.lag_s, "s", half));
     }
     all
-}
-
-fn estimate(name: &str, value: f64, unit: &str, half: f64) -> ParameterEstimate {
-    let interval = (value - half, value + half);
-    ParameterEstimate { name: name.to_owned(), value, unit: unit.to_owned(), interval }
 }
 
 /// The final set of effects of a search, or the given set.

@@ -19,6 +19,8 @@ pub struct Actuator {
     pub is_found: [bool; 2],
     /// Whether the delay is fitted too.
     pub is_late: bool,
+    /// Whether the recorded effort is that of a calibrated sensor, which has no gain to be found.
+    pub is_calibrated: bool,
 }
 
 /// Relative standard deviation of the gain of a recorded effort.
@@ -63,6 +65,7 @@ impl Default for Actuator {
             unit: 1.0,
             is_found: [false; 2],
             is_late: false,
+            is_calibrated: false,
         }
     }
 }

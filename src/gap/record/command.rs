@@ -107,9 +107,11 @@ impl Told {
 /// Unit of recorded efforts.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum EffortUnit {
-    /// N m or N.
+    /// N m or N, as ROS has it; nobody said how well they are measured.
     #[default]
-    Newton,
+    Assumed,
+    /// N m or N of a calibrated sensor: no gain is looked for.
+    Calibrated,
     /// This many N m or N per unit.
     Factor(f64),
     /// Unknown, as for currents, duty cycles or counts: the factor is fitted.

@@ -18,6 +18,7 @@ pub fn missing_finding(missing: &Missing, twin: &SeenTwin) -> CameraFinding {
         value: missing.area_m2,
         unit: "m^2".into(),
         interval: missing.area_interval,
+        open: None,
     }];
     for (s, name) in ["lower", "upper"].iter().enumerate() {
         for (k, axis) in ["x", "y", "z"].iter().enumerate() {
@@ -26,6 +27,7 @@ pub fn missing_finding(missing: &Missing, twin: &SeenTwin) -> CameraFinding {
                 value: missing.bounds[s][k],
                 unit: "m".into(),
                 interval: missing.bounds_interval[s][k],
+                open: None,
             });
         }
     }

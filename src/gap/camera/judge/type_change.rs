@@ -9,9 +9,9 @@ use crate::{
             finding::{CameraFinding, Subject},
             select::Selected,
         },
-        model::{interval::estimate_with_half_width, parameter::HypothesisParameter},
+        model::parameter::HypothesisParameter,
     },
-    judge::finding::Finding,
+    judge::finding::{Finding, ParameterEstimate},
 };
 use geometry::{AxisMotion, normals_of};
 use numeric::statistics::HALF_WIDTH_95;
@@ -68,7 +68,7 @@ impl TypeChange {
                 HypothesisParameter::AxisTurn(j, n) if j == joint => normals[n].cross(&law.axis)[k],
                 _ => 0.0,
             });
-            parameters.push(estimate_with_half_width(name, law.axis[k], "1", half));
+            parameters.push(ParameterEstimate::with_half_width(name, law.axis[k], "1", half));
         }
         if self.to.is_turning() {
             // The axis point nearest the part's center: turns of the axis do not move it there.
@@ -79,13 +79,13 @@ impl TypeChange {
                     HypothesisParameter::AxisShift(j, n) if j == joint => normals[n][k],
                     _ => 0.0,
                 });
-                parameters.push(estimate_with_half_width(name, point[k], "m", half));
+                parameters.push(ParameterEstimate::with_half_width(name, point[k], "m", half));
             }
         }
         if let AxisMotion::Screw { pitch_m_per_rad } = law.kind {
             let half =
                 half_width(problem, freed, |p| f64::from(u8::from(p == HypothesisParameter::Pitch(joint))));
-            parameters.push(estimate_with_half_width("pitch", pitch_m_per_rad, "m/rad", half));
+            parameters.push(ParameterEstimate::with_half_width("pitch", pitch_m_per_rad, "m/rad", half));
         }
         let finding = Finding {
             index: INDEX,

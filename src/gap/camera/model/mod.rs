@@ -3,7 +3,6 @@
 pub mod advance;
 pub mod displacement;
 pub mod hypothesis;
-pub mod interval;
 pub mod missing;
 pub mod own_error;
 pub mod parameter;

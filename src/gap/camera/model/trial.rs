@@ -68,12 +68,7 @@ impl Fitted<'_> {
     pub fn linear_estimate(&self, name: &str, unit: &str, weights: &DVector<f64>) -> ParameterEstimate {
         let half = HALF_WIDTH_95 * weights.dot(&(self.covariance * weights)).max(0.0).sqrt();
         let value = weights.dot(self.values);
-        ParameterEstimate {
-            name: name.to_owned(),
-            value,
-            unit: unit.to_owned(),
-            interval: (value - half, value + half),
-        }
+        ParameterEstimate::with_half_width(name, value, unit, half)
     }
 
     /// One column with its 95 % interval.
