@@ -20,3 +20,4 @@ pub mod record;
 pub mod track;
 pub mod trig;
 pub mod twin_tree;
+pub mod wander;

@@ -17,6 +17,7 @@ use gap::{
     judge::{
         assess::{Examined, Runs, examined_joint, proven_report},
         doubt::Doubt,
+        imposed::imposed_report,
         multibody::fit_chains,
         refused::refused_report,
         report::JointReport,
@@ -69,8 +70,8 @@ struct Bench<'a> {
 #[derive(Default)]
 struct Examination<'c> {
     examined: Vec<(usize, Examined<'c>, StageRng)>,
-    /// Reports of joints in doubt.
-    refused: BTreeMap<usize, JointReport>,
+    /// Reports of joints in doubt, and of those whose motion was imposed.
+    concluded: BTreeMap<usize, JointReport>,
     left_out: Vec<String>,
     /// Warnings about the logs.
     warnings: Vec<Note>,
@@ -102,11 +103,11 @@ pub(super) fn assessed(
     let names = moving.iter().map(|&j| tree.joints[j].name.clone()).collect();
     let recordings = &recordings;
     let bench = Bench { request, tree: &tree, recordings, effects, moving, names, wanted, unusable, doubts };
-    let (Examination { mut examined, refused, left_out, warnings: of_logs }, effort_hold) =
+    let (Examination { mut examined, concluded, left_out, warnings: of_logs }, effort_hold) =
         bench.likelier_examination(monitor)?;
     warnings.extend(of_logs);
     warnings.extend(effort_hold.note());
-    let mut joints = refused;
+    let mut joints = concluded;
     let mut own: Vec<(usize, &mut Examined)> = examined.iter_mut().map(|(j, e, _)| (*j, e)).collect();
     fit_chains(&tree, &mut own);
     for (j, examined, mut rng) in examined {
@@ -196,7 +197,11 @@ impl<'a> Bench<'a> {
                 effects: self.wanted.clone(),
             };
             if let Some(doubt) = self.doubts.get(&j) {
-                found.refused.insert(j, refused_report(self.effects, &plant, doubt, runs));
+                found.concluded.insert(j, refused_report(self.effects, &plant, doubt, runs));
+                continue;
+            }
+            if let Some(report) = imposed_report(self.effects, &plant, name, &runs) {
+                found.concluded.insert(j, report);
                 continue;
             }
             let mut rng = stage_rng(self.request.seed, &stage, 0);

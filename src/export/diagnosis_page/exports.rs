@@ -27,7 +27,7 @@ pub(super) fn exports_table(joints: &[JointReport], notes: &[ExportNote]) -> Str
             }
             continue;
         }
-        let turns = joints.iter().any(|j| j.joint == note.joint && j.turns);
+        let unit = joints.iter().find(|j| j.joint == note.joint).map_or("m", JointReport::gap_unit);
         let own = (note.format.clone(), note.joint.clone());
         // The residuals are those of the joint in the file, with all its effects.
         let (file, gap) = if own == last {
@@ -36,7 +36,7 @@ pub(super) fn exports_table(joints: &[JointReport], notes: &[ExportNote]) -> Str
             let file = if note.file.is_empty() { String::new() } else { escape_xml(&note.file) };
             let gap = match (note.before, note.rmse) {
                 (Some(before), Some(after)) if !note.file.is_empty() => {
-                    format!("{} \u{2192} {}", residual_text(before, turns), residual_text(after, turns))
+                    format!("{} \u{2192} {}", residual_text(before, unit), residual_text(after, unit))
                 }
                 _ => "\u{2013}".into(),
             };

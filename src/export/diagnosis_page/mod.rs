@@ -256,8 +256,8 @@ fn remarks(joint: &JointReport) -> String {
         said.push(format!(
             "Nearest, not enough for a name: {}; held-out residual {} \u{2192} {}.",
             names.join(" + "),
-            residual_text(gap.before, joint.turns),
-            residual_text(gap.after, joint.turns)
+            residual_text(gap.before, joint.gap_unit()),
+            residual_text(gap.after, joint.gap_unit())
         ));
     }
     if d.verdict != Verdict::Insufficient && joint.doubt.is_none() {

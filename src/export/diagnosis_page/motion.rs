@@ -39,7 +39,7 @@ pub(super) fn motion_sections(joint: &JointReport, names: &Names) -> String {
     for (series, run) in drawn {
         out.push_str(&held_out(joint, series, run, gap.noise_floor, names));
     }
-    if gap.runs.len() > MAX_HELD_OUT {
+    if joint.series.len() > MAX_HELD_OUT {
         let more = gap.runs.len() - MAX_HELD_OUT;
         writeln!(out, "<p class=\"soft\">{more} more held-out runs are not drawn.</p>").ok();
     }

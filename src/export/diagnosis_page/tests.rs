@@ -128,6 +128,7 @@ fn joint(length: usize) -> JointReport {
     let point =
         |x: f64, effort: f64, is_held_out: bool| Point { way: Way::Both, is_held_out, x, effort, half: 0.01 };
     JointReport {
+        is_imposed: false,
         joint: JOINT.into(),
         turns: true,
         diagnosis,

@@ -124,15 +124,17 @@ pub(super) fn values_table(
 pub(super) fn gap_table(joint: &JointReport, gap: &Gap, updated: Option<&str>) -> String {
     let mut rows = String::new();
     for run in &gap.runs {
-        let residuals = [run.before, run.after].map(|x| residual_text(x, joint.turns));
-        let whole = [run.full_before, run.full_after].map(|x| residual_text(x, joint.turns));
+        let residuals = [run.before, run.after].map(|x| residual_text(x, joint.gap_unit()));
+        let whole = [run.full_before, run.full_after].map(|x| residual_text(x, joint.gap_unit()));
         let closed = updated.map(|_| closed_share(run.before, run.after, gap.noise_floor));
+        let whole = (!joint.is_imposed).then_some(whole);
         push_gap_row(&mut rows, &escape_xml(&run.run), residuals, closed, whole);
     }
     if gap.runs.len() > 1 {
-        let residuals = [gap.before, gap.after].map(|x| residual_text(x, joint.turns));
+        let residuals = [gap.before, gap.after].map(|x| residual_text(x, joint.gap_unit()));
         let closed = updated.map(|_| closed_share(gap.before, gap.after, gap.noise_floor));
-        push_gap_row(&mut rows, "all", residuals, closed, <[String; 2]>::default());
+        let whole = (!joint.is_imposed).then(<[String; 2]>::default);
+        push_gap_row(&mut rows, "all", residuals, closed, whole);
     }
     let most = gap.before.max(gap.after).max(gap.noise_floor).max(1e-300);
     let mut bars = String::new();
@@ -147,20 +149,27 @@ pub(super) fn gap_table(joint: &JointReport, gap: &Gap, updated: Option<&str>) -
             "<span>{name}</span><div class=\"bar {class}\" style=\"width: {}%\"></div><span \
              class=\"number\">{}</span>",
             fixed_text(100.0 * x / most, 1),
-            residual_text(x, joint.turns)
+            residual_text(x, joint.gap_unit())
         )
         .ok();
     }
     let mut head = vec!["Held-out run".to_owned(), "Twin".to_owned()];
     head.extend(updated.into_iter().flat_map(|name| [with_capital(name), "Closed".to_owned()]));
-    head.push("Whole run: twin".to_owned());
-    head.extend(updated.map(|name| format!("Whole run: {name}")));
+    if !joint.is_imposed {
+        head.push("Whole run: twin".to_owned());
+        head.extend(updated.map(|name| format!("Whole run: {name}")));
+    }
     let head: String = head.iter().map(|h| format!("<th>{h}</th>")).collect();
+    let what = if joint.is_imposed {
+        "The motion was imposed: residuals are those of the efforts, given the motion; closed: of what is more \
+         than noise."
+    } else {
+        "By windows; closed: of what is more than noise. A whole run is predicted from its first state."
+    };
     format!(
         "<section>\n<h3>Gap on held-out runs, root mean square of the residuals</h3>\n<div \
          class=\"bars\">\n{bars}</div>\n<div \
-         class=\"scroll\"><table>\n<tr>{head}</tr>\n{rows}</table></div>\n<p class=\"soft\">By windows; \
-         closed: of what is more than noise. A whole run is predicted from its first state.</p>\n</section>\n"
+         class=\"scroll\"><table>\n<tr>{head}</tr>\n{rows}</table></div>\n<p class=\"soft\">{what}</p>\n</section>\n"
     )
 }
 
@@ -173,19 +182,21 @@ fn closed_share(before: f64, after: f64, noise_floor: f64) -> String {
     format!("{}\u{a0}%", fixed_text(100.0 * share, 0))
 }
 
-/// A row of the table of gaps: residuals of the twin and of the updated twin by windows and of the whole run;
-/// the updated twin is left out without `closed`.
+/// A row of the table of gaps: residuals of the twin and of the updated twin, and by windows of the whole run,
+/// too; the updated twin is left out without `closed`.
 fn push_gap_row(
     rows: &mut String,
     name: &str,
     [before, after]: [String; 2],
     closed: Option<String>,
-    [whole_before, whole_after]: [String; 2],
+    whole: Option<[String; 2]>,
 ) {
-    let cells = match closed {
-        Some(closed) => vec![before, after, closed, whole_before, whole_after],
-        None => vec![before, whole_before],
-    };
+    let is_updated = closed.is_some();
+    let mut cells = vec![before];
+    cells.extend(closed.into_iter().flat_map(|closed| [after.clone(), closed]));
+    cells.extend(
+        whole.into_iter().flat_map(|[before, after]| [Some(before), is_updated.then_some(after)]).flatten(),
+    );
     let cells: String = cells.iter().map(|c| format!("<td class=\"number\">{c}</td>")).collect();
     writeln!(rows, "<tr><td>{name}</td>{cells}</tr>").ok();
 }

@@ -61,15 +61,16 @@ pub(super) fn fixed_text(value: f64, places: i32) -> String {
 }
 
 /// A position residual with three digits, in thousandths of the unit.
-pub(super) fn residual_text(value: f64, turns: bool) -> String {
-    let unit = if turns { "mrad" } else { "mm" };
+pub(super) fn residual_text(value: f64, unit: &str) -> String {
     if !value.is_finite() {
         return "beyond bounds".into();
     }
-    format!(
-        "{}\u{a0}<span class=\"unit\">{unit}</span>",
-        fixed_text(1e3 * value, decimal_places(1e3 * value, 0.0))
-    )
+    let (value, unit) = match unit {
+        "rad" => (1e3 * value, "mrad".to_owned()),
+        "m" => (1e3 * value, "mm".to_owned()),
+        other => (value, unit_text(other)),
+    };
+    format!("{}\u{a0}<span class=\"unit\">{unit}</span>", fixed_text(value, decimal_places(value, 0.0)))
 }
 
 /// A position; angles also in degrees.

@@ -6,6 +6,7 @@ pub mod damping;
 #[cfg(test)]
 mod derivative_tests;
 pub mod evidence;
+pub mod inverse;
 pub mod jackknife;
 pub mod likely_noise;
 pub mod multibody;

@@ -203,6 +203,7 @@ pub(super) fn unproven_report(
         nearest: None,
         off_axis: None,
         doubt: None,
+        is_imposed: false,
     }
 }
 

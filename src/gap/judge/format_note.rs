@@ -12,7 +12,7 @@ use common::note::{Note, NoteCode};
 pub fn format_note(held: &FormatModel, file: &str, joint: &JointReport, is_sole: bool) -> Option<Note> {
     let gap = joint.gap.as_ref().filter(|_| !held.is_whole())?;
     let name = &joint.joint;
-    let unit = if joint.turns { "rad" } else { "m" };
+    let unit = joint.gap_unit();
     let twin = held.twin_rmse;
     let own = held.rmse;
     let found = gap.after;

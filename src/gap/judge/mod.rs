@@ -18,6 +18,7 @@ mod format_model_tests;
 pub mod format_note;
 pub mod given;
 pub mod idle;
+pub mod imposed;
 pub mod law;
 #[cfg(test)]
 mod law_tests;

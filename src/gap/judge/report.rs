@@ -13,7 +13,7 @@ use crate::{
         report_json::{AlternativeJson, FindingJson, GapJson, ParameterJson, RunJson},
         verdict::{Diagnosis, Verdict},
     },
-    model::effect::Coverage,
+    model::effect::{Coverage, Dimension},
     record::off_axis::{Across, OffAxis},
 };
 
@@ -46,6 +46,17 @@ pub struct JointReport {
     pub off_axis: Option<OffAxis>,
     /// Why there is no diagnosis: twin and recording seem to use different conventions.
     pub doubt: Option<Doubt>,
+    /// Whether the motion was imposed and the efforts are explained by it: gaps are then of efforts, N m or N.
+    pub is_imposed: bool,
+}
+
+impl JointReport {
+    /// Unit of the gap: of positions, or of efforts where the motion was imposed.
+    #[must_use]
+    pub fn gap_unit(&self) -> &'static str {
+        let dimension = if self.is_imposed { Dimension::Effort } else { Dimension::Position };
+        dimension.unit_name(self.turns)
+    }
 }
 
 /// Measured positions of a run, or of part of one.
@@ -162,6 +173,8 @@ pub struct Report {
     off_axis: Vec<OffAxisJson>,
     /// Fitted parameters of servos, and of efforts in an unknown unit.
     actuators: Vec<ActuatorJson>,
+    /// Joints whose motion was imposed: their gaps are of efforts, given the motion.
+    imposed: Vec<String>,
     /// Joints without a diagnosis: twin and recording seem to use different conventions.
     doubts: Vec<DoubtJson>,
     exports: Vec<ExportNote>,
@@ -239,7 +252,6 @@ fn headline_size(joint: &JointReport, gap: &Gap) -> f64 {
 /// The content of `report.json` for all joints.
 #[must_use]
 pub fn report(joints: &[JointReport], exports: Vec<ExportNote>) -> Report {
-    let unit = |j: &JointReport| if j.turns { "rad" } else { "m" }.to_owned();
     let main = main_joint(joints);
     let gap = main.and_then(|j| j.gap.as_ref());
     let runs = joints.iter().flat_map(|j| j.gap.iter().flat_map(|g| runs_of(j, g)).collect::<Vec<_>>());
@@ -253,12 +265,13 @@ pub fn report(joints: &[JointReport], exports: Vec<ExportNote>) -> Report {
             before: gap.map(|g| g.before),
             after: gap.map(|g| g.after),
             noise_floor: gap.map(|g| g.noise_floor),
-            unit: main.map(unit),
+            unit: main.map(|j| j.gap_unit().to_owned()),
             runs: runs.collect(),
         },
         remainder: joints.iter().filter_map(remainder_json).collect(),
         off_axis: joints.iter().filter_map(off_axis).collect(),
         actuators: joints.iter().filter_map(actuator_json).collect(),
+        imposed: joints.iter().filter(|j| j.is_imposed).map(|j| j.joint.clone()).collect(),
         doubts: joints.iter().filter_map(|j| j.doubt.as_ref().map(DoubtJson::of_doubt)).collect(),
         exports,
     }
@@ -292,7 +305,7 @@ fn runs_of(joint: &JointReport, gap: &Gap) -> Vec<RunJson> {
         runs.push(RunJson {
             run: r.run.clone(),
             joint: joint.joint.clone(),
-            unit: if joint.turns { "rad" } else { "m" }.to_owned(),
+            unit: joint.gap_unit().to_owned(),
             before: r.before,
             after: r.after,
             full_length_before: finite(r.full_before),
@@ -397,7 +410,7 @@ fn places_json(joint: &JointReport) -> Vec<WhereJson> {
 pub fn summary_of_joints(joints: &[JointReport]) -> String {
     let mut lines = vec![format!("verdict: {}", overall_verdict(joints).name())];
     for j in joints {
-        let unit = if j.turns { "rad" } else { "m" };
+        let unit = j.gap_unit();
         let d = &j.diagnosis;
         if d.findings.is_empty() {
             let reason = d.lacks.first().map_or(String::new(), |l| format!(": {l}"));
@@ -447,6 +460,10 @@ pub fn summary_of_joints(joints: &[JointReport]) -> String {
         }
         if let Some(e) = &j.off_axis {
             lines.push(format!("  {}", e.in_words()));
+        }
+        if j.is_imposed {
+            lines
+                .push("  the motion was imposed: what is explained are efforts, given the motion".to_owned());
         }
         if let Some(g) = &j.gap {
             lines.push(format!(

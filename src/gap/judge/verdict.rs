@@ -461,7 +461,7 @@ fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usi
 }
 
 /// Whether a set has an effect with a special case in the set `own`.
-fn generalizes(catalogue: &Catalogue, effects: &[usize], own: &[usize]) -> bool {
+pub(super) fn generalizes(catalogue: &Catalogue, effects: &[usize], own: &[usize]) -> bool {
     let own_names: Vec<&str> = own.iter().map(|e| catalogue[*e].name()).collect();
     let mut others = effects.iter().filter(|e| !own.contains(e));
     others.any(|e| catalogue[*e].effect_spec().contains.iter().any(|n| own_names.contains(n)))

@@ -2,10 +2,12 @@
 
 use nalgebra::{DMatrix, DVector, Matrix2};
 
-use crate::track::{
-    curve::{CIRCLE, LINE, PathCurve},
-    start::start_curve,
-    trace::PointTrack,
+use crate::{
+    track::{
+        curve::{CIRCLE, LINE, PathCurve},
+        start::start_curve,
+        trace::PointTrack,
+    },
     wander::{Gate, Wander, Whitened, clock},
 };
 use numeric::statistics::SIGMAS_PER_MAD;

@@ -2,13 +2,15 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Vector3, Vector6};
 
-use crate::track::{
-    bend::BendLikelihood,
-    curve::{CIRCLE, LINE, PathCurve},
-    fit::CurveFit,
-    joint::TraceFault,
-    spin::Spin,
-    trace::PointTrack,
+use crate::{
+    track::{
+        bend::BendLikelihood,
+        curve::{CIRCLE, LINE, PathCurve},
+        fit::CurveFit,
+        joint::TraceFault,
+        spin::Spin,
+        trace::PointTrack,
+    },
     wander::clock,
 };
 use common::note::{Note, NoteCode};

@@ -6,10 +6,8 @@
 
 use nalgebra::{DMatrix, Matrix3, Matrix3x2, Vector2, Vector3};
 
-use crate::track::{
-    bend::BendLikelihood,
-    curve::PathCurve,
-    fit::ROUNDING,
+use crate::{
+    track::{bend::BendLikelihood, curve::PathCurve, fit::ROUNDING},
     wander::{Gate, Wander, Whitened},
 };
 use numeric::statistics::{SIGMAS_PER_MAD, median};

@@ -1,7 +1,7 @@
-//! What lies off a curve: a process that wanders along the track, with a white part and outliers.
+//! What a model leaves along a track or a run: a process that wanders, with a white part and outliers.
 //!
 //! The wandering part is an Ornstein-Uhlenbeck process, the roughest of the usual ones: it does not take the
-//! smoothness of a track for precision. A Kalman filter turns it into independent innovations; the filter is
+//! smoothness of a recording for precision. A Kalman filter turns it into independent innovations; the filter is
 //! linear, so residuals and slopes pass through the same one (as in docs/method.md 14.10).
 
 use nalgebra::{DMatrix, DVector};
@@ -107,6 +107,12 @@ impl Gate {
         let inlier =
             (1.0 - OUTLIERS).ln() - 0.5 * (factor.determinant().ln() + channels * std::f64::consts::TAU.ln());
         Some(Self { inverse: factor.inverse(), inlier, outlier: (OUTLIERS / volume).ln() })
+    }
+
+    /// A gate of one channel that nothing counts as an outlier for.
+    #[must_use]
+    pub fn open() -> Self {
+        Self { inverse: DMatrix::identity(1, 1), inlier: 0.0, outlier: f64::NEG_INFINITY }
     }
 
     fn admits(&self, innovation: &DVector<f64>, expected: f64) -> bool {

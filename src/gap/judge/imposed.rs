@@ -1,0 +1,359 @@
+//! Joints whose motion was imposed: a door pulled slowly by a hand or a robot. Names come from the likelihood of
+//! the efforts given the motion, and are proven on the efforts of held-out runs. See docs/method.md 14.17.
+
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+use tracing::debug;
+
+use super::{
+    assess::{Runs, all_tracks, unproven_report},
+    finding::{Finding, findings_of_model},
+    format_model::{Fate, FormatModel, HeldEffect},
+    name_weight::{NAME_WEIGHT, in_doubt, least_gain},
+    proof::{Gap, RunGap},
+    report::JointReport,
+    spread::Spread,
+    verdict::{Diagnosis, Verdict, generalizes},
+};
+use crate::{
+    fit::{
+        inverse::{Explanation, ImposedMotion},
+        noise::EffortNoise,
+        problem::Problem,
+    },
+    model::{
+        expressed::expressed_model,
+        format::Format,
+        joint_model::{Catalogue, JointModel, Term},
+        plant::Plant,
+    },
+    record::{
+        log::{JointLog, rms},
+        off_axis::MAX_LEFT,
+    },
+};
+
+/// Most effects of a set. chosen: doors have a closer, a catch, a seal and a friction
+const MOST_EFFECTS: usize = 4;
+/// Shapes of an effect that are refined after the grid. chosen: neighbors on the grid lead to the same shape
+const REFINED: usize = 3;
+/// Steps by which a shape is refined, each half of the one before, as a share of its range.
+/// chosen: from the spacing of the grid to well below any interval.
+const STEPS: i32 = 7;
+
+/// A set of effects with the efforts that it explains.
+#[derive(Clone, Debug)]
+struct Explained {
+    terms: Vec<Term>,
+    explanation: Explanation,
+    /// Log evidence less the price of the shapes.
+    score: f64,
+}
+
+/// The report of a joint whose motion was imposed; `None` where efforts drive it, or given effects are of
+/// another kind.
+#[must_use]
+pub fn imposed_report(effects: &Catalogue, plant: &Plant, name: &str, runs: &Runs) -> Option<JointReport> {
+    let motion = ImposedMotion::of_logs(effects, plant, &runs.fitted, runs.hold)?;
+    if !runs.effects.iter().all(|e| motion.is_law_of_motion(*e)) || !motion.is_imposed() {
+        return None;
+    }
+    let problem = Problem::new(effects, plant, runs.turns, runs.fitted.clone(), runs.hold);
+    let judge = Judge { motion, problem: &problem, target: Vec::new() };
+    let judge = Judge { target: judge.motion.unexplained_efforts(), ..judge };
+    let found = judge.diagnosis(&runs.effects);
+    debug!(joint = name, verdict = found.verdict.name(), "the motion was imposed");
+    let twin = JointModel::of_plant(plant);
+    let mut report =
+        unproven_report(name.to_owned(), runs.turns, found, all_tracks(runs), problem.coverage.clone());
+    report.is_imposed = true;
+    let held_out = ImposedMotion::of_logs(effects, plant, &runs.held_out, runs.hold);
+    if let Some(held_out) = held_out {
+        if !report.diagnosis.findings.is_empty() && !judge.is_borne_out(&held_out, &report.diagnosis) {
+            report.diagnosis.withdraw_names();
+        }
+        let updated = report.diagnosis.effects_or_nearest().clone();
+        let gap = judge.gap(&runs.held_out, runs, plant, &updated);
+        report.in_format = judge.format_models(&held_out, &report.diagnosis);
+        match report.diagnosis.nearest {
+            Some(_) => {
+                report.gap = Some(judge.gap(&runs.held_out, runs, plant, &twin));
+                report.nearest = Some(gap);
+            }
+            None => report.gap = Some(gap),
+        }
+    }
+    Some(report)
+}
+
+/// Efforts of a joint that effects are to explain.
+struct Judge<'a, 'c> {
+    motion: ImposedMotion<'c>,
+    problem: &'a Problem<'c>,
+    /// Efforts less what the twin needs, N m or N.
+    target: Vec<f64>,
+}
+
+impl Judge<'_, '_> {
+    fn diagnosis(&self, given: &[usize]) -> Diagnosis {
+        let catalogue = self.problem.catalogue;
+        let sought: Vec<usize> = match given.is_empty() {
+            true => (0..catalogue.len()).filter(|e| self.motion.is_law_of_motion(*e)).collect(),
+            false => given.to_vec(),
+        };
+        let twin = JointModel::of_plant(&self.problem.plant);
+        let Some(nothing) = self.explained(Vec::new()) else {
+            return Diagnosis::without_findings(Verdict::Insufficient, twin);
+        };
+        let chosen = self.grown(nothing.clone(), &sought, given);
+        let remainder = chosen.explanation.remainder;
+        let noise = EffortNoise {
+            white: remainder.white_deviation(),
+            wander: remainder.deviation * (1.0 - remainder.wander.white).sqrt(),
+            memory_s: remainder.wander.length,
+            deflection: 0.0,
+        };
+        let mut diagnosis = Diagnosis {
+            score: 2.0 * chosen.score,
+            noise,
+            ..Diagnosis::without_findings(Verdict::None, twin.clone())
+        };
+        if chosen.terms.is_empty() {
+            // The twin explains the efforts, or nothing does.
+            if rms(&self.target) > MAX_LEFT * self.motion.effort_rms {
+                diagnosis.verdict = Verdict::Unknown;
+            }
+            return diagnosis;
+        }
+        diagnosis.weighed = match given.is_empty() {
+            true => self.rivals(&chosen, &sought),
+            false => Vec::new(),
+        };
+        let (rivals, total) = in_doubt(diagnosis.weighed.clone());
+        diagnosis.verdict = if rivals.is_empty() { Verdict::Named } else { Verdict::Ambiguous };
+        diagnosis.model = JointModel { terms: chosen.terms.clone(), ..twin };
+        let spread = self.spread(&chosen, &diagnosis.model);
+        diagnosis.findings = findings_of_model(self.problem, &diagnosis.model, &spread, &rivals, total);
+        diagnosis.spread = Some(spread);
+        if !diagnosis.findings.iter().all(Finding::is_determined) {
+            diagnosis.withdraw_names();
+        }
+        diagnosis
+    }
+
+    /// Terms with the amplitudes that explain most; `None` where an amplitude is beyond its bounds.
+    fn explained(&self, mut terms: Vec<Term>) -> Option<Explained> {
+        let mut columns = Vec::new();
+        for term in &mut terms {
+            let count = self.amplitude_count(term.effect);
+            term.p[..count].fill(0.0);
+            columns.extend(self.motion.needed_by(term).1.into_iter().take(count));
+        }
+        let explanation = self.motion.explanation(&self.target, &columns);
+        let mut amplitudes = explanation.amplitudes.iter();
+        let mut shapes = 0;
+        for term in &mut terms {
+            let effect = &self.problem.catalogue[term.effect];
+            let count = self.amplitude_count(term.effect);
+            for i in 0..count {
+                let (low, high) = effect.parameter_bounds(i, &self.problem.coverage);
+                term.p[i] = amplitudes.next().copied().filter(|a| (low..=high).contains(a))?;
+            }
+            shapes += term.p.len() - count;
+        }
+        let price = 0.5 * (self.motion.moment_count() as f64).ln() * shapes as f64;
+        let score = explanation.log_evidence - price;
+        Some(Explained { terms, explanation, score })
+    }
+
+    fn amplitude_count(&self, effect: usize) -> usize {
+        self.problem.catalogue[effect].parameters().iter().filter(|p| p.neutral.is_some()).count()
+    }
+
+    /// The set grown by one effect after the other, as long as each has the weight of a name; all `given`
+    /// ones are taken.
+    fn grown(&self, nothing: Explained, sought: &[usize], given: &[usize]) -> Explained {
+        let least = match given.is_empty() {
+            true => 0.5 * least_gain(sought.len()),
+            false => f64::NEG_INFINITY,
+        };
+        let most = if given.is_empty() { MOST_EFFECTS } else { given.len() };
+        let mut chosen = nothing;
+        while chosen.terms.len() < most {
+            let larger = sought.iter().filter_map(|e| self.with_effect(&chosen.terms, *e));
+            let Some(best) = larger.max_by(|a, b| a.score.total_cmp(&b.score)) else { break };
+            if best.score - chosen.score < least {
+                break;
+            }
+            chosen = best;
+        }
+        chosen
+    }
+
+    /// The terms with one more effect of the best shape; `None` where it overlaps with one of them or helps
+    /// nothing.
+    fn with_effect(&self, terms: &[Term], effect: usize) -> Option<Explained> {
+        let own = &self.problem.catalogue[effect];
+        let spec = own.effect_spec();
+        if terms.iter().any(|t| self.problem.catalogue[t.effect].effect_spec().overlaps_with(spec)) {
+            return None;
+        }
+        let with_shape = |p: Vec<f64>| {
+            let mut more = terms.to_vec();
+            more.push(Term { effect, p });
+            self.explained(more)
+        };
+        let shapes = own.start_shapes(&self.problem.coverage);
+        let mut tried: Vec<Explained> = shapes.into_par_iter().filter_map(with_shape).collect();
+        tried.sort_by(|a, b| b.score.total_cmp(&a.score));
+        tried.truncate(REFINED);
+        let refined = tried.into_par_iter().map(|found| self.refined(found)).collect::<Vec<Explained>>();
+        refined.into_iter().max_by(|a, b| a.score.total_cmp(&b.score))
+    }
+
+    /// The shape of the last term moved to where the set explains most.
+    fn refined(&self, mut found: Explained) -> Explained {
+        let Some(term) = found.terms.last() else { return found };
+        let effect = &self.problem.catalogue[term.effect];
+        let shapes = self.amplitude_count(term.effect)..term.p.len();
+        let at = found.terms.len() - 1;
+        for halvings in 2..2 + STEPS {
+            for i in shapes.clone() {
+                let (low, high) = effect.parameter_bounds(i, &self.problem.coverage);
+                for direction in [-1.0, 1.0] {
+                    let mut terms = found.terms.clone();
+                    let moved = terms[at].p[i] + direction * (high - low) * f64::from(-halvings).exp2();
+                    terms[at].p[i] = moved.clamp(low, high);
+                    if let Some(other) = self.explained(terms).filter(|o| o.score > found.score) {
+                        found = other;
+                    }
+                }
+            }
+        }
+        found
+    }
+
+    /// Sets in which another effect takes the place of one of the chosen, with their weights.
+    fn rivals(&self, chosen: &Explained, sought: &[usize]) -> Vec<(Vec<usize>, f64)> {
+        let catalogue = self.problem.catalogue;
+        let indices = |terms: &[Term]| {
+            let mut effects: Vec<usize> = terms.iter().map(|t| t.effect).collect();
+            effects.sort_unstable();
+            effects
+        };
+        let own = indices(&chosen.terms);
+        let mut rivals: Vec<(Vec<usize>, f64)> = Vec::new();
+        for place in 0..chosen.terms.len() {
+            let mut others = chosen.terms.clone();
+            others.remove(place);
+            for effect in sought {
+                let Some(found) = self.with_effect(&others, *effect) else { continue };
+                let effects = indices(&found.terms);
+                let is_known = effects == own || rivals.iter().any(|(known, _)| *known == effects);
+                if !is_known && !generalizes(catalogue, &effects, &own) {
+                    rivals.push((effects, (found.score - chosen.score).exp()));
+                }
+            }
+        }
+        rivals
+    }
+
+    /// Uncertainty of the model's parameters.
+    fn spread(&self, chosen: &Explained, model: &JointModel) -> Spread {
+        let slopes: Vec<Vec<f64>> = chosen.terms.iter().flat_map(|t| self.motion.needed_by(t).1).collect();
+        let count = model.free_count();
+        let mut covariance = DMatrix::zeros(count, count);
+        match self.motion.covariance(&slopes, &chosen.explanation.remainder) {
+            // Parameter 0 is the lag, which has no part in slow motion.
+            Some(own) => covariance.view_mut((1, 1), (slopes.len(), slopes.len())).copy_from(&own),
+            None => (1..count).for_each(|i| covariance[(i, i)] = f64::INFINITY),
+        }
+        Spread { covariance, witnesses: vec![self.motion.moment_count() as f64; count] }
+    }
+
+    /// Whether the efforts of held-out runs are surely more likely with the effects than without.
+    fn is_borne_out(&self, held_out: &ImposedMotion, found: &Diagnosis) -> bool {
+        let target = held_out.unexplained_efforts();
+        let left = less_effects(held_out, &target, &found.model);
+        let remainder_of = |efforts: &[f64]| self.motion.explanation(efforts, &[]).remainder;
+        let before = held_out.log_likelihood(&target, &remainder_of(&self.target));
+        let own_left = less_effects(&self.motion, &self.target, &found.model);
+        let after = held_out.log_likelihood(&left, &remainder_of(&own_left));
+        debug!(gain = after - before, "efforts of unseen runs");
+        after - before > (NAME_WEIGHT / (1.0 - NAME_WEIGHT)).ln()
+    }
+
+    /// Efforts of held-out runs left by the twin and by a model.
+    fn gap(&self, logs: &[JointLog], runs: &Runs, plant: &Plant, model: &JointModel) -> Gap {
+        let mut all = [Vec::new(), Vec::new()];
+        let mut gaps = Vec::with_capacity(logs.len());
+        for log in logs {
+            let one = std::slice::from_ref(log);
+            let Some(motion) = ImposedMotion::of_logs(self.problem.catalogue, plant, one, runs.hold) else {
+                continue;
+            };
+            let before = motion.unexplained_efforts();
+            let after = less_effects(&motion, &before, model);
+            gaps.push(RunGap {
+                run: log.run.clone(),
+                before: rms(&before),
+                after: rms(&after),
+                full_before: rms(&before),
+                full_after: rms(&after),
+            });
+            all[0].extend(before);
+            all[1].extend(after);
+        }
+        let own_left = less_effects(&self.motion, &self.target, model);
+        let noise_floor = self.motion.explanation(&own_left, &[]).remainder.white_deviation();
+        Gap { before: rms(&all[0]), after: rms(&all[1]), noise_floor, runs: gaps, windows: Vec::new() }
+    }
+
+    /// The joint in each format: what it can hold of the effects.
+    fn format_models(&self, held_out: &ImposedMotion, found: &Diagnosis) -> Vec<FormatModel> {
+        let catalogue = self.problem.catalogue;
+        let target = held_out.unexplained_efforts();
+        let mut models = Vec::new();
+        for format in Format::ALL.into_iter().filter(|_| !found.model.terms.is_empty()) {
+            let model = expressed_model(format, &found.model, catalogue);
+            let fate_of = |term: &Term| {
+                let by: Vec<Term> = expressed_model(
+                    format,
+                    &JointModel { terms: vec![term.clone()], ..found.model.clone() },
+                    catalogue,
+                )
+                .terms;
+                let fate = match by.as_slice() {
+                    [] => Fate::NotExpressible,
+                    [same] if same == term => Fate::Native,
+                    _ => Fate::Approximated,
+                };
+                let by = if fate == Fate::Native { Vec::new() } else { by };
+                HeldEffect { effect: Some(term.effect), fate, by }
+            };
+            models.push(FormatModel {
+                format,
+                rmse: rms(&less_effects(held_out, &target, &model)),
+                twin_rmse: rms(&target),
+                effects: found.model.terms.iter().map(fate_of).collect(),
+                model,
+            });
+        }
+        models
+    }
+}
+
+/// What a model's effects leave of efforts that the twin leaves.
+fn less_effects(motion: &ImposedMotion, target: &[f64], model: &JointModel) -> Vec<f64> {
+    let mut left = target.to_vec();
+    for term in &model.terms {
+        for (left, needed) in left.iter_mut().zip(motion.needed_by(term).0) {
+            *left -= needed;
+        }
+    }
+    left
+}
+
+#[cfg(test)]
+#[path = "imposed_tests.rs"]
+mod tests;
