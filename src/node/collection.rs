@@ -411,7 +411,7 @@ impl Core {
     }
 
     fn see_view(&mut self, seen: &Seen) {
-        let Some(frame) = &seen.frame else { return };
+        let frame = &seen.frame;
         if seen.kept {
             self.map_live(frame);
             self.cloud.add_view(frame);

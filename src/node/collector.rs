@@ -69,15 +69,11 @@ pub(crate) enum Phase {
     Collecting(usize),
 }
 
-/// A view with its pose.
+/// A decoded view with its pose.
 #[derive(Clone, Debug)]
 pub(crate) struct Seen {
-    /// Its stamp, nanoseconds.
-    pub stamp_nanos: i64,
-    /// Its pose.
-    pub world_from_camera: Pose,
-    /// Its frame; `None` if it was not needed and not decoded.
-    pub frame: Option<RgbdFrame>,
+    /// Its frame.
+    pub frame: RgbdFrame,
     /// Whether it was kept.
     pub kept: bool,
 }
@@ -318,8 +314,8 @@ impl Collector {
         self.bag.as_mut().map_or(Ok(()), StateBag::flush)
     }
 
-    /// Handles a message received at `now_nanos`; returns the completed views. With `pixels`, all of them are
-    /// decoded, else only kept ones.
+    /// Handles a message received at `now_nanos`; returns the completed views that were decoded: with `pixels`
+    /// all, else only kept ones.
     ///
     /// # Errors
     /// If writing fails; the state is then no longer collected.

@@ -208,7 +208,7 @@ fn views_without_transforms_are_tracked_kept_and_recorded_without_poses() {
     let mut posed = Collector::new(settings(), &folder.path().join("posed"));
     let truth: Vec<Seen> = samples(0)
         .into_iter()
-        .flat_map(|(time, sample)| posed.accept_sample(sample, time, false).unwrap())
+        .flat_map(|(time, sample)| posed.accept_sample(sample, time, true).unwrap())
         .collect();
     let settings = CollectorSettings { tracking: TrackCamera::Auto, ..settings() };
     let track = TrackSettings {
@@ -237,9 +237,11 @@ fn views_without_transforms_are_tracked_kept_and_recorded_without_poses() {
             (transform.header.frame_id.as_str(), transform.child_frame_id.as_str()),
             ("map", "camera_link")
         );
-        assert_eq!(transform.header.stamp.nanos(), Some(seen.stamp_nanos));
-        let of = |stamp: i64| truth.iter().find(|t| t.stamp_nanos == stamp).unwrap().world_from_camera;
-        let first = &found[found.len() - 1].0;
+        assert_eq!(transform.header.stamp.nanos(), Some(seen.frame.stamp_nanos));
+        let of =
+            |stamp: i64| truth.iter().find(|t| t.frame.stamp_nanos == stamp).unwrap().frame.world_from_camera;
+        let first = &found[found.len() - 1].0.frame;
+        let seen = &seen.frame;
         let true_way = of(first.stamp_nanos).inverse() * of(seen.stamp_nanos);
         let way = first.world_from_camera.inverse() * seen.world_from_camera;
         let off = true_way.inverse() * way;
@@ -338,7 +340,7 @@ fn frames_with_half_depth(behind_m: f64) -> Vec<RgbdFrame> {
             }
             other => other,
         };
-        frames.extend(collector.accept_sample(sample, time, true).unwrap().into_iter().flat_map(|s| s.frame));
+        frames.extend(collector.accept_sample(sample, time, true).unwrap().into_iter().map(|s| s.frame));
     }
     assert_eq!(collector.counts.broken, 0, "{:?}", collector.problem);
     assert_eq!(collector.finish_state(0).unwrap(), 16);

@@ -61,17 +61,15 @@ pub fn imposed_report(effects: &Catalogue, plant: &Plant, name: &str, runs: &Run
     let problem = Problem::new(effects, plant, runs.turns, runs.fitted.clone(), runs.hold);
     let judge = Judge { motion, problem: &problem, target: Vec::new() };
     let judge = Judge { target: judge.motion.unexplained_efforts(), ..judge };
-    let found = judge.diagnosis(&runs.effects);
+    let sets = judge.grown_sets(&runs.effects);
+    let held_out = ImposedMotion::of_logs(effects, plant, &runs.held_out, runs.hold);
+    let found = judge.proven_diagnosis(&sets, &runs.effects, held_out.as_ref());
     debug!(joint = name, verdict = found.verdict.name(), "the motion was imposed");
     let twin = JointModel::of_plant(plant);
     let mut report =
         unproven_report(name.to_owned(), runs.turns, found, all_tracks(runs), problem.coverage.clone());
     report.is_imposed = true;
-    let held_out = ImposedMotion::of_logs(effects, plant, &runs.held_out, runs.hold);
     if let Some(held_out) = held_out {
-        if !report.diagnosis.findings.is_empty() && !judge.is_borne_out(&held_out, &report.diagnosis) {
-            report.diagnosis.withdraw_names();
-        }
         let updated = report.diagnosis.effects_or_nearest().clone();
         let gap = judge.gap(&runs.held_out, runs, plant, &updated);
         report.in_format = judge.format_models(&held_out, &report.diagnosis);
@@ -95,17 +93,42 @@ struct Judge<'a, 'c> {
 }
 
 impl Judge<'_, '_> {
-    fn diagnosis(&self, given: &[usize]) -> Diagnosis {
-        let catalogue = self.problem.catalogue;
-        let sought: Vec<usize> = match given.is_empty() {
-            true => (0..catalogue.len()).filter(|e| self.motion.is_law_of_motion(*e)).collect(),
-            false => given.to_vec(),
+    /// The effects that may be found: all whose efforts follow from the motion.
+    fn sought_effects(&self) -> Vec<usize> {
+        (0..self.problem.catalogue.len()).filter(|e| self.motion.is_law_of_motion(*e)).collect()
+    }
+
+    /// The largest of the sets whose names the efforts of held-out runs bear out. One run may have shown more
+    /// than is there in every run.
+    fn proven_diagnosis(
+        &self,
+        sets: &[Explained],
+        given: &[usize],
+        held_out: Option<&ImposedMotion>,
+    ) -> Diagnosis {
+        let mut largest: Option<Diagnosis> = None;
+        for set in sets.iter().rev().filter(|set| !set.terms.is_empty()) {
+            let found = self.diagnosis_of_set(set, given);
+            let is_named = !found.findings.is_empty();
+            if is_named && held_out.is_none_or(|held_out| self.is_borne_out(held_out, &found)) {
+                return found;
+            }
+            largest.get_or_insert(found);
+        }
+        let Some(mut largest) = largest else {
+            let nothing = sets.first().map(|nothing| self.diagnosis_of_set(nothing, given));
+            let twin = JointModel::of_plant(&self.problem.plant);
+            return nothing.unwrap_or_else(|| Diagnosis::without_findings(Verdict::Insufficient, twin));
         };
+        if largest.nearest.is_none() {
+            largest.withdraw_names();
+        }
+        largest
+    }
+
+    /// What a set of effects says.
+    fn diagnosis_of_set(&self, chosen: &Explained, given: &[usize]) -> Diagnosis {
         let twin = JointModel::of_plant(&self.problem.plant);
-        let Some(nothing) = self.explained(Vec::new()) else {
-            return Diagnosis::without_findings(Verdict::Insufficient, twin);
-        };
-        let chosen = self.grown(nothing.clone(), &sought, given);
         let remainder = chosen.explanation.remainder;
         let noise = EffortNoise {
             white: remainder.white_deviation(),
@@ -126,13 +149,13 @@ impl Judge<'_, '_> {
             return diagnosis;
         }
         diagnosis.weighed = match given.is_empty() {
-            true => self.rivals(&chosen, &sought),
+            true => self.rivals(chosen),
             false => Vec::new(),
         };
         let (rivals, total) = in_doubt(diagnosis.weighed.clone());
         diagnosis.verdict = if rivals.is_empty() { Verdict::Named } else { Verdict::Ambiguous };
         diagnosis.model = JointModel { terms: chosen.terms.clone(), ..twin };
-        let spread = self.spread(&chosen, &diagnosis.model);
+        let spread = self.spread(chosen, &diagnosis.model);
         diagnosis.findings = findings_of_model(self.problem, &diagnosis.model, &spread, &rivals, total);
         diagnosis.spread = Some(spread);
         if !diagnosis.findings.iter().all(Finding::is_determined) {
@@ -170,24 +193,23 @@ impl Judge<'_, '_> {
         self.problem.catalogue[effect].parameters().iter().filter(|p| p.neutral.is_some()).count()
     }
 
-    /// The set grown by one effect after the other, as long as each has the weight of a name; all `given`
-    /// ones are taken.
-    fn grown(&self, nothing: Explained, sought: &[usize], given: &[usize]) -> Explained {
+    /// No effect, one, two ...: each set has one effect more, as long as each has the weight of a name; all
+    /// `given` ones are taken.
+    fn grown_sets(&self, given: &[usize]) -> Vec<Explained> {
+        let sought = if given.is_empty() { self.sought_effects() } else { given.to_vec() };
         let least = match given.is_empty() {
             true => 0.5 * least_gain(sought.len()),
             false => f64::NEG_INFINITY,
         };
         let most = if given.is_empty() { MOST_EFFECTS } else { given.len() };
-        let mut chosen = nothing;
-        while chosen.terms.len() < most {
-            let larger = sought.iter().filter_map(|e| self.with_effect(&chosen.terms, *e));
-            let Some(best) = larger.max_by(|a, b| a.score.total_cmp(&b.score)) else { break };
-            if best.score - chosen.score < least {
-                break;
-            }
-            chosen = best;
+        let mut sets: Vec<Explained> = self.explained(Vec::new()).into_iter().collect();
+        while let Some(last) = sets.last().filter(|last| last.terms.len() < most) {
+            let larger = sought.iter().filter_map(|e| self.with_effect(&last.terms, *e));
+            let best = larger.max_by(|a, b| a.score.total_cmp(&b.score));
+            let Some(best) = best.filter(|best| best.score - last.score >= least) else { break };
+            sets.push(best);
         }
-        chosen
+        sets
     }
 
     /// The terms with one more effect of the best shape; `None` where it overlaps with one of them or helps
@@ -234,8 +256,9 @@ impl Judge<'_, '_> {
     }
 
     /// Sets in which another effect takes the place of one of the chosen, with their weights.
-    fn rivals(&self, chosen: &Explained, sought: &[usize]) -> Vec<(Vec<usize>, f64)> {
+    fn rivals(&self, chosen: &Explained) -> Vec<(Vec<usize>, f64)> {
         let catalogue = self.problem.catalogue;
+        let sought = self.sought_effects();
         let indices = |terms: &[Term]| {
             let mut effects: Vec<usize> = terms.iter().map(|t| t.effect).collect();
             effects.sort_unstable();
@@ -246,7 +269,7 @@ impl Judge<'_, '_> {
         for place in 0..chosen.terms.len() {
             let mut others = chosen.terms.clone();
             others.remove(place);
-            for effect in sought {
+            for effect in &sought {
                 let Some(found) = self.with_effect(&others, *effect) else { continue };
                 let effects = indices(&found.terms);
                 let is_known = effects == own || rivals.iter().any(|(known, _)| *known == effects);

@@ -41,12 +41,6 @@ impl Collector {
             None
         };
         self.counts.count_verdict(verdict, self.phase != Phase::Idle);
-        let seen = Seen {
-            stamp_nanos: view.stamp_nanos,
-            world_from_camera: view.world_from_camera,
-            frame: decoded,
-            kept: keep,
-        };
         if let (true, Phase::Collecting(state)) = (keep, self.phase) {
             self.keyframes[state].keep_view(view.stamp_nanos, view.world_from_camera);
             self.tracking.kept = Some(is_tracked);
@@ -56,6 +50,6 @@ impl Collector {
             self.held.push_back(Held { view, around, now_nanos });
             self.write_held(self.settings.hold)?;
         }
-        Ok(Some(seen))
+        Ok(decoded.map(|frame| Seen { frame, kept: keep }))
     }
 }
