@@ -72,5 +72,19 @@ class PybulletEffects:
         effects = self._joints.get(joint)
         return position if effects is None else effects.reading(position)
 
+    def remember(self, joint: str, time_s: float, command: float) -> None:
+        """An effort that was commanded before the first step, at a time below 0; late commands come from there."""
+        effects = self._joints.get(joint)
+        if effects is not None:
+            effects.command(time_s, command)
+
+    def start_at(self, joint: str, reading: float, velocity: float = 0.0, play: float = 0.0) -> None:
+        """Puts a joint where its sensor shows `reading`, moves at `velocity` and stands within its play at -1 to
+        1; without a past."""
+        effects = self._joints.get(joint)
+        if effects is not None:
+            reading, velocity = effects.start_at(reading, velocity, play)
+        self._client.resetJointState(self._body, self._index[joint], reading, velocity)
+
     def _drive(self, index: int, effort: float) -> None:
         self._client.setJointMotorControl2(self._body, index, self._client.TORQUE_CONTROL, force=effort)
