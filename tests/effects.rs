@@ -33,7 +33,11 @@ use harness::{Missing, tests};
 use serde_json::{Value, json};
 
 fn main() -> ExitCode {
-    harness::main(tests![every_effect_has_the_same_torque, every_effect_moves_the_joint_alike_in_simulators])
+    harness::main(tests![
+        every_effect_has_the_same_torque,
+        every_effect_moves_the_joint_alike_in_simulators,
+        the_door_of_the_page_clicks_shut,
+    ])
 }
 
 /// Parameters of every effect of `catalogue(1)`, at which it matters to the lid.
@@ -225,12 +229,12 @@ fn write_case(folder: &Path, case: &Case) {
     std::fs::write(folder.join("case.json"), content.to_string()).unwrap();
 }
 
-/// Runs a script of `tests/python/effects` on the cases.
-fn check(script: &str) -> Result<(), Missing> {
+/// Runs a script of `tests/python/effects`.
+fn check(script: &str, arguments: &[&Path]) -> Result<(), Missing> {
     let python = venv::python()?;
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut command = Command::new(python);
-    command.arg(root.join("tests/python/effects").join(script)).arg(cases());
+    command.arg(root.join("tests/python/effects").join(script)).args(arguments);
     let output = command.env("PYTHONPATH", root.join("python")).output().unwrap();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     assert!(output.status.success(), "{}{}", text(&output.stdout), text(&output.stderr));
@@ -238,9 +242,17 @@ fn check(script: &str) -> Result<(), Missing> {
 }
 
 fn every_effect_has_the_same_torque() -> Result<(), Missing> {
-    check("torques.py")
+    check("torques.py", &[cases()])
 }
 
 fn every_effect_moves_the_joint_alike_in_simulators() -> Result<(), Missing> {
-    check("simulators.py")
+    check("simulators.py", &[cases()])
+}
+
+/// The commands and the code of docs/effects.md, with a viewer that shows nothing.
+fn the_door_of_the_page_clicks_shut() -> Result<(), Missing> {
+    let work = Path::new(env!("CARGO_TARGET_TMPDIR")).join("effects_page");
+    std::fs::remove_dir_all(&work).ok();
+    std::fs::create_dir_all(&work).unwrap();
+    check("page.py", &[Path::new(env!("CARGO_BIN_EXE_artitwin")), &work])
 }

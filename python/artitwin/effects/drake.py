@@ -38,8 +38,8 @@ class DrakeEffects(_framework.LeafSystem):  # type: ignore[misc]
     """
 
     def __init__(self, plant: Any, file: StrPath, run: str | None = None) -> None:
-        """`plant` is a finalized `MultibodyPlant` in discrete time of `file`: a file of a diagnosis, or its folder
-        if the plant has the values of the twin that was diagnosed."""
+        """`plant` is a finalized `MultibodyPlant` in discrete time of `file`: a file of a diagnosis, or its
+        folder if the plant has the values of the twin that was diagnosed."""
         super().__init__()
         self._plant, self._context = plant, plant.CreateDefaultContext()
         self._step_s = float(plant.time_step())

@@ -13,8 +13,8 @@ from .laws import EFFORTS, FRICTIONS, SCALARS, STOP, State, followed, friction_e
 class JointEffects:
     """What the file of a simulator lacks of a joint's effects, so that none acts twice.
 
-    Positions and velocities are rad and rad/s, efforts N m; of a sliding joint m, m/s and N. An object belongs
-    to one simulated joint, since play and delay remember.
+    Positions and velocities are rad and rad/s, efforts N m; of a sliding joint m, m/s and N. An object
+    belongs to one simulated joint, since play and delay remember.
     """
 
     law: JointLaw
@@ -34,11 +34,12 @@ class JointEffects:
     """Whether the stops of the file are not those that were found."""
 
     def __init__(self, law: JointLaw, held: tuple[Effect, ...] = (), run: str | None = None) -> None:
-        """`held` is what the file holds. What acted in one run alone, a push, acts where `run` names that run."""
+        """`held` is what the file holds. A push, which acted in one run alone, acts where `run` names that
+        run."""
         found = tuple(e for e in law.effects if e.run is None or e.run == run)
         for effect in (*found, *held):
             if not any(effect.name in known for known in (EFFORTS, FRICTIONS, SCALARS, (STOP,))):
-                raise ReportError(f"joint '{law.joint}' has the effect '{effect.name}', which this package lacks")
+                raise ReportError(f"joint '{law.joint}': this package does not know '{effect.name}'")
         # What the file holds in place of an effect is taken back.
         lacking = [(1.0, e) for e in found if e not in held] + [(-1.0, e) for e in held if e not in found]
         self.law = law
@@ -80,14 +81,15 @@ class JointEffects:
         return self._scale * gauge + self._offset
 
     def start_at(self, reading: float, velocity: float, play: float) -> tuple[float, float]:
-        """Position and velocity of the simulated joint where its sensor shows a position and its velocity, and
-        stands within its play at -1 to 1; forgets the past."""
+        """Position and velocity of the simulated joint where its sensor shows a position and its velocity,
+        and stands within its play at -1 to 1; forgets the past."""
         self._gauge = (reading - self._offset) / self._scale
         self._commands.clear()
         return self._gauge - play * self.half_gap + self._held_offset, velocity / self._scale
 
     def command(self, time_s: float, value: float) -> float:
-        """The command to give the simulator at a time, where `value` is commanded then, and until the next call."""
+        """The command to give the simulator at a time, where `value` is commanded then and until the next
+        call. Times do not go back, or the past is forgotten."""
         if self._commands and time_s < self._commands[-1][0]:
             self._commands.clear()
         self._commands.append((time_s, value))
@@ -109,8 +111,8 @@ class JointEffects:
         return sum(max(0.0, law(numbers, state)) for law, numbers in self._frictions)
 
     def added_effort(self, state: State, inertia: float) -> tuple[float, float]:
-        """Effort to apply beside what the file does, and bound of the friction, N m or N, in a simulator whose
-        joint has the inertia `inertia`, kg m^2 or kg, and in which `state.load` acts on it."""
+        """Effort to apply beside what the file does, and bound of the friction, N m or N, in a simulator
+        whose joint has the inertia `inertia`, kg m^2 or kg, and in which `state.load` acts on it."""
         total = state.load + self.effort(state)
         if self.lacks_stops:
             total += self.stop_effort(state._replace(load=total))

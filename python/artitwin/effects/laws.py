@@ -158,9 +158,9 @@ def friction_effort(
 ) -> float:
     """Effort of friction over one step, N m or N, for simulators without friction of joints.
 
-    `total` is the sum of all other efforts. Within `bound` friction brings the joint to rest: in this step, or
-    in `settle_time_s`, in which the share `creep_share` of the other efforts goes on moving it. Where the joint
-    would turn around, `bound_at_turn` of the other direction may hold it.
+    `total` is the sum of all other efforts. Within `bound` friction brings the joint to rest: in this step,
+    or in `settle_time_s`, in which the share `creep_share` of the other efforts goes on moving it. Where the
+    joint would turn around, `bound_at_turn` of the other direction may hold it.
     """
     kick = step_s / inertia
     free = state.velocity + kick * total

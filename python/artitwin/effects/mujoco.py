@@ -35,9 +35,9 @@ class MujocoEffects:
     """
 
     def __init__(self, model: Any, file: StrPath, run: str | None = None) -> None:
-        """`model` is the `MjModel` of `file`: a file of a diagnosis, or its folder if the model is another one
-        with the values of the twin that was diagnosed. Joints go by their names. A push, which acted in one
-        run alone, acts where `run` names that run."""
+        """`model` is the `MjModel` of `file`: a file of a diagnosis, or its folder if the model is another
+        one with the values of the twin that was diagnosed. Joints go by their names. A push, which acted in
+        one run alone, acts where `run` names that run."""
         self._model = model
         self._joints = {e.law.joint: _Placed(model, e) for e in joints_lacking(file, run)}
         self._previous: Any = None
@@ -68,9 +68,11 @@ class MujocoEffects:
             return float(data.joint(joint).qpos[0])
         return placed.effects.reading(float(data.qpos[placed.position]))
 
-    def start_at(self, joint: str, data: Any, reading: float, velocity: float = 0.0, play: float = 0.0) -> None:
-        """Puts a joint where its sensor shows `reading`, moves at `velocity` and stands within its play at -1 to
-        1; without a past."""
+    def start_at(
+        self, joint: str, data: Any, reading: float, velocity: float = 0.0, play: float = 0.0
+    ) -> None:
+        """Puts a joint where its sensor shows `reading`, moves at `velocity` and stands within its play at
+        -1 to 1; without a past."""
         placed = self._joints.get(joint)
         if placed is not None:
             reading, velocity = placed.effects.start_at(reading, velocity, play)

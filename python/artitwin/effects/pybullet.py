@@ -26,7 +26,8 @@ class PybulletEffects:
         infos = [client.getJointInfo(body, index) for index in range(client.getNumJoints(body))]
         # Fixed joints (type 4) have no place among the positions.
         self._moving = [info[0] for info in infos if info[2] != client.JOINT_FIXED]
-        self._index = {info[1].decode(): info[0] for info in infos}
+        self._names = {info[0]: info[1].decode() for info in infos}
+        self._index = {name: index for index, name in self._names.items()}
         self._damping = {info[0]: info[6] for info in infos}
         self._joints = {e.law.joint: e for e in joints_lacking(file, run)}
         self._step_s = float(client.getPhysicsEngineParameters()["fixedTimeStep"])
@@ -39,14 +40,16 @@ class PybulletEffects:
         positions = [state[0] for state in states]
         velocities = [state[1] for state in states]
         mass = self._client.calculateMassMatrix(self._body, positions)
-        needed = self._client.calculateInverseDynamics(self._body, positions, velocities, [0.0] * len(positions))
+        rest = [0.0] * len(positions)
+        needed = self._client.calculateInverseDynamics(self._body, positions, velocities, rest)
         for place, index in enumerate(self._moving):
             velocity = velocities[place]
             own = -needed[place] - self._damping[index] * velocity
-            name = next(known for known, i in self._index.items() if i == index)
+            name = self._names[index]
             effects = self._joints.get(name)
             if effects is None:
-                self._drive(index, commands.get(name, 0.0))
+                if name in commands:
+                    self._drive(index, commands[name])
                 continue
             drive = effects.command(self._time_s, commands.get(name, 0.0))
             other = effects.other_joint
@@ -73,14 +76,14 @@ class PybulletEffects:
         return position if effects is None else effects.reading(position)
 
     def remember(self, joint: str, time_s: float, command: float) -> None:
-        """An effort that was commanded before the first step, at a time below 0; late commands come from there."""
+        """An effort that was commanded before the first step, at a time below 0: a delay reaches back."""
         effects = self._joints.get(joint)
         if effects is not None:
             effects.command(time_s, command)
 
     def start_at(self, joint: str, reading: float, velocity: float = 0.0, play: float = 0.0) -> None:
-        """Puts a joint where its sensor shows `reading`, moves at `velocity` and stands within its play at -1 to
-        1; without a past."""
+        """Puts a joint where its sensor shows `reading`, moves at `velocity` and stands within its play at
+        -1 to 1; without a past."""
         effects = self._joints.get(joint)
         if effects is not None:
             reading, velocity = effects.start_at(reading, velocity, play)

@@ -1,6 +1,6 @@
 //! `effects.json`: the found effects of every joint as laws with their numbers, and those that the file of
-//! each format holds (docs/effects.md). What evaluates the laws beside a file applies the found ones and takes
-//! back what the file holds in their place.
+//! each format holds (docs/effects.md). Beside a file the found laws are applied, and what the file holds in
+//! their place is taken back.
 
 use std::collections::BTreeMap;
 
