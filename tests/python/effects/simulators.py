@@ -22,8 +22,6 @@ from pybullet_utils.bullet_client import BulletClient
 
 STEP_S = 5e-4
 LID, DRAWER = "lid_joint", "drawer_joint"
-# Of what the effect changes, what a simulator may be off.
-MOST = 0.05
 
 
 def in_mujoco(urdf, folder, case, substeps):
@@ -89,23 +87,28 @@ def in_drake(urdf, folder, case, substeps):
     return readings
 
 
+# What a simulator may be off, of what the effect changes. PyBullet's motor holds at once, where friction settles.
+SIMULATORS = {in_mujoco: 0.02, in_pybullet: 0.08, in_drake: 0.04}
+
+
 def rms(x):
     return math.sqrt(np.mean(np.square(x)))
 
 
 def main():
-    cases, worst = Path(sys.argv[1]), 0.0
+    cases, off = Path(sys.argv[1]), []
     for folder in sorted(p for p in cases.iterdir() if p.is_dir()):
         case = json.loads((folder / "case.json").read_text())
         substeps = round(case["sample_s"] / STEP_S)
         own, twin = np.array(case["reading"]), np.array(case["twin_reading"])
         shares = []
-        for simulator in (in_mujoco, in_pybullet, in_drake):
+        for simulator, most in SIMULATORS.items():
             readings = np.array(simulator(cases / "twin.urdf", folder, case, substeps))
             shares.append(rms(readings - own) / rms(twin - own))
+            if not shares[-1] < most:
+                off.append(f"{folder.name} {simulator.__name__}")
         print(folder.name, " ".join(f"{share:.4f}" for share in shares), flush=True)
-        worst = max(worst, *shares)
-    assert worst < MOST, worst
+    assert not off, off
 
 
 if __name__ == "__main__":
