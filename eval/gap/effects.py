@@ -34,6 +34,8 @@ RUNS, SECONDS = 3, 8.0
 # Demands on a roll-out with effects: over the program's own, and over the twin's.
 MOST_OF_OWN, MOST_OF_TWIN = 1.2, 0.15
 BULLET_STEP_S = 5e-4
+# A URDF has limits of the twin; PyBullet stops a joint there. rad or m.
+FAR = 100.0
 
 
 def rms(x):
@@ -68,7 +70,7 @@ def in_bullet(out, joint, windows, recorded):
         body = world.loadURDF(str(out / "twin.urdf"), useFixedBase=True, flags=pybullet.URDF_USE_INERTIA_FROM_FILE)
         index = {world.getJointInfo(body, i)[1].decode(): i for i in range(world.getNumJoints(body))}
         for i in index.values():
-            world.changeDynamics(body, i, linearDamping=0, angularDamping=0, jointLowerLimit=1, jointUpperLimit=-1)
+            world.changeDynamics(body, i, linearDamping=0, angularDamping=0, jointLowerLimit=-FAR, jointUpperLimit=FAR)
             world.setJointMotorControl2(body, i, pybullet.VELOCITY_CONTROL, force=0)
         effects = PybulletEffects(body, out / "twin.urdf", client=world)
         effects.start_at(joint, window["position"], window["velocity"], window["play"])
