@@ -84,6 +84,10 @@ class MujocoEffects:
         model.dof_armature[placed.velocity] += effects.added_inertia
         if effects.lacks_stops:
             model.jnt_limited[placed.id] = False
+        if effects.delay_s < 0.0:
+            # The file has a delay in place of what was found.
+            late = (model.actuator_trnid[:, 0] == placed.id) & (model.actuator_delay > 0.0)
+            model.actuator_delay[late] = (model.actuator_delay[late] + effects.delay_s).clip(min=0.0)
         if effects.lacks_friction:
             settle_s = effects.law.settle_time_s
             impedance = 1.0 - effects.law.creep_share if settle_s > 0.0 else _HARD

@@ -1,10 +1,12 @@
 """The effects in PyBullet."""
 
 import importlib
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from ..process import StrPath
+from .file import JointLaw
 from .joint import JointEffects, direction, joints_lacking
 from .laws import State
 
@@ -14,9 +16,9 @@ _pybullet: Any = importlib.import_module("pybullet")
 class PybulletEffects:
     """The effects that a body lacks.
 
-    Friction becomes that of the joint's motor: of speed zero, with the bound of the friction as its largest
-    force. The library's own damping of links (`linearDamping`, `angularDamping`) is no friction of a twin:
-    `changeDynamics` sets it to 0.
+    Friction becomes that of the joint's motor, which brings the joint to rest with the bound of the
+    friction as its largest force. The library's own damping of links (`linearDamping`, `angularDamping`) is
+    no friction of a twin: `changeDynamics` sets it to 0.
     """
 
     def __init__(self, body: int, file: StrPath, run: str | None = None, client: Any = _pybullet) -> None:
@@ -62,10 +64,9 @@ class PybulletEffects:
                 time_s=self._time_s,
             )
             state = state._replace(direction=direction(velocity, state.load + effects.effort(state)))
-            added, bound = effects.added_effort(state, mass[place][place])
-            self._client.setJointMotorControl2(
-                self._body, index, self._client.VELOCITY_CONTROL, targetVelocity=0.0, force=bound
-            )
+            inertia = mass[place][place]
+            added, bound = effects.added_effort(state, inertia)
+            self._hold(index, effects.law, bound, (state.load + added) / inertia)
             self._drive(index, drive + added)
         self._time_s += self._step_s
 
@@ -88,6 +89,21 @@ class PybulletEffects:
         if effects is not None:
             reading, velocity = effects.start_at(reading, velocity, play)
         self._client.resetJointState(self._body, self._index[joint], reading, velocity)
+
+    def _hold(self, index: int, law: JointLaw, bound: float, acceleration: float) -> None:
+        """Gives a joint its friction as a motor; `acceleration` is that of all other efforts."""
+        settle_s = law.settle_time_s
+        keep = math.exp(-self._step_s / settle_s) if settle_s > 0.0 else 0.0
+        # The motor keeps this share of what the other efforts add in the step, too: it aims lower.
+        target = (law.creep_share * settle_s - self._step_s * keep / (1.0 - keep)) * acceleration
+        self._client.setJointMotorControl2(
+            self._body,
+            index,
+            self._client.VELOCITY_CONTROL,
+            targetVelocity=target,
+            velocityGain=1.0 - keep,
+            force=bound,
+        )
 
     def _drive(self, index: int, effort: float) -> None:
         self._client.setJointMotorControl2(self._body, index, self._client.TORQUE_CONTROL, force=effort)

@@ -87,8 +87,8 @@ def in_drake(urdf, folder, case, substeps):
     return readings
 
 
-# What a simulator may be off, of what the effect changes. PyBullet's motor holds at once, where friction settles.
-SIMULATORS = {in_mujoco: 0.02, in_pybullet: 0.08, in_drake: 0.04}
+# What a simulator may be off, of what the effect changes.
+SIMULATORS = {in_mujoco: 0.02, in_pybullet: 0.03, in_drake: 0.04}
 
 
 def rms(x):
