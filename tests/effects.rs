@@ -71,8 +71,9 @@ const DRAWER: f64 = 0.3;
 /// Interval of the samples of a roll-out, seconds, and their number.
 const SAMPLE_S: f64 = 0.005;
 const SAMPLES: usize = 401;
-/// A step so short that what changes within it does not count, seconds.
-const SHORT_S: f64 = 2e-9;
+/// A step so short that what changes within it does not count, seconds; a power of two, so that sums of steps
+/// are exact.
+const SHORT_S: f64 = 1.0 / 536_870_912.0;
 
 /// A lid with gravity and a drawer beside it. Simulators take the base's mass for granted.
 const URDF: &str = "<robot name=\"twin\"><link name=\"base\"><inertial><mass value=\"1\"/>\
@@ -138,7 +139,7 @@ impl Case<'_> {
         if delay_s > 0.0 {
             short.model.terms[0].p[0] = delay_s;
         }
-        let first_s = 0.65;
+        let first_s = 0.6875;
         let time_s: Vec<f64> = (0..6).map(|k| first_s + SHORT_S * f64::from(k)).collect();
         let commands: Vec<f64> = (0..6).map(|k| command * (1.0 + 0.1 * f64::from(k))).collect();
         let start = Start { position, velocity, play: 0.0 };
