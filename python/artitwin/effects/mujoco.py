@@ -12,6 +12,9 @@ mujoco: Any = importlib.import_module("mujoco")
 
 _HARD = 0.9995
 """Solver impedance of friction without a settle time, as in `twin.xml`."""
+_NO_FRICTION = 1e-9
+"""Least bound of friction, N m or N: a joint without any would get no constraint."""
+_FRICTION_OF_DOF = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF)
 
 
 class _Placed:
@@ -87,13 +90,16 @@ class MujocoEffects:
         if effects.delay_s < 0.0:
             # The file has a delay in place of what was found.
             late = (model.actuator_trnid[:, 0] == placed.id) & (model.actuator_delay > 0.0)
-            model.actuator_delay[late] = (model.actuator_delay[late] + effects.delay_s).clip(min=0.0)
+            rest_s = model.actuator_delay[late] + effects.delay_s
+            # The file's delays are half a step longer than what it holds.
+            model.actuator_delay[late] = rest_s * (rest_s >= model.opt.timestep)
         if effects.lacks_friction:
             settle_s = effects.law.settle_time_s
             impedance = 1.0 - effects.law.creep_share if settle_s > 0.0 else _HARD
             # MuJoCo keeps time constants of constraints above two time steps.
             model.dof_solref[placed.velocity] = max(2.0 * settle_s, 2.0 * model.opt.timestep), 1.0
             model.dof_solimp[placed.velocity, :3] = impedance, impedance, 0.001
+            model.dof_frictionloss[placed.velocity] = _NO_FRICTION
 
     def _act(self, model: Any, data: Any) -> None:
         if self._previous is not None:
@@ -119,5 +125,14 @@ class MujocoEffects:
                 added += effects.stop_effort(state)
             data.qfrc_passive[dof] += added
             if effects.lacks_friction:
-                # It acts from the next step on.
-                model.dof_frictionloss[dof] = effects.friction_bound(state)
+                self._set_friction(data, dof, max(effects.friction_bound(state), _NO_FRICTION))
+
+    def _set_friction(self, data: Any, dof: int, bound: float) -> None:
+        """Sets the bound of a friction, for the next step and in the constraints that this one has made."""
+        self._model.dof_frictionloss[dof] = bound
+        for row in range(data.ne, data.ne + data.nf):
+            if data.efc_id[row] == dof and data.efc_type[row] == _FRICTION_OF_DOF:
+                data.efc_frictionloss[row] = bound
+                # The solver reads the same by islands, where there are some.
+                if data.nisland:
+                    data.iefc_frictionloss[data.map_efc2iefc[row]] = bound
