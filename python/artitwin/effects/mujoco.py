@@ -43,6 +43,8 @@ class MujocoEffects:
         one run alone, acts where `run` names that run."""
         self._model = model
         self._joints = {e.law.joint: _Placed(model, e) for e in joints_lacking(file, run)}
+        effects = [placed.effects for placed in self._joints.values()]
+        self._needs_drive = any(e.lacks_friction or e.lacks_stops for e in effects)
         self._previous: Any = None
         for placed in self._joints.values():
             self._change_model(placed)
@@ -106,10 +108,12 @@ class MujocoEffects:
             self._previous(model, data)
         if model is not self._model:
             return
+        if self._needs_drive:
+            # MuJoCo computes the actuators' efforts after the passive ones.
+            mujoco.mj_fwdActuation(model, data)
         for placed in self._joints.values():
             dof, effects = placed.velocity, placed.effects
             velocity = float(data.qvel[dof])
-            # The actuators' efforts of the step before: MuJoCo computes this step's later.
             driven = float(data.qfrc_actuator[dof] + data.qfrc_applied[dof])
             state = State(
                 position=effects.true_position(float(data.qpos[placed.position])),
