@@ -14,6 +14,7 @@ _HARD = 0.9995
 """Solver impedance of friction without a settle time, as in `twin.xml`."""
 _NO_FRICTION = 1e-9
 """Least bound of friction, N m or N: a joint without any would get no constraint."""
+_OF_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
 _FRICTION_OF_DOF = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF)
 
 
@@ -91,7 +92,8 @@ class MujocoEffects:
             model.jnt_limited[placed.id] = False
         if effects.delay_s < 0.0:
             # The file has a delay in place of what was found.
-            late = (model.actuator_trnid[:, 0] == placed.id) & (model.actuator_delay > 0.0)
+            is_own = (model.actuator_trntype == _OF_JOINT) & (model.actuator_trnid[:, 0] == placed.id)
+            late = is_own & (model.actuator_delay > 0.0)
             rest_s = model.actuator_delay[late] + effects.delay_s
             # The file's delays are half a step longer than what it holds.
             model.actuator_delay[late] = rest_s * (rest_s >= model.opt.timestep)

@@ -35,9 +35,13 @@ def torque(law, case, row):
     return load + effects.added_effort_with_friction(state, case["inertia"], row["step_s"])
 
 
-def true_positions(folder):
-    """Readings of the program without effects of the sensor, which do not change the motion."""
-    return json.loads((folder / "case.json").read_text())["twin_reading"]
+def acts_once(law, state):
+    """Whether nothing is applied where the file holds all, and all is taken back where the file alone has an effect."""
+    whole, none = JointEffects(law, law.effects), JointEffects(dataclasses.replace(law, effects=()), law.effects)
+    rest = (whole.effort(state), whole.gain - 1, whole.delay_s, whole.added_inertia, whole.lacks_friction, whole.lacks_stops)
+    apart = JointEffects(law)
+    taken = apart.effort(state) == -none.effort(state) and apart.added_inertia == -none.added_inertia and apart.delay_s == -none.delay_s
+    return not any(rest) and taken and abs(apart.gain * none.gain - 1) < 1e-12
 
 
 def main():
@@ -50,6 +54,7 @@ def main():
             effects = JointEffects(law)
             readings = map(effects.reading, case["twin_reading"])
             differences += [abs(a - b) for a, b in zip(readings, case["reading"], strict=True)]
+        assert acts_once(law, State(0.2, 0.5, 1.0, 0.7, case["drawer"], 0.7)), folder.name
         acted = max(abs(a - b) for a, b in zip(case["reading"], case["twin_reading"], strict=True))
         worst[folder.name] = max(differences)
         print(f"{folder.name}: {len(differences)} values, largest difference {max(differences):.1e}; moves {acted:.2f} rad")
