@@ -395,7 +395,7 @@ fn a_diagnosis_by_frames_and_motion_is_one_result() {
     assert_eq!(names(&out), ["manifest.json", "motion", "report.html", "report.json", "twin.urdf"]);
     assert_eq!(
         names(&out.join("motion")),
-        ["replay.json", "report.html", "report.json", "twin.urdf", "twin.xml"]
+        ["effects.json", "replay.json", "report.html", "report.json", "twin.urdf", "twin.xml"]
     );
     // It replaces what it wrote; not what it reads, the recording of the frames among it.
     done(&mut command);

@@ -3,7 +3,7 @@
 Runs are cut into windows of 1 s. For each window and each of the two models the start state of all joints is fitted by least
 squares, so that no model is judged by another's state; the recorded efforts go through the exported actuators (gear, delay,
 bias) or, of the twin, straight to its joints, held from sample to sample. Both take the step and the integrator of the exported
-file. The error of a joint is the median over the windows of its root mean square error, rad or m; that of the whole is the
+file. Where `effects.json` stands beside the file, it is rolled out with the effects that it lacks as well. The error of a joint is the median over the windows of its root mean square error, rad or m; that of the whole is the
 median over windows of the root mean square over joints, each in units of its own motion where turns and slides mix.
 
 usage: mjcf_error.py TWIN.urdf EXPORTED.xml RUN...
@@ -44,12 +44,24 @@ def twin_model(urdf, exported):
     return model
 
 
-class Replayed:
-    """A model that repeats windows of a recording."""
+class Bare:
+    """In place of `MujocoEffects`: a model as its file has it."""
 
-    def __init__(self, model, joints):
-        self.model, self.data, self.joints = model, mujoco.MjData(model), joints
-        self.q = [model.joint(j).qposadr[0] for j in joints]
+    def start_at(self, joint, data, reading, velocity):
+        data.joint(joint).qpos, data.joint(joint).qvel = reading, velocity
+
+    def command(self, joint, time_s, value):
+        return value
+
+    def reading(self, joint, data):
+        return data.joint(joint).qpos[0]
+
+
+class Replayed:
+    """A model that repeats windows of a recording, with effects or bare."""
+
+    def __init__(self, model, joints, effects=Bare()):
+        self.model, self.data, self.joints, self.effects = model, mujoco.MjData(model), joints, effects
         self.v = [model.joint(j).dofadr[0] for j in joints]
         self.actuators = [model.actuator(j).id for j in joints] if model.nu else None
 
@@ -57,18 +69,20 @@ class Replayed:
         """Positions at `count` samples from `first` on, from `state` (positions, then speeds); one row a sample."""
         m, d, n = self.model, self.data, len(self.joints)
         mujoco.mj_resetData(m, d)
-        d.qpos[self.q], d.qvel[self.v] = state[:n], state[n:]
+        for joint, reading, velocity in zip(self.joints, state[:n], state[n:]):
+            self.effects.start_at(joint, d, reading, velocity)
         self.remember(time_s, effort, first)
         # Steps by whole times from the first sample on, so that jitter of stamps does not add up.
         steps = np.round((time_s[first : first + count] - time_s[first]) / m.opt.timestep).astype(int)
         seen = np.empty((count, n))
         for k in range(count):
-            seen[k] = d.qpos[self.q]
+            seen[k] = [self.effects.reading(joint, d) for joint in self.joints]
             if k + 1 < count:
+                commands = [self.effects.command(joint, d.time, u) for joint, u in zip(self.joints, effort[first + k])]
                 if self.actuators is None:
-                    d.qfrc_applied[self.v] = effort[first + k]
+                    d.qfrc_applied[self.v] = commands
                 else:
-                    d.ctrl[self.actuators] = effort[first + k]
+                    d.ctrl[self.actuators] = commands
                 mujoco.mj_step(m, d, nstep=max(0, steps[k + 1] - steps[k]))
         return seen
 
@@ -132,9 +146,9 @@ def units(model, joints, recorded):
     return moved if len({int(model.joint(j).type[0]) for j in joints}) > 1 else np.ones(len(joints))
 
 
-def window_errors(model, joints, unit, recorded):
+def window_errors(model, joints, unit, recorded, effects=Bare()):
     """Root mean square error of each window (rows) and joint, in the joints' units."""
-    replayed, rows = Replayed(model, joints), []
+    replayed, rows = Replayed(model, joints, effects), []
     for time_s, position, effort in recorded:
         for first, count in windows(time_s):
             state = start(time_s, position, first, count)
@@ -164,10 +178,22 @@ def errors(twin, exported, runs):
     return {name: (before[name], after[name], after[name] / before[name]) for name in before}
 
 
+def errors_with_effects(file, runs):
+    """{joint or `all`: error} of an exported file with the effects that it lacks."""
+    model = mujoco.MjModel.from_xml_path(str(file))
+    joints = common(model, replay.read(runs[0])[1])
+    recorded = read(runs, joints)
+    unit = units(model, joints, recorded)
+    with replay.MujocoEffects(model, file) as effects:
+        return medians(window_errors(model, joints, unit, recorded, effects), joints, unit)
+
+
 def main():
     twin, exported, runs = Path(sys.argv[1]), Path(sys.argv[2]), [Path(r) for r in sys.argv[3:]]
+    beside = errors_with_effects(exported, runs) if exported.with_name("effects.json").exists() else {}
     for joint, (before, after, ratio) in errors(twin, exported, runs).items():
-        print(json.dumps(dict(joint=joint, twin=before, exported=after, ratio=ratio)))
+        more = dict(with_effects=beside[joint], with_effects_ratio=beside[joint] / before) if beside else {}
+        print(json.dumps(dict(joint=joint, twin=before, exported=after, ratio=ratio) | more))
 
 
 if __name__ == "__main__":

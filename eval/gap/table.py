@@ -152,6 +152,10 @@ def figures(results):
     if replays:
         near = sum(abs(x - 1) < 0.03 for x in replays)
         lines.append(f"Exported MJCF rolled out by MuJoCo over `after`, {len(replays)} cases whose effects are native: within 3 % in {near}, median {share(replays, 0.5):.3f}, highest {max(replays):.3f}.")
+    beside = [r["replay_with_effects"] for r in results if "replay_with_effects" in r]
+    if beside:
+        near = sum(x <= 1.2 for x in beside)
+        lines.append(f"The same with the effects beside a file that cannot hold them (docs/effects.md), {len(beside)} cases: at most 1.2 in {near}, median {share(beside, 0.5):.3f}, highest {max(beside):.3f}.")
     stiffness = [abs(r["stiffness"] - 1) for r in results if "stiffness" in r]
     if stiffness:
         lines.append(f"Stiffness of {len(stiffness)} servos, off by: median {share(stiffness, 0.5):.4f}, highest {max(stiffness):.4f}.")

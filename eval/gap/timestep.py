@@ -39,14 +39,16 @@ def at_step(text, step_s):
     return re.sub(r' delay="([^"]+)" nsample="\d+"', moved, text)
 
 
-def rolled(text, windows, recorded):
-    """Residuals of all windows, and the seconds that they took."""
+def rolled(text, file, windows, recorded):
+    """Residuals of all windows, and the seconds that they took; `text` is that of `file` with another step."""
     model = mujoco.MjModel.from_xml_string(text)
+    # The file holds all effects.
+    effects = replay.MujocoEffects(model, file)
     data = mujoco.MjData(model)
     before, left = time.process_time(), []
     for window in windows:
         time_s, joints = recorded[window["run"]]
-        left.extend(replay.residuals(model, data, window["joint"], window, time_s, *joints[window["joint"]]))
+        left.extend(replay.residuals(effects, model, data, window["joint"], window, time_s, joints))
     return np.array(left), time.process_time() - before
 
 
@@ -69,10 +71,11 @@ def one(program, work, obj, effect, noise, seed):
     joint = named.pop()
     windows = [w for w in json.loads((work / "out/replay.json").read_text()) if w["joint"] == joint]
     recorded = {r.name: replay.read(r) for r in runs}
-    text = (work / "out/twin.xml").read_text()
-    reference, _ = rolled(at_step(text, REFERENCE_S), windows, recorded)
+    file = work / "out/twin.xml"
+    text = file.read_text()
+    reference, _ = rolled(at_step(text, REFERENCE_S), file, windows, recorded)
     noise_rms = math.sqrt(np.mean(reference**2))
-    rows = [rolled(at_step(text, s), windows, recorded) for s in STEPS_S]
+    rows = [rolled(at_step(text, s), file, windows, recorded) for s in STEPS_S]
     off = [math.sqrt(np.mean((r - reference) ** 2)) / noise_rms for r, _ in rows]
     grown = [math.sqrt(np.mean(r**2)) / noise_rms for r, _ in rows]
     return off, grown, [t for _, t in rows]

@@ -43,6 +43,8 @@ pub(super) struct EffortHold {
 /// The assessment of all joints.
 pub(super) struct Assessed {
     pub joints: Vec<JointReport>,
+    /// Names of the joints that move in the runs.
+    pub moving: Vec<String>,
     /// Why other joints were not assessed.
     pub left_out: Vec<String>,
     pub effort_hold: EffortHold,
@@ -115,7 +117,7 @@ pub(super) fn assessed(
         joints.insert(j, proven_report(examined, &mut rng));
     }
     let joints = joints.into_iter().map(|(j, report)| beside_axis(report, &off_axis, j)).collect();
-    Ok(Assessed { joints, left_out, effort_hold, warnings })
+    Ok(Assessed { joints, moving: bench.names, left_out, effort_hold, warnings })
 }
 
 impl<'a> Bench<'a> {

@@ -17,12 +17,17 @@ use common::limits::{SDF, USD};
 use common::note::{Note, NoteCode};
 use export::{
     DiagnosisFacts,
-    diagnosed::{mjcf, numbers::missing, tilt::placed_text, urdf},
+    diagnosed::{
+        effects::{LawNames, effects_file},
+        mjcf,
+        numbers::{exported_file, missing},
+        tilt::placed_text,
+        urdf,
+    },
     diagnosis_page,
 };
 use gap::{
     judge::{
-        format_model::FormatModel,
         format_note::format_note,
         report::{self, ExportNote, JointReport, Report},
         verdict::Verdict,
@@ -234,7 +239,7 @@ pub(super) fn find(
     let effects = catalogue(moving_joints(tree).len().saturating_sub(1));
     let wanted = indices(&effects, &request.effects).map_err(|e| failed("diagnose", &e))?;
     let recorded = read_runs(request, tree, monitor)?;
-    let Assessed { joints, left_out, effort_hold, mut warnings } =
+    let Assessed { joints, moving, left_out, effort_hold, mut warnings } =
         assessed(request, tree, recorded, &effects, wanted, monitor)?;
     monitor.check()?;
     if joints.is_empty() {
@@ -259,6 +264,9 @@ pub(super) fn find(
         warnings: &warnings,
     };
     let page = diagnosis_page(&facts);
+    let names = LawNames { tree, moving: &moving, catalogue: &effects };
+    let laws = effects_file(&names, &joints, &exports);
+    let laws = serde_json::to_string_pretty(&laws).map_err(|e| failed("effects", &e))? + "\n";
     let file = ReportFile { report: report::report(&joints, exports), effort_hold, warnings: &warnings };
     let json = serde_json::to_string_pretty(&file).map_err(|e| failed("report", &e))? + "\n";
     let windows: Vec<_> = joints.iter().flat_map(|j| &j.replay).collect();
@@ -268,6 +276,7 @@ pub(super) fn find(
         ("twin.xml", mjcf),
         ("report.json", json.clone()),
         ("replay.json", replay + "\n"),
+        ("effects.json", laws),
         ("report.html", page),
     ]);
     let files = more.into_iter().map(|(path, content)| (path.to_owned(), content)).collect();
@@ -292,12 +301,6 @@ fn less(joints: &[JointReport], exports: &[ExportNote]) -> Vec<Note> {
         notes.extend(written.iter().filter_map(|(held, file)| format_note(held, file, joint, is_sole)));
     }
     notes
-}
-
-/// Name of the file that represents a joint in a format; `None` if there is none.
-fn exported_file<'a>(joint: &JointReport, held: &FormatModel, exports: &'a [ExportNote]) -> Option<&'a str> {
-    let mut notes = exports.iter().filter(|e| e.joint == joint.joint && e.format == held.format.name());
-    notes.find(|e| !e.file.is_empty()).map(|e| e.file.as_str())
 }
 
 /// The SDF and the USD beside the twin, if it is in a run folder, with the effects; and what became of each.

@@ -166,6 +166,8 @@ fn joint_attributes(n: &JointNumbers, inertia: f64) -> String {
     // Writing to a string cannot fail.
     if let Some(Spring { stiffness, cubic, rest }) = n.spring {
         let polynomial = if cubic == 0.0 { String::new() } else { format!(" 0 {cubic}") };
+        // MuJoCo's positions have the offset of `ref` in them.
+        let rest = rest + n.position_offset;
         let _ = write!(text, " stiffness=\"{stiffness}{polynomial}\" springref=\"{rest}\"");
     }
     if n.armature != 0.0 {
@@ -177,9 +179,8 @@ fn joint_attributes(n: &JointNumbers, inertia: f64) -> String {
     // One solver serves both ends.
     if let Some(stop) = n.stops.first() {
         // MuJoCo limits a joint at both ends or at none: an end without a stop is moved out of reach.
-        let end = |upper: bool| n.stops.iter().find(|s| s.is_upper == upper).map(|s| s.position.to_string());
-        let low = end(false).unwrap_or("-1e3".into());
-        let high = end(true).unwrap_or("1e3".into());
+        let low = end_text(n, false).unwrap_or("-1e3".into());
+        let high = end_text(n, true).unwrap_or("1e3".into());
         // Negative numbers mean stiffness and damping directly, per unit of inertia.
         let solver = format!("-{} -{}", stop.stiffness / inertia, stop.damping / inertia);
         // MuJoCo's own bounds on an impedance.
@@ -191,6 +192,12 @@ fn joint_attributes(n: &JointNumbers, inertia: f64) -> String {
         );
     }
     text
+}
+
+/// Position of the stop at an end of the range, as MuJoCo counts positions; `None` without one.
+fn end_text(n: &JointNumbers, upper: bool) -> Option<String> {
+    let stop = n.stops.iter().find(|s| s.is_upper == upper)?;
+    Some((stop.position + n.position_offset).to_string())
 }
 
 /// Drive of a joint: the recorded effort, or a servo with given positions.
@@ -231,4 +238,25 @@ fn delay(delay_s: f64) -> String {
     // The buffer must hold samples on both sides of the delay.
     let kept = (delay_s / FINE_TIMESTEP_S).ceil() as usize + 2;
     format!(" delay=\"{delay_s}\" nsample=\"{kept}\" interp=\"linear\"")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gap::model::format::Stop;
+
+    #[test]
+    fn springs_and_stops_stand_where_the_sensor_sees_them() {
+        let stop = Stop { is_upper: true, position: 0.75, stiffness: 8.0, damping: 2.0, impedance: 0.5 };
+        let numbers = JointNumbers {
+            spring: Some(Spring { stiffness: 2.0, cubic: 0.0, rest: 0.25 }),
+            position_offset: 0.125,
+            stops: vec![stop],
+            ..JointNumbers::without_effects(0.0, 0.0)
+        };
+        let text = joint_attributes(&numbers, 1.0);
+        for part in ["springref=\"0.375\"", "ref=\"0.125\"", "range=\"-1e3 0.875\""] {
+            assert!(text.contains(part), "{text}");
+        }
+    }
 }

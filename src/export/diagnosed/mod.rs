@@ -1,6 +1,7 @@
 //! Files of a diagnosed twin: the given files with the found effects added.
 
 mod edits;
+pub mod effects;
 pub mod mjcf;
 pub mod numbers;
 mod sdf;

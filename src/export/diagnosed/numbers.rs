@@ -34,6 +34,16 @@ pub fn joint_numbers(
     Some(numbers)
 }
 
+/// Name of the file that represents a joint in a format; `None` if there is none.
+pub fn exported_file<'a>(
+    joint: &JointReport,
+    held: &FormatModel,
+    exports: &'a [ExportNote],
+) -> Option<&'a str> {
+    let mut notes = exports.iter().filter(|e| e.joint == joint.joint && e.format == held.format.name());
+    notes.find(|e| !e.file.is_empty()).map(|e| e.file.as_str())
+}
+
 /// What became of every effect of a joint in a file.
 pub fn notes(format: Format, file: &str, joint: &JointReport, catalogue: &Catalogue) -> Vec<ExportNote> {
     let effects = held(format, joint).into_iter().flat_map(|m| m.effects.iter().map(move |e| (m, e)));

@@ -347,6 +347,7 @@ fn replay_windows(name: &str, held_out: &Problem, model: &JointModel, starts: &[
             samples: span.len,
             position: sensor.scale * (start.position + start.play * sensor.half_gap) + sensor.bias,
             velocity: start.velocity * sensor.scale,
+            play: start.play,
         });
     }
     windows

@@ -88,6 +88,8 @@ pub struct ReplayWindow {
     pub position: f64,
     /// Velocity, rad/s or m/s.
     pub velocity: f64,
+    /// Position of the sensor within its play, -1 to 1.
+    pub play: f64,
 }
 
 /// What happens to an effect in a format.

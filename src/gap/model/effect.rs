@@ -276,6 +276,10 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
     fn is_of_position(&self) -> bool {
         false
     }
+    /// Index in [`At::others`] of the joint that it couples to.
+    fn other_joint(&self) -> Option<usize> {
+        None
+    }
     /// Decrease of the friction from rest to speed, for a friction falling with speed.
     fn friction_fall(&self, _p: &[f64]) -> f64 {
         0.0

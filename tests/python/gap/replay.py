@@ -1,5 +1,5 @@
-"""Rolls the exported `twin.xml` out in MuJoCo over the held-out windows of a diagnosis, from the start states in
-`replay.json`, with the recorded efforts held from sample to sample. Prints, for each joint, the root mean square
+"""Rolls the exported `twin.xml`, with the effects that it lacks (`artitwin.effects`), out in MuJoCo over the held-out windows of a
+diagnosis, from the start states in `replay.json`, with the recorded efforts held from sample to sample. Prints, for each joint, the root mean square
 residual, and `after` of the report.
 
 usage: replay.py RESULT RUN...
@@ -14,6 +14,9 @@ import mujoco
 import numpy as np
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
+
+sys.path[:0] = [str(Path(__file__).resolve().parents[3] / "python")]
+from artitwin.effects.mujoco import MujocoEffects
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 
@@ -33,14 +36,14 @@ def read(run):
     return time_s, {name: np.array(r).T for name, r in rows.items()}
 
 
-def residuals(model, data, joint, window, time_s, position, effort):
-    """Measured minus simulated positions of one window."""
-    j = model.joint(joint)
-    q, v, u = j.qposadr[0], j.dofadr[0], model.actuator(joint).id
+def residuals(effects, model, data, joint, window, time_s, joints):
+    """Measured minus simulated positions of one window; other joints are where they were recorded."""
+    position, effort = joints[joint]
+    u = model.actuator(joint).id
     first = int(np.searchsorted(time_s, window["start_s"] - 1e-6))
     mujoco.mj_resetData(model, data)
     data.time = time_s[first]
-    data.qpos[q], data.qvel[v] = window["position"], window["velocity"]
+    effects.start_at(joint, data, window["position"], window["velocity"], window["play"])
     for i in range(model.nu if model.nhistory else 0):
         # What was commanded before the window, one entry a step.
         count = int(model.actuator_history[i, 0])
@@ -50,11 +53,14 @@ def residuals(model, data, joint, window, time_s, position, effort):
             mujoco.mj_initCtrlHistory(model, data, i, times, np.ascontiguousarray(effort[held][:, None]))
     left = []
     for k in range(first, first + window["samples"]):
-        left.append(position[k] - data.qpos[q])
+        left.append(position[k] - effects.reading(joint, data))
         if k + 1 == first + window["samples"]:
             break
+        for other, (positions, _) in joints.items():
+            if other != joint:
+                data.joint(other).qpos, data.joint(other).qvel = np.mean(positions[k : k + 2]), 0.0
         data.ctrl[:] = 0
-        data.ctrl[u] = effort[k]
+        data.ctrl[u] = effects.command(joint, data.time, effort[k])
         for _ in range(round((time_s[k + 1] - time_s[k]) / model.opt.timestep)):
             mujoco.mj_step(model, data)
     return left
@@ -66,10 +72,10 @@ def replay(result, runs):
     data = mujoco.MjData(model)
     recorded = {Path(r).name: read(r) for r in runs}
     left = {}
-    for window in json.loads((Path(result) / "replay.json").read_text()):
-        time_s, joints = recorded[window["run"]]
-        position, effort = joints[window["joint"]]
-        left.setdefault(window["joint"], []).extend(residuals(model, data, window["joint"], window, time_s, position, effort))
+    with MujocoEffects(model, Path(result) / "twin.xml") as effects:
+        for window in json.loads((Path(result) / "replay.json").read_text()):
+            time_s, joints = recorded[window["run"]]
+            left.setdefault(window["joint"], []).extend(residuals(effects, model, data, window["joint"], window, time_s, joints))
     return {joint: math.sqrt(np.mean(np.square(r))) for joint, r in left.items()}
 
 

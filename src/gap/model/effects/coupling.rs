@@ -39,6 +39,10 @@ impl Effect for Coupling {
         out.p[2] = 1.0;
     }
 
+    fn other_joint(&self) -> Option<usize> {
+        Some(self.other)
+    }
+
     fn start_shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         if self.other < coverage.others { vec![vec![0.0; 3]] } else { Vec::new() }
     }
