@@ -19,6 +19,7 @@ use crate::{
         log::{JointLog, rms},
         motion::SmoothMotion,
         off_axis::MAX_LEFT,
+        reading_noise::ReadingNoise,
     },
     wander::{Gate, Wander},
 };
@@ -96,11 +97,7 @@ impl<'c> ImposedMotion<'c> {
             return None;
         }
         let noise = reading_noise(logs);
-        let moved_log = |log: &JointLog| {
-            let motion = SmoothMotion::of_positions(&log.time_s, &log.position, &noise, &[]);
-            vec![Some(Moved { log: Some(log.clone()), motion })]
-        };
-        let runs: Vec<_> = logs.iter().map(moved_log).collect();
+        let runs: Vec<_> = logs.iter().map(|log| vec![Some(moved_log(log, &noise))]).collect();
         let stretches = one_way_stretches(&runs, 0);
         let longest = logs.iter().map(JointLog::duration_s).fold(0.0, f64::max);
         let mut moments = Vec::new();
@@ -137,14 +134,15 @@ impl<'c> ImposedMotion<'c> {
     /// Efforts less what the twin needs for the motion, N m or N.
     #[must_use]
     pub fn unexplained_efforts(&self) -> Vec<f64> {
+        self.moments.iter().map(|m| m.effort - self.needed_by_twin(m)).collect()
+    }
+
+    fn needed_by_twin(&self, moment: &Moment) -> f64 {
         let plant = &self.plant;
-        let needed = |m: &Moment| {
-            plant.inertia * m.acceleration
-                + plant.damping * m.velocity
-                + plant.friction * m.velocity.signum()
-                + plant.load_at(None, m.position).0
-        };
-        self.moments.iter().map(|m| m.effort - needed(m)).collect()
+        plant.inertia * moment.acceleration
+            + plant.damping * moment.velocity
+            + plant.friction * moment.velocity.signum()
+            + plant.load_at(None, moment.position).0
     }
 
     /// Whether something imposes the motion: the twin's inertia needs little of the effort, and the efforts
@@ -292,6 +290,12 @@ impl<'c> ImposedMotion<'c> {
         let information = &whitened.rows * whitened.rows.transpose() / remainder.deviation.powi(2);
         information.cholesky().map(|c| c.inverse())
     }
+}
+
+/// A log with its smoothed motion.
+fn moved_log(log: &JointLog, noise: &ReadingNoise) -> Moved {
+    let motion = SmoothMotion::of_positions(&log.time_s, &log.position, noise, &[]);
+    Moved { log: Some(log.clone()), motion }
 }
 
 /// No wandering part.

@@ -48,6 +48,22 @@ struct Explained {
     explanation: Explanation,
     /// Log evidence less the price of the shapes.
     score: f64,
+    /// Gain of log likelihood over the twin's for the efforts of held-out runs; 0 without any.
+    unseen_gain: f64,
+}
+
+impl Explained {
+    /// Indices of its effects, sorted.
+    fn effects(&self) -> Vec<usize> {
+        let mut effects: Vec<usize> = self.terms.iter().map(|t| t.effect).collect();
+        effects.sort_unstable();
+        effects
+    }
+
+    /// What the fitted and the held-out runs say together for it, beside other sets of its size.
+    fn weight_log(&self) -> f64 {
+        self.score + self.unseen_gain
+    }
 }
 
 /// The report of a joint whose motion was imposed; `None` where efforts drive it, or given effects are of
@@ -59,20 +75,18 @@ pub fn imposed_report(effects: &Catalogue, plant: &Plant, name: &str, runs: &Run
         return None;
     }
     let problem = Problem::new(effects, plant, runs.turns, runs.fitted.clone(), runs.hold);
-    let judge = Judge { motion, problem: &problem, target: Vec::new() };
-    let judge = Judge { target: judge.motion.unexplained_efforts(), ..judge };
-    let sets = judge.grown_sets(&runs.effects);
     let held_out = ImposedMotion::of_logs(effects, plant, &runs.held_out, runs.hold);
-    let found = judge.proven_diagnosis(&sets, &runs.effects, held_out.as_ref());
+    let judge = Judge { target: motion.unexplained_efforts(), motion, problem: &problem, held_out };
+    let found = judge.diagnosis(&runs.effects);
     debug!(joint = name, verdict = found.verdict.name(), "the motion was imposed");
     let twin = JointModel::of_plant(plant);
     let mut report =
         unproven_report(name.to_owned(), runs.turns, found, all_tracks(runs), problem.coverage.clone());
     report.is_imposed = true;
-    if let Some(held_out) = held_out {
+    if let Some(held_out) = &judge.held_out {
         let updated = report.diagnosis.effects_or_nearest().clone();
         let gap = judge.gap(&runs.held_out, runs, plant, &updated);
-        report.in_format = judge.format_models(&held_out, &report.diagnosis);
+        report.in_format = judge.format_models(held_out, &report.diagnosis);
         match report.diagnosis.nearest {
             Some(_) => {
                 report.gap = Some(judge.gap(&runs.held_out, runs, plant, &twin));
@@ -90,6 +104,8 @@ struct Judge<'a, 'c> {
     problem: &'a Problem<'c>,
     /// Efforts less what the twin needs, N m or N.
     target: Vec<f64>,
+    /// Motion and efforts of held-out runs.
+    held_out: Option<ImposedMotion<'c>>,
 }
 
 impl Judge<'_, '_> {
@@ -98,36 +114,83 @@ impl Judge<'_, '_> {
         (0..self.problem.catalogue.len()).filter(|e| self.motion.is_law_of_motion(*e)).collect()
     }
 
-    /// The largest of the sets whose names the efforts of held-out runs bear out. One run may have shown more
-    /// than is there in every run.
-    fn proven_diagnosis(
-        &self,
-        sets: &[Explained],
-        given: &[usize],
-        held_out: Option<&ImposedMotion>,
-    ) -> Diagnosis {
-        let mut largest: Option<Diagnosis> = None;
-        for set in sets.iter().rev().filter(|set| !set.terms.is_empty()) {
-            let found = self.diagnosis_of_set(set, given);
-            let is_named = !found.findings.is_empty();
-            if is_named && held_out.is_none_or(|held_out| self.is_borne_out(held_out, &found)) {
+    /// The set for which fitted and held-out runs say most, where held-out ones surely bear it out. One run may
+    /// show more than is there in every run.
+    fn diagnosis(&self, given: &[usize]) -> Diagnosis {
+        let sets = self.grown_sets(given);
+        let Some(largest) = sets.last() else {
+            let twin = JointModel::of_plant(&self.problem.plant);
+            return Diagnosis::without_findings(Verdict::Insufficient, twin);
+        };
+        if largest.terms.is_empty() {
+            return self.diagnosis_of_set(largest, &[]);
+        }
+        let mut pool = if given.is_empty() { self.neighboring_sets(&sets) } else { vec![largest.clone()] };
+        for set in &mut pool {
+            set.unseen_gain = self.unseen_gain(set);
+        }
+        let price = self.price_of_effect();
+        let value = |set: &Explained| set.weight_log() - price * set.terms.len() as f64;
+        pool.sort_by(|a, b| value(b).total_cmp(&value(a)));
+        let is_borne_out =
+            |set: &&Explained| self.held_out.is_none() || set.unseen_gain > least_unseen_gain();
+        for set in pool.iter().filter(is_borne_out) {
+            let found = self.diagnosis_of_set(set, &pool);
+            if !found.findings.is_empty() {
                 return found;
             }
-            largest.get_or_insert(found);
         }
-        let Some(mut largest) = largest else {
-            let nothing = sets.first().map(|nothing| self.diagnosis_of_set(nothing, given));
-            let twin = JointModel::of_plant(&self.problem.plant);
-            return nothing.unwrap_or_else(|| Diagnosis::without_findings(Verdict::Insufficient, twin));
-        };
-        if largest.nearest.is_none() {
-            largest.withdraw_names();
+        let mut found = self.diagnosis_of_set(largest, &[]);
+        if found.nearest.is_none() {
+            found.withdraw_names();
         }
-        largest
+        found
+    }
+
+    /// The grown sets, those with another effect in the place of one of theirs, and those with one less.
+    fn neighboring_sets(&self, sets: &[Explained]) -> Vec<Explained> {
+        let mut all: Vec<Explained> = Vec::new();
+        for set in sets.iter().filter(|set| !set.terms.is_empty()) {
+            all.push(set.clone());
+            for place in 0..set.terms.len() {
+                let mut others = set.terms.clone();
+                others.remove(place);
+                if !others.is_empty() {
+                    all.extend(self.explained(others.clone()).map(|smaller| self.refined(smaller)));
+                }
+                all.extend(self.sought_effects().into_iter().filter_map(|e| self.with_effect(&others, e)));
+            }
+        }
+        // Of sets with the same effects the best one.
+        all.sort_by(|a, b| b.score.total_cmp(&a.score));
+        let mut pool: Vec<Explained> = Vec::new();
+        for set in all {
+            if pool.iter().all(|known| known.effects() != set.effects()) {
+                pool.push(set);
+            }
+        }
+        pool
+    }
+
+    /// Log odds that an effect costs before the runs speak.
+    fn price_of_effect(&self) -> f64 {
+        0.5 * least_gain(self.sought_effects().len())
+    }
+
+    /// Gain of log likelihood over the twin's for the efforts of held-out runs; 0 without any.
+    fn unseen_gain(&self, set: &Explained) -> f64 {
+        let Some(held_out) = &self.held_out else { return 0.0 };
+        let model = JointModel { terms: set.terms.clone(), ..JointModel::of_plant(&self.problem.plant) };
+        let target = held_out.unexplained_efforts();
+        let left = less_effects(held_out, &target, &model);
+        let remainder_of = |efforts: &[f64]| self.motion.explanation(efforts, &[]).remainder;
+        let own_left = less_effects(&self.motion, &self.target, &model);
+        let before = held_out.log_likelihood(&target, &remainder_of(&self.target));
+        held_out.log_likelihood(&left, &remainder_of(&own_left)) - before
     }
 
     /// What a set of effects says.
-    fn diagnosis_of_set(&self, chosen: &Explained, given: &[usize]) -> Diagnosis {
+    fn diagnosis_of_set(&self, chosen: &Explained, pool: &[Explained]) -> Diagnosis {
         let twin = JointModel::of_plant(&self.problem.plant);
         let remainder = chosen.explanation.remainder;
         let noise = EffortNoise {
@@ -148,10 +211,7 @@ impl Judge<'_, '_> {
             }
             return diagnosis;
         }
-        diagnosis.weighed = match given.is_empty() {
-            true => self.rivals(chosen),
-            false => Vec::new(),
-        };
+        diagnosis.weighed = self.rivals(chosen, pool);
         let (rivals, total) = in_doubt(diagnosis.weighed.clone());
         diagnosis.verdict = if rivals.is_empty() { Verdict::Named } else { Verdict::Ambiguous };
         diagnosis.model = JointModel { terms: chosen.terms.clone(), ..twin };
@@ -186,7 +246,7 @@ impl Judge<'_, '_> {
         }
         let price = 0.5 * (self.motion.moment_count() as f64).ln() * shapes as f64;
         let score = explanation.log_evidence - price;
-        Some(Explained { terms, explanation, score })
+        Some(Explained { terms, explanation, score, unseen_gain: 0.0 })
     }
 
     fn amplitude_count(&self, effect: usize) -> usize {
@@ -197,10 +257,7 @@ impl Judge<'_, '_> {
     /// `given` ones are taken.
     fn grown_sets(&self, given: &[usize]) -> Vec<Explained> {
         let sought = if given.is_empty() { self.sought_effects() } else { given.to_vec() };
-        let least = match given.is_empty() {
-            true => 0.5 * least_gain(sought.len()),
-            false => f64::NEG_INFINITY,
-        };
+        let least = if given.is_empty() { self.price_of_effect() } else { f64::NEG_INFINITY };
         let most = if given.is_empty() { MOST_EFFECTS } else { given.len() };
         let mut sets: Vec<Explained> = self.explained(Vec::new()).into_iter().collect();
         while let Some(last) = sets.last().filter(|last| last.terms.len() < most) {
@@ -220,13 +277,13 @@ impl Judge<'_, '_> {
         if terms.iter().any(|t| self.problem.catalogue[t.effect].effect_spec().overlaps_with(spec)) {
             return None;
         }
-        let with_shape = |p: Vec<f64>| {
+        let mut trials = Vec::new();
+        for p in own.start_shapes(&self.problem.coverage) {
             let mut more = terms.to_vec();
             more.push(Term { effect, p });
-            self.explained(more)
-        };
-        let shapes = own.start_shapes(&self.problem.coverage);
-        let mut tried: Vec<Explained> = shapes.into_par_iter().filter_map(with_shape).collect();
+            trials.push(more);
+        }
+        let mut tried: Vec<Explained> = trials.into_par_iter().filter_map(|t| self.explained(t)).collect();
         tried.sort_by(|a, b| b.score.total_cmp(&a.score));
         tried.truncate(REFINED);
         let refined = tried.into_par_iter().map(|found| self.refined(found)).collect::<Vec<Explained>>();
@@ -255,27 +312,14 @@ impl Judge<'_, '_> {
         found
     }
 
-    /// Sets in which another effect takes the place of one of the chosen, with their weights.
-    fn rivals(&self, chosen: &Explained) -> Vec<(Vec<usize>, f64)> {
-        let catalogue = self.problem.catalogue;
-        let sought = self.sought_effects();
-        let indices = |terms: &[Term]| {
-            let mut effects: Vec<usize> = terms.iter().map(|t| t.effect).collect();
-            effects.sort_unstable();
-            effects
-        };
-        let own = indices(&chosen.terms);
-        let mut rivals: Vec<(Vec<usize>, f64)> = Vec::new();
-        for place in 0..chosen.terms.len() {
-            let mut others = chosen.terms.clone();
-            others.remove(place);
-            for effect in &sought {
-                let Some(found) = self.with_effect(&others, *effect) else { continue };
-                let effects = indices(&found.terms);
-                let is_known = effects == own || rivals.iter().any(|(known, _)| *known == effects);
-                if !is_known && !generalizes(catalogue, &effects, &own) {
-                    rivals.push((effects, (found.score - chosen.score).exp()));
-                }
+    /// Other sets of the same size, with their weights.
+    fn rivals(&self, chosen: &Explained, pool: &[Explained]) -> Vec<(Vec<usize>, f64)> {
+        let own = chosen.effects();
+        let mut rivals = Vec::new();
+        for other in pool.iter().filter(|other| other.terms.len() == own.len()) {
+            let effects = other.effects();
+            if effects != own && !generalizes(self.problem.catalogue, &effects, &own) {
+                rivals.push((effects, (other.weight_log() - chosen.weight_log()).min(0.0).exp()));
             }
         }
         rivals
@@ -292,18 +336,6 @@ impl Judge<'_, '_> {
             None => (1..count).for_each(|i| covariance[(i, i)] = f64::INFINITY),
         }
         Spread { covariance, witnesses: vec![self.motion.moment_count() as f64; count] }
-    }
-
-    /// Whether the efforts of held-out runs are surely more likely with the effects than without.
-    fn is_borne_out(&self, held_out: &ImposedMotion, found: &Diagnosis) -> bool {
-        let target = held_out.unexplained_efforts();
-        let left = less_effects(held_out, &target, &found.model);
-        let remainder_of = |efforts: &[f64]| self.motion.explanation(efforts, &[]).remainder;
-        let before = held_out.log_likelihood(&target, &remainder_of(&self.target));
-        let own_left = less_effects(&self.motion, &self.target, &found.model);
-        let after = held_out.log_likelihood(&left, &remainder_of(&own_left));
-        debug!(gain = after - before, "efforts of unseen runs");
-        after - before > (NAME_WEIGHT / (1.0 - NAME_WEIGHT)).ln()
     }
 
     /// Efforts of held-out runs left by the twin and by a model.
@@ -339,31 +371,38 @@ impl Judge<'_, '_> {
         let mut models = Vec::new();
         for format in Format::ALL.into_iter().filter(|_| !found.model.terms.is_empty()) {
             let model = expressed_model(format, &found.model, catalogue);
-            let fate_of = |term: &Term| {
-                let by: Vec<Term> = expressed_model(
-                    format,
-                    &JointModel { terms: vec![term.clone()], ..found.model.clone() },
-                    catalogue,
-                )
-                .terms;
-                let fate = match by.as_slice() {
-                    [] => Fate::NotExpressible,
-                    [same] if same == term => Fate::Native,
-                    _ => Fate::Approximated,
-                };
-                let by = if fate == Fate::Native { Vec::new() } else { by };
-                HeldEffect { effect: Some(term.effect), fate, by }
-            };
             models.push(FormatModel {
                 format,
                 rmse: rms(&less_effects(held_out, &target, &model)),
                 twin_rmse: rms(&target),
-                effects: found.model.terms.iter().map(fate_of).collect(),
+                effects: found
+                    .model
+                    .terms
+                    .iter()
+                    .map(|t| held_effect(format, t, &found.model, catalogue))
+                    .collect(),
                 model,
             });
         }
         models
     }
+}
+
+/// What a format holds of a term.
+fn held_effect(format: Format, term: &Term, model: &JointModel, catalogue: &Catalogue) -> HeldEffect {
+    let alone = JointModel { terms: vec![term.clone()], ..model.clone() };
+    let by = expressed_model(format, &alone, catalogue).terms;
+    let (fate, by) = match by.as_slice() {
+        [] => (Fate::NotExpressible, by),
+        [same] if same == term => (Fate::Native, Vec::new()),
+        _ => (Fate::Approximated, by),
+    };
+    HeldEffect { effect: Some(term.effect), fate, by }
+}
+
+/// Gain of log likelihood from which held-out runs bear a set out.
+fn least_unseen_gain() -> f64 {
+    (NAME_WEIGHT / (1.0 - NAME_WEIGHT)).ln()
 }
 
 /// What a model's effects leave of efforts that the twin leaves.
