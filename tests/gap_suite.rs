@@ -61,7 +61,27 @@ struct Count {
 type Counts = BTreeMap<String, Count>;
 
 fn main() -> ExitCode {
-    harness::main(harness::tests![every_effect_counts, a_wrong_name_is_noticed])
+    harness::main(harness::tests![
+        every_effect_counts,
+        a_wrong_name_is_noticed,
+        friction_in_published_robots_is_named_alone,
+    ])
+}
+
+/// Robots of `eval/gap/robots.py`: efforts sampled with the positions, joints that stand, a gripper that mimics.
+const ROBOTS: [&str; 4] = ["kuka_iiwa", "franka_panda", "laikago", "vision60"];
+
+fn friction_in_published_robots_is_named_alone() -> Result<(), Missing> {
+    let python = venv::python()?;
+    let work = tempfile::tempdir().unwrap();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("eval/gap/robots.py");
+    let program = env!("CARGO_BIN_EXE_artitwin");
+    let ended =
+        Command::new(&python).arg(script).arg(program).arg(work.path()).args(ROBOTS).output().unwrap();
+    let table = String::from_utf8_lossy(&ended.stdout);
+    let right = format!("Of {0}: right {0}.", ROBOTS.len());
+    assert!(table.contains(&right), "{table}\n{}", String::from_utf8_lossy(&ended.stderr));
+    Ok(())
 }
 
 fn every_effect_counts() -> Result<(), Missing> {

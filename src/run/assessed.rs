@@ -21,7 +21,7 @@ use gap::{
         multibody::fit_chains,
         refused::refused_report,
         report::JointReport,
-        sampled::{is_sampled, promised_gain},
+        sampled::{acts_early, is_sampled, promised_gain},
         verdict::Verdict,
     },
     model::{joint_model::Catalogue, plant::Plant},
@@ -136,7 +136,7 @@ impl<'a> Bench<'a> {
             monitor.check()?;
             promised += self.promised_gain(*j, examined);
         }
-        if !(promised > 0.0) {
+        if !(promised > 0.0) && !held.examined.iter().any(|(_, examined, _)| acts_early(examined)) {
             return Ok((held, EffortHold { taken: Hold::Zero, gain_if_sampled: Some(promised) }));
         }
         let sampled = self.examination(Hold::Sampled, monitor, false)?;

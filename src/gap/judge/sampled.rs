@@ -37,12 +37,25 @@ pub fn promised_gain(held: &Examined, plant: &Plant, fitted: Vec<JointLog>) -> f
     best - held.score
 }
 
-/// Whether a gain of score shows that efforts are sampled: it does where the joints with sampled efforts also
-/// predict the held-out runs better. A likelihood alone does not decide between two readings under which the
-/// model is not whole.
+/// Whether efforts are sampled. They are where held ones would act before they were recorded and sampled ones do
+/// not: a cause does not come after its effect. Else a gain of score shows it, where the joints with sampled
+/// efforts also predict the held-out runs better: a likelihood alone does not decide between two readings under
+/// which the model is not whole.
 #[must_use]
 pub fn is_sampled(gain: f64, sampled: &[&Examined], held: &[&Examined]) -> bool {
-    gain > least_gain(1) && unseen_log_error(sampled) < unseen_log_error(held)
+    let is_early = |joints: &[&Examined]| joints.iter().any(|joint| acts_early(joint));
+    is_early(held) && !is_early(sampled)
+        || gain > least_gain(1) && unseen_log_error(sampled) < unseen_log_error(held)
+}
+
+/// Whether the efforts of a joint seem to act before they were recorded, by an interval at most: as those do
+/// that are sampled with the positions, and were taken for held.
+#[must_use]
+pub fn acts_early(joint: &Examined) -> bool {
+    let problem = &joint.problem;
+    let delay = joint.diagnosis.effects_or_nearest().scalar_of(problem.catalogue, Place::Delay);
+    problem.plant.actuator.servo.is_none()
+        && delay.is_some_and(|(delay_s, _)| (-problem.coverage.interval_s..0.0).contains(&delay_s))
 }
 
 /// Sum over joints of the logarithm of the root mean square residual of the held-out runs under what was
