@@ -42,7 +42,6 @@ ROBOTS = {
     "vision60": ("quadruped/vision60.urdf", None),
     "quadruped": ("quadruped/quadruped.urdf", None),
     "biped2d": ("biped/biped2d_pybullet.urdf", None),
-    "humanoid": ("humanoid/humanoid.urdf", None),
     "pendulum5": ("pendulum5.urdf", None),
     "cartpole": ("cartpole.urdf", "cart_to_pole"),
     "r2d2": ("r2d2.urdf", "head_swivel"),

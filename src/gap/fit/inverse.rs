@@ -162,6 +162,24 @@ impl<'c> ImposedMotion<'c> {
         self.explanation(&target, &columns).log_evidence <= without
     }
 
+    /// Share of the moments that is independent. What an arbitrary law leaves is smoother than noise that wanders,
+    /// and its innovations correlate: the effective sample size of a first-order autoregressive process.
+    #[must_use]
+    pub fn independent_share(&self) -> f64 {
+        let columns = self.arbitrary_law();
+        let mut left = self.unexplained_efforts();
+        let explained = self.explanation(&left, &columns);
+        for (column, amplitude) in columns.iter().zip(&explained.amplitudes) {
+            left.iter_mut().zip(column).for_each(|(left, x)| *left -= amplitude * x);
+        }
+        let rows = DMatrix::from_row_slice(1, left.len(), &left);
+        let whitened = explained.remainder.wander.whitened(&self.clock, &rows, &Gate::open()).rows;
+        let n = whitened.ncols();
+        let product = whitened.columns(0, n - 1).dot(&whitened.columns(1, n - 1));
+        let alike = (product / whitened.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        (1.0 - alike) / (1.0 + alike)
+    }
+
     /// Columns of an arbitrary law of position, velocity and its sign.
     fn arbitrary_law(&self) -> Vec<Vec<f64>> {
         let positions = self.moments.iter().map(|m| m.position);

@@ -46,9 +46,9 @@ const STEPS: i32 = 7;
 struct Explained {
     terms: Vec<Term>,
     explanation: Explanation,
-    /// Log evidence less the price of the shapes.
+    /// Log evidence of independent moments, less the price of the shapes.
     score: f64,
-    /// Gain of log likelihood over the twin's for the efforts of held-out runs; 0 without any.
+    /// Gain of log likelihood over the twin's for independent efforts of held-out runs; 0 without any.
     unseen_gain: f64,
 }
 
@@ -76,7 +76,13 @@ pub fn imposed_report(effects: &Catalogue, plant: &Plant, name: &str, runs: &Run
     }
     let problem = Problem::new(effects, plant, runs.turns, runs.fitted.clone(), runs.hold);
     let held_out = ImposedMotion::of_logs(effects, plant, &runs.held_out, runs.hold);
-    let judge = Judge { target: motion.unexplained_efforts(), motion, problem: &problem, held_out };
+    let judge = Judge {
+        target: motion.unexplained_efforts(),
+        independent: motion.independent_share(),
+        motion,
+        problem: &problem,
+        held_out,
+    };
     let found = judge.diagnosis(&runs.effects);
     debug!(joint = name, verdict = found.verdict.name(), "the motion was imposed");
     let twin = JointModel::of_plant(plant);
@@ -104,6 +110,8 @@ struct Judge<'a, 'c> {
     problem: &'a Problem<'c>,
     /// Efforts less what the twin needs, N m or N.
     target: Vec<f64>,
+    /// Share of the moments that is independent.
+    independent: f64,
     /// Motion and efforts of held-out runs.
     held_out: Option<ImposedMotion<'c>>,
 }
@@ -186,7 +194,7 @@ impl Judge<'_, '_> {
         let remainder_of = |efforts: &[f64]| self.motion.explanation(efforts, &[]).remainder;
         let own_left = less_effects(&self.motion, &self.target, &model);
         let before = held_out.log_likelihood(&target, &remainder_of(&self.target));
-        held_out.log_likelihood(&left, &remainder_of(&own_left)) - before
+        self.independent * (held_out.log_likelihood(&left, &remainder_of(&own_left)) - before)
     }
 
     /// What a set of effects says.
@@ -244,8 +252,9 @@ impl Judge<'_, '_> {
             }
             shapes += term.p.len() - count;
         }
-        let price = 0.5 * (self.motion.moment_count() as f64).ln() * shapes as f64;
-        let score = explanation.log_evidence - price;
+        let count = (self.independent * self.motion.moment_count() as f64).max(1.0);
+        let price = 0.5 * count.ln() * shapes as f64;
+        let score = self.independent * explanation.log_evidence - price;
         Some(Explained { terms, explanation, score, unseen_gain: 0.0 })
     }
 
@@ -332,10 +341,12 @@ impl Judge<'_, '_> {
         let mut covariance = DMatrix::zeros(count, count);
         match self.motion.covariance(&slopes, &chosen.explanation.remainder) {
             // Parameter 0 is the lag, which has no part in slow motion.
-            Some(own) => covariance.view_mut((1, 1), (slopes.len(), slopes.len())).copy_from(&own),
+            Some(own) => {
+                covariance.view_mut((1, 1), (slopes.len(), slopes.len())).copy_from(&(own / self.independent))
+            }
             None => (1..count).for_each(|i| covariance[(i, i)] = f64::INFINITY),
         }
-        Spread { covariance, witnesses: vec![self.motion.moment_count() as f64; count] }
+        Spread { covariance, witnesses: vec![self.independent * self.motion.moment_count() as f64; count] }
     }
 
     /// Efforts of held-out runs left by the twin and by a model.
