@@ -60,7 +60,10 @@ impl Lost {
             Self::Undetermined | Self::Blank => "keep corners and texture in view",
             Self::Covered => "keep the lens free, and 0.3 m away from things",
             Self::Dark => "give more light",
-            Self::Unread => "keep the distance that the sensor measures, and out of the sun",
+            Self::Unread => {
+                "keep the distance that the sensor measures, and out of the sun; depth that does not count \
+                 millimeters needs `capture.depth_unit_m` (0.0001 of a D405)"
+            }
         }
     }
 
