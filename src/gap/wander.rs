@@ -1,8 +1,8 @@
 //! What a model leaves along a track or a run: a process that wanders, with a white part and outliers.
 //!
 //! The wandering part is an Ornstein-Uhlenbeck process, the roughest of the usual ones: it does not take the
-//! smoothness of a recording for precision. A Kalman filter turns it into independent innovations; the filter is
-//! linear, so residuals and slopes pass through the same one (as in docs/method.md 14.10).
+//! smoothness of a recording for precision. A Kalman filter turns it into independent innovations; the filter
+//! is linear, so residuals and slopes pass through the same one (as in docs/method.md 14.10).
 
 use nalgebra::{DMatrix, DVector};
 

@@ -314,8 +314,8 @@ impl Collector {
         self.bag.as_mut().map_or(Ok(()), StateBag::flush)
     }
 
-    /// Handles a message received at `now_nanos`; returns the completed views that were decoded: with `pixels`
-    /// all, else only kept ones.
+    /// Handles a message received at `now_nanos`; returns the completed views that were decoded: with
+    /// `pixels` all, else only kept ones.
     ///
     /// # Errors
     /// If writing fails; the state is then no longer collected.

@@ -363,6 +363,7 @@ fn depth_of_another_size_and_frame_is_brought_to_colors_pixels() {
     for (beside, behind) in beside.iter().zip(&behind) {
         assert_eq!(beside.depth_m.len(), beside.rgb.len());
         let nearer_m = median_depth_m(beside) - median_depth_m(behind);
-        assert!((nearer_m - 0.1).abs() < 0.02, "{nearer_m}");
+        // What is nearer is magnified, so that less of it is in sight.
+        assert!((0.08..0.15).contains(&nearer_m), "{nearer_m}");
     }
 }

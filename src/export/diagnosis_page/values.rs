@@ -161,15 +161,16 @@ pub(super) fn gap_table(joint: &JointReport, gap: &Gap, updated: Option<&str>) -
     }
     let head: String = head.iter().map(|h| format!("<th>{h}</th>")).collect();
     let what = if joint.is_imposed {
-        "The motion was imposed: residuals are those of the efforts, given the motion; closed: of what is more \
-         than noise."
+        "The motion was imposed: residuals are those of the efforts, given the motion; closed: of what is \
+         more than noise."
     } else {
         "By windows; closed: of what is more than noise. A whole run is predicted from its first state."
     };
     format!(
         "<section>\n<h3>Gap on held-out runs, root mean square of the residuals</h3>\n<div \
          class=\"bars\">\n{bars}</div>\n<div \
-         class=\"scroll\"><table>\n<tr>{head}</tr>\n{rows}</table></div>\n<p class=\"soft\">{what}</p>\n</section>\n"
+         class=\"scroll\"><table>\n<tr>{head}</tr>\n{rows}</table></div>\n<p class=\"soft\">{what}</p>\n\
+         </section>\n"
     )
 }
 
@@ -182,8 +183,8 @@ fn closed_share(before: f64, after: f64, noise_floor: f64) -> String {
     format!("{}\u{a0}%", fixed_text(100.0 * share, 0))
 }
 
-/// A row of the table of gaps: residuals of the twin and of the updated twin, and by windows of the whole run,
-/// too; the updated twin is left out without `closed`.
+/// A row of the table of gaps: residuals of the twin and of the updated twin, and those of the whole run; the
+/// updated twin is left out without `closed`.
 fn push_gap_row(
     rows: &mut String,
     name: &str,

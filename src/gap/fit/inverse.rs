@@ -1,8 +1,8 @@
 //! The effort that answers an imposed motion: inverse dynamics.
 //!
 //! Where a hand or a robot pulls slowly, it imposes the motion, and the effort is what friction and springs
-//! answer; the accelerations say nothing of it. Then p(effort | motion) is the likelihood: a regression of the
-//! efforts on what the effects would need, under noise that wanders. See docs/method.md 14.17.
+//! answer; the accelerations say nothing of it. Then p(effort | motion) is the likelihood: a regression of
+//! the efforts on what the effects would need, under noise that wanders. See docs/method.md 14.17.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -41,7 +41,7 @@ const ROUNDING: f64 = 1.0 / 16_777_216.0;
 
 /// A stretch of one-way motion with its mean effort.
 #[derive(Clone, Copy, Debug)]
-struct Moment {
+struct PulledMoment {
     position: f64,
     velocity: f64,
     acceleration: f64,
@@ -52,7 +52,7 @@ struct Moment {
 pub struct ImposedMotion<'c> {
     catalogue: &'c Catalogue,
     plant: Plant,
-    moments: Vec<Moment>,
+    moments: Vec<PulledMoment>,
     /// Time of each moment, in lengths of the longest run.
     clock: Vec<f64>,
     /// Root mean square effort, N m or N.
@@ -108,12 +108,12 @@ impl<'c> ImposedMotion<'c> {
             for (s, effort) in own.iter().zip(efforts) {
                 let Some(effort) = effort.filter(|u| u.is_finite()) else { continue };
                 let [position, velocity, acceleration] = [s.position[0], s.velocity[0], s.acceleration[0]];
-                moments.push(Moment { position, velocity, acceleration, effort });
+                moments.push(PulledMoment { position, velocity, acceleration, effort });
                 clock.push(RUN_DISTANCE * run as f64 + s.time_s.0 / longest);
             }
         }
         let every = moments.len().div_ceil(MOST_MOMENTS).max(1);
-        let moments: Vec<Moment> = moments.into_iter().step_by(every).collect();
+        let moments: Vec<PulledMoment> = moments.into_iter().step_by(every).collect();
         let clock: Vec<f64> = clock.into_iter().step_by(every).collect();
         let effort_rms = rms(&moments.iter().map(|m| m.effort).collect::<Vec<f64>>());
         (moments.len() > 2 * PLACES && effort_rms > 0.0).then_some(Self {
@@ -137,7 +137,7 @@ impl<'c> ImposedMotion<'c> {
         self.moments.iter().map(|m| m.effort - self.needed_by_twin(m)).collect()
     }
 
-    fn needed_by_twin(&self, moment: &Moment) -> f64 {
+    fn needed_by_twin(&self, moment: &PulledMoment) -> f64 {
         let plant = &self.plant;
         plant.inertia * moment.acceleration
             + plant.damping * moment.velocity
@@ -162,8 +162,9 @@ impl<'c> ImposedMotion<'c> {
         self.explanation(&target, &columns).log_evidence <= without
     }
 
-    /// Share of the moments that is independent. What an arbitrary law leaves is smoother than noise that wanders,
-    /// and its innovations correlate: the effective sample size of a first-order autoregressive process.
+    /// Share of the moments that is independent. What an arbitrary law leaves is smoother than noise that
+    /// wanders, and its innovations correlate: the effective sample size of a first-order autoregressive
+    /// process.
     #[must_use]
     pub fn independent_share(&self) -> f64 {
         let columns = self.arbitrary_law();
@@ -186,7 +187,7 @@ impl<'c> ImposedMotion<'c> {
         let low = positions.clone().fold(f64::INFINITY, f64::min);
         let high = positions.fold(f64::NEG_INFINITY, f64::max);
         let width = (high - low) / (PLACES - 1) as f64;
-        let over_moments = |value: &dyn Fn(&Moment) -> f64| self.moments.iter().map(value).collect();
+        let over_moments = |value: &dyn Fn(&PulledMoment) -> f64| self.moments.iter().map(value).collect();
         let mut columns: Vec<Vec<f64>> = vec![
             over_moments(&|_| 1.0),
             over_moments(&|m| m.velocity.signum()),
@@ -210,7 +211,7 @@ impl<'c> ImposedMotion<'c> {
         acts && self.moments.iter().all(|m| self.response(effect, &p, m).u == 0.0)
     }
 
-    fn response(&self, effect: usize, p: &[f64], moment: &Moment) -> Response {
+    fn response(&self, effect: usize, p: &[f64], moment: &PulledMoment) -> Response {
         let at = At {
             q: moment.position,
             v: moment.velocity,
@@ -299,8 +300,8 @@ impl<'c> ImposedMotion<'c> {
         -0.5 * (log_density + whitened.rows.norm_squared() / variance)
     }
 
-    /// Covariance of parameters by the derivatives of the efforts, under what remains. Parameters with a prior
-    /// deviation are amplitudes. `None` where the motion does not tell them apart.
+    /// Covariance of parameters by the derivatives of the efforts, under what remains. `None` where the motion
+    /// does not separate them.
     #[must_use]
     pub fn covariance(&self, slopes: &[Vec<f64>], remainder: &EffortRemainder) -> Option<DMatrix<f64>> {
         let rows = DMatrix::from_fn(slopes.len(), self.moments.len(), |row, k| slopes[row][k]);

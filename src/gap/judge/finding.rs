@@ -31,6 +31,17 @@ impl ParameterEstimate {
         let interval = (value - half, value + half);
         Self { name: name.to_owned(), value, unit: unit.to_owned(), interval, open: None }
     }
+
+    /// The parameter with its interval.
+    #[must_use]
+    pub fn in_words(&self) -> String {
+        let Self { name, value, unit, interval: (low, high), open } = self;
+        match open {
+            Some(Open::AtBound) => format!("{name} not determined (at its bound, {value:.4})"),
+            Some(Open::Wide) => format!("{name} not determined"),
+            None => format!("{name} {value:.4} [{low:.4}, {high:.4}] {unit}"),
+        }
+    }
 }
 
 /// Why runs do not determine a parameter.
@@ -187,4 +198,39 @@ pub fn findings_of_model(
         });
     }
     findings
+}
+
+/// The fitted actuator parameters of a model, with intervals.
+#[must_use]
+pub fn actuator_estimates(model: &JointModel, spread: &Spread, turns: bool) -> Vec<ParameterEstimate> {
+    let actuator = &model.plant.actuator;
+    let [gain, damping] = model.actuator_columns();
+    let mut all = Vec::new();
+    if let Some(at) = gain {
+        let (name, unit, scale) = match actuator.servo {
+            Some(servo) => ("stiffness", Dimension::Stiffness.unit_name(turns), servo.stiffness),
+            None => ("gain", if turns { "N m per unit" } else { "N per unit" }, actuator.unit),
+        };
+        all.push(ParameterEstimate::with_half_width(
+            name,
+            scale * actuator.gain,
+            unit,
+            spread.half_width(at, &[scale]),
+        ));
+    }
+    if let Some(at) = damping {
+        let unit = Dimension::Damping.unit_name(turns);
+        all.push(ParameterEstimate::with_half_width(
+            "damping",
+            actuator.damping,
+            unit,
+            spread.half_width(at, &[1.0]),
+        ));
+    }
+    if actuator.is_late {
+        // The lag is the first of the free parameters.
+        let half = spread.half_width(0, &[1.0]);
+        all.push(ParameterEstimate::with_half_width("delay", actuator.delay_s + model.lag_s, "s", half));
+    }
+    all
 }

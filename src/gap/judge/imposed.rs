@@ -1,5 +1,5 @@
-//! Joints whose motion was imposed: a door pulled slowly by a hand or a robot. Names come from the likelihood of
-//! the efforts given the motion, and are proven on the efforts of held-out runs. See docs/method.md 14.17.
+//! Joints whose motion was imposed: a door pulled slowly by a hand or a robot. Names come from the likelihood
+//! of the efforts given the motion, and are proven on the efforts of held-out runs. See docs/method.md 14.17.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -43,7 +43,7 @@ const STEPS: i32 = 7;
 
 /// A set of effects with the efforts that it explains.
 #[derive(Clone, Debug)]
-struct Explained {
+struct ExplainedSet {
     terms: Vec<Term>,
     explanation: Explanation,
     /// Log evidence of independent moments, less the price of the shapes.
@@ -52,7 +52,7 @@ struct Explained {
     unseen_gain: f64,
 }
 
-impl Explained {
+impl ExplainedSet {
     /// Indices of its effects, sorted.
     fn effects(&self) -> Vec<usize> {
         let mut effects: Vec<usize> = self.terms.iter().map(|t| t.effect).collect();
@@ -122,8 +122,8 @@ impl Judge<'_, '_> {
         (0..self.problem.catalogue.len()).filter(|e| self.motion.is_law_of_motion(*e)).collect()
     }
 
-    /// The set for which fitted and held-out runs say most, where held-out ones surely bear it out. One run may
-    /// show more than is there in every run.
+    /// The set for which fitted and held-out runs say most, where held-out ones surely bear it out. One run
+    /// may show more than is there in every run.
     fn diagnosis(&self, given: &[usize]) -> Diagnosis {
         let sets = self.grown_sets(given);
         let Some(largest) = sets.last() else {
@@ -138,10 +138,10 @@ impl Judge<'_, '_> {
             set.unseen_gain = self.unseen_gain(set);
         }
         let price = self.price_of_effect();
-        let value = |set: &Explained| set.weight_log() - price * set.terms.len() as f64;
+        let value = |set: &ExplainedSet| set.weight_log() - price * set.terms.len() as f64;
         pool.sort_by(|a, b| value(b).total_cmp(&value(a)));
         let is_borne_out =
-            |set: &&Explained| self.held_out.is_none() || set.unseen_gain > least_unseen_gain();
+            |set: &&ExplainedSet| self.held_out.is_none() || set.unseen_gain > least_unseen_gain();
         for set in pool.iter().filter(is_borne_out) {
             let found = self.diagnosis_of_set(set, &pool);
             if !found.findings.is_empty() {
@@ -156,8 +156,8 @@ impl Judge<'_, '_> {
     }
 
     /// The grown sets, those with another effect in the place of one of theirs, and those with one less.
-    fn neighboring_sets(&self, sets: &[Explained]) -> Vec<Explained> {
-        let mut all: Vec<Explained> = Vec::new();
+    fn neighboring_sets(&self, sets: &[ExplainedSet]) -> Vec<ExplainedSet> {
+        let mut all: Vec<ExplainedSet> = Vec::new();
         for set in sets.iter().filter(|set| !set.terms.is_empty()) {
             all.push(set.clone());
             for place in 0..set.terms.len() {
@@ -171,7 +171,7 @@ impl Judge<'_, '_> {
         }
         // Of sets with the same effects the best one.
         all.sort_by(|a, b| b.score.total_cmp(&a.score));
-        let mut pool: Vec<Explained> = Vec::new();
+        let mut pool: Vec<ExplainedSet> = Vec::new();
         for set in all {
             if pool.iter().all(|known| known.effects() != set.effects()) {
                 pool.push(set);
@@ -186,7 +186,7 @@ impl Judge<'_, '_> {
     }
 
     /// Gain of log likelihood over the twin's for the efforts of held-out runs; 0 without any.
-    fn unseen_gain(&self, set: &Explained) -> f64 {
+    fn unseen_gain(&self, set: &ExplainedSet) -> f64 {
         let Some(held_out) = &self.held_out else { return 0.0 };
         let model = JointModel { terms: set.terms.clone(), ..JointModel::of_plant(&self.problem.plant) };
         let target = held_out.unexplained_efforts();
@@ -198,7 +198,7 @@ impl Judge<'_, '_> {
     }
 
     /// What a set of effects says.
-    fn diagnosis_of_set(&self, chosen: &Explained, pool: &[Explained]) -> Diagnosis {
+    fn diagnosis_of_set(&self, chosen: &ExplainedSet, pool: &[ExplainedSet]) -> Diagnosis {
         let twin = JointModel::of_plant(&self.problem.plant);
         let remainder = chosen.explanation.remainder;
         let noise = EffortNoise {
@@ -233,7 +233,7 @@ impl Judge<'_, '_> {
     }
 
     /// Terms with the amplitudes that explain most; `None` where an amplitude is beyond its bounds.
-    fn explained(&self, mut terms: Vec<Term>) -> Option<Explained> {
+    fn explained(&self, mut terms: Vec<Term>) -> Option<ExplainedSet> {
         let mut columns = Vec::new();
         for term in &mut terms {
             let count = self.amplitude_count(term.effect);
@@ -255,7 +255,7 @@ impl Judge<'_, '_> {
         let count = (self.independent * self.motion.moment_count() as f64).max(1.0);
         let price = 0.5 * count.ln() * shapes as f64;
         let score = self.independent * explanation.log_evidence - price;
-        Some(Explained { terms, explanation, score, unseen_gain: 0.0 })
+        Some(ExplainedSet { terms, explanation, score, unseen_gain: 0.0 })
     }
 
     fn amplitude_count(&self, effect: usize) -> usize {
@@ -264,11 +264,11 @@ impl Judge<'_, '_> {
 
     /// No effect, one, two ...: each set has one effect more, as long as each has the weight of a name; all
     /// `given` ones are taken.
-    fn grown_sets(&self, given: &[usize]) -> Vec<Explained> {
+    fn grown_sets(&self, given: &[usize]) -> Vec<ExplainedSet> {
         let sought = if given.is_empty() { self.sought_effects() } else { given.to_vec() };
         let least = if given.is_empty() { self.price_of_effect() } else { f64::NEG_INFINITY };
         let most = if given.is_empty() { MOST_EFFECTS } else { given.len() };
-        let mut sets: Vec<Explained> = self.explained(Vec::new()).into_iter().collect();
+        let mut sets: Vec<ExplainedSet> = self.explained(Vec::new()).into_iter().collect();
         while let Some(last) = sets.last().filter(|last| last.terms.len() < most) {
             let larger = sought.iter().filter_map(|e| self.with_effect(&last.terms, *e));
             let best = larger.max_by(|a, b| a.score.total_cmp(&b.score));
@@ -280,7 +280,7 @@ impl Judge<'_, '_> {
 
     /// The terms with one more effect of the best shape; `None` where it overlaps with one of them or helps
     /// nothing.
-    fn with_effect(&self, terms: &[Term], effect: usize) -> Option<Explained> {
+    fn with_effect(&self, terms: &[Term], effect: usize) -> Option<ExplainedSet> {
         let own = &self.problem.catalogue[effect];
         let spec = own.effect_spec();
         if terms.iter().any(|t| self.problem.catalogue[t.effect].effect_spec().overlaps_with(spec)) {
@@ -292,15 +292,15 @@ impl Judge<'_, '_> {
             more.push(Term { effect, p });
             trials.push(more);
         }
-        let mut tried: Vec<Explained> = trials.into_par_iter().filter_map(|t| self.explained(t)).collect();
+        let mut tried: Vec<ExplainedSet> = trials.into_par_iter().filter_map(|t| self.explained(t)).collect();
         tried.sort_by(|a, b| b.score.total_cmp(&a.score));
         tried.truncate(REFINED);
-        let refined = tried.into_par_iter().map(|found| self.refined(found)).collect::<Vec<Explained>>();
+        let refined = tried.into_par_iter().map(|found| self.refined(found)).collect::<Vec<ExplainedSet>>();
         refined.into_iter().max_by(|a, b| a.score.total_cmp(&b.score))
     }
 
     /// The shape of the last term moved to where the set explains most.
-    fn refined(&self, mut found: Explained) -> Explained {
+    fn refined(&self, mut found: ExplainedSet) -> ExplainedSet {
         let Some(term) = found.terms.last() else { return found };
         let effect = &self.problem.catalogue[term.effect];
         let shapes = self.amplitude_count(term.effect)..term.p.len();
@@ -322,7 +322,7 @@ impl Judge<'_, '_> {
     }
 
     /// Other sets of the same size, with their weights.
-    fn rivals(&self, chosen: &Explained, pool: &[Explained]) -> Vec<(Vec<usize>, f64)> {
+    fn rivals(&self, chosen: &ExplainedSet, pool: &[ExplainedSet]) -> Vec<(Vec<usize>, f64)> {
         let own = chosen.effects();
         let mut rivals = Vec::new();
         for other in pool.iter().filter(|other| other.terms.len() == own.len()) {
@@ -335,7 +335,7 @@ impl Judge<'_, '_> {
     }
 
     /// Uncertainty of the model's parameters.
-    fn spread(&self, chosen: &Explained, model: &JointModel) -> Spread {
+    fn spread(&self, chosen: &ExplainedSet, model: &JointModel) -> Spread {
         let slopes: Vec<Vec<f64>> = chosen.terms.iter().flat_map(|t| self.motion.needed_by(t).1).collect();
         let count = model.free_count();
         let mut covariance = DMatrix::zeros(count, count);

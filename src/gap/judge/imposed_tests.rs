@@ -17,8 +17,8 @@ fn door() -> Plant {
     Plant { inertia: 0.05, damping: 0.0, friction: 0.0, ..pendulum(0.0) }
 }
 
-/// A pull that opens the door in fits and starts, and with `returns` closes it again; `law` is the effort that
-/// the door needs at a position and a velocity.
+/// A pull that opens the door in fits and starts, and with `returns` closes it again; `law` is the effort
+/// that the door needs at a position and a velocity.
 fn pull(run: usize, returns: bool, law: impl Fn(f64, f64) -> f64) -> JointLog {
     let mut rng = stage_rng(run as u64, "pull", 0);
     let mut noise = || f64::from(rng.next_u32()) / f64::from(u32::MAX) - 0.5;

@@ -6,7 +6,7 @@ use crate::{
     judge::{
         doubt::Doubt,
         doubt_json::DoubtJson,
-        finding::{Finding, Open, ParameterEstimate},
+        finding::{Finding, ParameterEstimate},
         format_model::FormatModel,
         law::Law,
         proof::{Gap, RunSeries, left_of},
@@ -46,7 +46,7 @@ pub struct JointReport {
     pub off_axis: Option<OffAxis>,
     /// Why there is no diagnosis: twin and recording seem to use different conventions.
     pub doubt: Option<Doubt>,
-    /// Whether the motion was imposed and the efforts are explained by it: gaps are then of efforts, N m or N.
+    /// Whether the motion was imposed, so that it explains the efforts: gaps are then of efforts, N m or N.
     pub is_imposed: bool,
 }
 
@@ -439,7 +439,7 @@ pub fn summary_of_joints(joints: &[JointReport]) -> String {
             ));
         }
         for f in d.sure_findings() {
-            let parameters: Vec<String> = f.parameters.iter().map(words).collect();
+            let parameters: Vec<String> = f.parameters.iter().map(ParameterEstimate::in_words).collect();
             lines.push(format!(
                 "{}: {} (weight {:.2}): {}",
                 j.joint,
@@ -453,11 +453,11 @@ pub fn summary_of_joints(joints: &[JointReport]) -> String {
             }
         }
         for f in d.unsure_findings() {
-            let parameters: Vec<String> = f.parameters.iter().map(words).collect();
+            let parameters: Vec<String> = f.parameters.iter().map(ParameterEstimate::in_words).collect();
             lines.push(format!("  perhaps {}: {}", f.effect, parameters.join(", ")));
         }
         if !d.actuator.is_empty() {
-            let found: Vec<String> = d.actuator.iter().map(words).collect();
+            let found: Vec<String> = d.actuator.iter().map(ParameterEstimate::in_words).collect();
             lines.push(format!("  {}: {}", d.model.plant.actuator.kind(), found.join(", ")));
         }
         if let Some(e) = &j.off_axis {
@@ -487,16 +487,6 @@ pub fn summary_of_joints(joints: &[JointReport]) -> String {
     }
     lines.truncate(15);
     lines.join("\n") + "\n"
-}
-
-/// A parameter with its interval, in words.
-fn words(p: &ParameterEstimate) -> String {
-    match p.open {
-        Some(Open::AtBound) => return format!("{} not determined (at its bound, {:.4})", p.name, p.value),
-        Some(Open::Wide) => return format!("{} not determined", p.name),
-        None => {}
-    }
-    format!("{} {:.4} [{:.4}, {:.4}] {}", p.name, p.value, p.interval.0, p.interval.1, p.unit)
 }
 
 /// The gap as a bar of 30 characters on a logarithmic scale: noise, remainder, closed part.

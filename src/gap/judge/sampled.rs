@@ -37,10 +37,10 @@ pub fn promised_gain(held: &Examined, plant: &Plant, fitted: Vec<JointLog>) -> f
     best - held.score
 }
 
-/// Whether efforts are sampled. They are where held ones would act before they were recorded and sampled ones do
-/// not: a cause does not come after its effect. Else a gain of score shows it, where the joints with sampled
-/// efforts also predict the held-out runs better: a likelihood alone does not decide between two readings under
-/// which the model is not whole.
+/// Whether efforts are sampled. They are where held ones would act before they were recorded and sampled ones
+/// do not: a cause does not come after its effect. Else a gain of score shows it, where the joints with
+/// sampled efforts also predict the held-out runs better: a likelihood alone does not decide between two
+/// readings under which the model is not whole.
 #[must_use]
 pub fn is_sampled(gain: f64, sampled: &[&Examined], held: &[&Examined]) -> bool {
     let is_early = |joints: &[&Examined]| joints.iter().any(|joint| acts_early(joint));

@@ -13,7 +13,9 @@ use crate::{
     judge::{
         breadth::Breadth,
         cross_validation::{model_richness, predicted_weights, predictive_set},
-        finding::{Finding, ParameterEstimate, findings_of_model, weight_and_alternatives},
+        finding::{
+            Finding, ParameterEstimate, actuator_estimates, findings_of_model, weight_and_alternatives,
+        },
         given::given_set,
         locate::{Dependence, Variable, dependences_by_strength},
         name_weight::{in_doubt, least_gain},
@@ -26,7 +28,7 @@ use crate::{
         sure::is_surely_there,
     },
     model::{
-        effect::{Coverage, Dimension, Place},
+        effect::{Coverage, Place},
         joint_model::{Catalogue, JointModel, Term},
         plant::LEAST_CHANGE,
     },
@@ -339,40 +341,6 @@ fn explains_too_little(
         || diagnosis.left > MAX_LEFT
         || leaves_noise
         || !chosen.fit.model.terms.iter().all(|t| is_credible(problem, t))
-}
-
-/// The fitted actuator parameters of a model, with intervals.
-fn actuator_estimates(model: &JointModel, spread: &Spread, turns: bool) -> Vec<ParameterEstimate> {
-    let actuator = &model.plant.actuator;
-    let [gain, damping] = model.actuator_columns();
-    let mut all = Vec::new();
-    if let Some(at) = gain {
-        let (name, unit, scale) = match actuator.servo {
-            Some(servo) => ("stiffness", Dimension::Stiffness.unit_name(turns), servo.stiffness),
-            None => ("gain", if turns { "N m per unit" } else { "N per unit" }, actuator.unit),
-        };
-        all.push(ParameterEstimate::with_half_width(
-            name,
-            scale * actuator.gain,
-            unit,
-            spread.half_width(at, &[scale]),
-        ));
-    }
-    if let Some(at) = damping {
-        let unit = Dimension::Damping.unit_name(turns);
-        all.push(ParameterEstimate::with_half_width(
-            "damping",
-            actuator.damping,
-            unit,
-            spread.half_width(at, &[1.0]),
-        ));
-    }
-    if actuator.is_late {
-        // The lag is the first of the free parameters.
-        let half = spread.half_width(0, &[1.0]);
-        all.push(ParameterEstimate::with_half_width("delay", actuator.delay_s + model.lag_s, "s", half));
-    }
-    all
 }
 
 /// The final set of effects of a search, or the given set.

@@ -460,12 +460,16 @@ fn effects_that_are_fitted_again_keep_their_weights() {
         assert!(found.verdict == verdict && found.findings.is_empty() && found.nearest.is_none());
         assert_eq!(found.model, nothing);
     }
-    // None is sure beside what remains, so that all are taken back; but for what was given.
+    // None is sure beside what remains, so that all are taken back; but for what was given, as long as the
+    // runs determine it.
     let found = again(named(LASTING), other.clone(), 1.0, false);
     assert_eq!((found.verdict, found.findings.len()), (Verdict::Unknown, 0));
     assert_eq!(found.nearest.unwrap().model, other);
-    let given = again(named(LASTING), other.clone(), 1.0, true);
+    let given = again(named(LASTING), other.clone(), 0.5, true);
     assert!(given.verdict == Verdict::Named && given.findings.len() == 1 && given.findings[0].is_sure);
+    let open = again(named(LASTING), other.clone(), 5.0, true);
+    assert_eq!(open.verdict, Verdict::Unknown);
+    assert_eq!(open.nearest.unwrap().findings[0].parameters[0].open, Some(crate::judge::finding::Open::Wide));
 }
 
 #[test]
