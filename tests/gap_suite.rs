@@ -68,7 +68,7 @@ fn main() -> ExitCode {
     ])
 }
 
-/// Robots of `eval/gap/robots.py`: efforts sampled with the positions, joints that stand, fingers of a gripper.
+/// Robots of `eval/gap/robots.py`: efforts sampled with the positions, joints that stand, a gripper.
 const ROBOTS: [&str; 4] = ["kuka_iiwa", "franka_panda", "laikago", "vision60"];
 
 fn friction_in_published_robots_is_named_alone() -> Result<(), Missing> {

@@ -300,8 +300,8 @@ impl<'c> ImposedMotion<'c> {
         -0.5 * (log_density + whitened.rows.norm_squared() / variance)
     }
 
-    /// Covariance of parameters by the derivatives of the efforts, under what remains. `None` where the motion
-    /// does not separate them.
+    /// Covariance of parameters by the derivatives of the efforts, under what remains. `None` where the
+    /// motion does not separate them.
     #[must_use]
     pub fn covariance(&self, slopes: &[Vec<f64>], remainder: &EffortRemainder) -> Option<DMatrix<f64>> {
         let rows = DMatrix::from_fn(slopes.len(), self.moments.len(), |row, k| slopes[row][k]);
