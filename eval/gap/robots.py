@@ -3,7 +3,7 @@
     python eval/gap/robots.py PROGRAM WORK [NAME...]
 
 The URDFs are those of `pybullet_data`. One joint follows sums of sines, the others stand; efforts are those of inverse dynamics
-(PyBullet), with friction, and sampled with the positions at 200 Hz. Needs pybullet, numpy and rosbags; prints a table.
+(PyBullet), with friction, and sampled with the positions at 200 Hz. Needs mujoco, numpy, pybullet and rosbags.
 """
 
 import json
@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 import pybullet
 import pybullet_data
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
 
-TYPES = get_typestore(Stores.ROS2_JAZZY)
+sys.path.append(str(Path(__file__).resolve().parents[2] / "tests/python/gap"))
+import generate
+
 RATE_HZ = 200
 RUN_S = 12.0
 # Name, file, joint; None: the second that moves.
@@ -84,21 +84,6 @@ def torques(body, joints, moved, motion):
     return np.array(rest), out
 
 
-def write_run(folder, names, time_s, position, effort):
-    types = TYPES.types
-    shutil.rmtree(folder, ignore_errors=True)
-    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        topic = writer.add_connection("/joint_states", "sensor_msgs/msg/JointState", typestore=TYPES)
-        for k, t in enumerate(time_s):
-            nanos = round(t * 1e9) + 1_700_000_000_000_000_000
-            stamp = types["builtin_interfaces/msg/Time"](sec=nanos // 10**9, nanosec=nanos % 10**9)
-            header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
-            message = types["sensor_msgs/msg/JointState"](
-                header=header, name=names, position=position[k], velocity=np.zeros(0), effort=effort[k]
-            )
-            writer.write(topic, nanos, TYPES.serialize_cdr(message, "sensor_msgs/msg/JointState"))
-
-
 def made_case(name, work):
     """The twin's file, its runs, the joint and the hidden friction."""
     file, wanted = ROBOTS[name]
@@ -123,7 +108,8 @@ def made_case(name, work):
         position += rng.normal(0, 1e-4, position.shape) * (np.arange(len(names)) == moved)
         effort += rng.normal(0, 0.005 * size, effort.shape)
         folder = work / name / f"run_{run}"
-        write_run(folder, names, time_s, position, effort)
+        shutil.rmtree(folder, ignore_errors=True)
+        generate.write_joint_states(folder, names, time_s, position, effort)
         runs.append(folder)
     return file, runs, names[moved], friction
 

@@ -122,8 +122,13 @@ pub fn independent_share(seen: &[SeenStretch], effort: &[f64], turns: bool, foll
         return 0.0;
     }
     let alike = (product / count) / (square / error.len() as f64);
-    // Effective sample size of a first-order autoregressive process.
-    ((1.0 - alike) / (1.0 + alike)).clamp(0.0, 1.0)
+    effective_share(alike)
+}
+
+/// Share of samples that counts as independent, by the correlation of neighbors: the effective sample size of
+/// a first-order autoregressive process.
+pub fn effective_share(correlation: f64) -> f64 {
+    ((1.0 - correlation) / (1.0 + correlation)).clamp(0.0, 1.0)
 }
 
 /// A scaled row with the effort's columns set to zero, and the effort, to be explained by the row.

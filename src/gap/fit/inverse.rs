@@ -6,7 +6,11 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::stretch::{Moved, mean_signal, one_way_stretches};
+use super::{
+    evidence::effective_share,
+    problem::MIN_EFFORT_NOISE,
+    stretch::{Moved, mean_signal, one_way_stretches},
+};
 use crate::{
     model::{
         effect::{At, Place, Response},
@@ -36,8 +40,6 @@ const RUN_DISTANCE: f64 = 1e6;
 /// Rounds of the fixed point for the noise's size.
 /// chosen: it converges by a digit a round.
 const ROUNDS: usize = 8;
-/// Least noise, as a share of the effort's size. derived: rounding to a 32-bit float
-const ROUNDING: f64 = 1.0 / 16_777_216.0;
 
 /// A stretch of one-way motion with its mean effort.
 #[derive(Clone, Copy, Debug)]
@@ -163,8 +165,7 @@ impl<'c> ImposedMotion<'c> {
     }
 
     /// Share of the moments that is independent. What an arbitrary law leaves is smoother than noise that
-    /// wanders, and its innovations correlate: the effective sample size of a first-order autoregressive
-    /// process.
+    /// wanders, and its innovations correlate.
     #[must_use]
     pub fn independent_share(&self) -> f64 {
         let columns = self.arbitrary_law();
@@ -177,8 +178,7 @@ impl<'c> ImposedMotion<'c> {
         let whitened = explained.remainder.wander.whitened(&self.clock, &rows, &Gate::open()).rows;
         let n = whitened.ncols();
         let product = whitened.columns(0, n - 1).dot(&whitened.columns(1, n - 1));
-        let alike = (product / whitened.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-        (1.0 - alike) / (1.0 + alike)
+        effective_share(product / whitened.norm_squared().max(f64::MIN_POSITIVE))
     }
 
     /// Columns of an arbitrary law of position, velocity and its sign.
@@ -268,7 +268,7 @@ impl<'c> ImposedMotion<'c> {
         let across = gram.view((1, 0), (count, 1)).into_owned();
         let own = gram.view((1, 1), (count, count)).into_owned();
         let prior = DMatrix::identity(count, count) / self.effort_rms.powi(2);
-        let least = (ROUNDING * self.effort_rms).powi(2);
+        let least = (MIN_EFFORT_NOISE * self.effort_rms).powi(2);
         let mut variance = (square / n).max(least);
         let mut amplitudes = DVector::zeros(count);
         let mut left = square;

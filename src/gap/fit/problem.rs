@@ -31,7 +31,7 @@ const SAMPLED_LAG_SHARE: f64 = 0.288_675_134_594_812_9;
 const SERVO_LAG_S: f64 = 0.01;
 /// Least noise of the effort, relative to its size.
 /// derived: rounding to a 32-bit float, the type of efforts in drivers, 2^-24.
-const MIN_EFFORT_NOISE: f64 = 1.0 / 16_777_216.0;
+pub(super) const MIN_EFFORT_NOISE: f64 = 1.0 / 16_777_216.0;
 
 /// Largest phase angle of a servo's oscillation in one step, rad.
 /// chosen: the frequency error of a leapfrog is the square over 24: a ten-thousandth, as low as the noise of

@@ -12,6 +12,7 @@ use super::{
     name_weight::{NAME_WEIGHT, in_doubt, least_gain},
     proof::{Gap, RunGap},
     report::JointReport,
+    screen::amplitude_count,
     spread::Spread,
     verdict::{Diagnosis, Verdict, generalizes},
 };
@@ -27,10 +28,7 @@ use crate::{
         joint_model::{Catalogue, JointModel, Term},
         plant::Plant,
     },
-    record::{
-        log::{JointLog, rms},
-        off_axis::MAX_LEFT,
-    },
+    record::{log::rms, off_axis::MAX_LEFT},
 };
 
 /// Most effects of a set. chosen: doors have a closer, a catch, a seal and a friction
@@ -91,11 +89,11 @@ pub fn imposed_report(effects: &Catalogue, plant: &Plant, name: &str, runs: &Run
     report.is_imposed = true;
     if let Some(held_out) = &judge.held_out {
         let updated = report.diagnosis.effects_or_nearest().clone();
-        let gap = judge.gap(&runs.held_out, runs, plant, &updated);
+        let gap = judge.gap(runs, &updated);
         report.in_format = judge.format_models(held_out, &report.diagnosis);
         match report.diagnosis.nearest {
             Some(_) => {
-                report.gap = Some(judge.gap(&runs.held_out, runs, plant, &twin));
+                report.gap = Some(judge.gap(runs, &twin));
                 report.nearest = Some(gap);
             }
             None => report.gap = Some(gap),
@@ -236,7 +234,7 @@ impl Judge<'_, '_> {
     fn explained(&self, mut terms: Vec<Term>) -> Option<ExplainedSet> {
         let mut columns = Vec::new();
         for term in &mut terms {
-            let count = self.amplitude_count(term.effect);
+            let count = amplitude_count(self.problem.catalogue[term.effect].as_ref());
             term.p[..count].fill(0.0);
             columns.extend(self.motion.needed_by(term).1.into_iter().take(count));
         }
@@ -245,7 +243,7 @@ impl Judge<'_, '_> {
         let mut shapes = 0;
         for term in &mut terms {
             let effect = &self.problem.catalogue[term.effect];
-            let count = self.amplitude_count(term.effect);
+            let count = amplitude_count(effect.as_ref());
             for i in 0..count {
                 let (low, high) = effect.parameter_bounds(i, &self.problem.coverage);
                 term.p[i] = amplitudes.next().copied().filter(|a| (low..=high).contains(a))?;
@@ -256,10 +254,6 @@ impl Judge<'_, '_> {
         let price = 0.5 * count.ln() * shapes as f64;
         let score = self.independent * explanation.log_evidence - price;
         Some(ExplainedSet { terms, explanation, score, unseen_gain: 0.0 })
-    }
-
-    fn amplitude_count(&self, effect: usize) -> usize {
-        self.problem.catalogue[effect].parameters().iter().filter(|p| p.neutral.is_some()).count()
     }
 
     /// No effect, one, two ...: each set has one effect more, as long as each has the weight of a name; all
@@ -303,7 +297,7 @@ impl Judge<'_, '_> {
     fn refined(&self, mut found: ExplainedSet) -> ExplainedSet {
         let Some(term) = found.terms.last() else { return found };
         let effect = &self.problem.catalogue[term.effect];
-        let shapes = self.amplitude_count(term.effect)..term.p.len();
+        let shapes = amplitude_count(effect.as_ref())..term.p.len();
         let at = found.terms.len() - 1;
         for halvings in 2..2 + STEPS {
             for i in shapes.clone() {
@@ -350,12 +344,13 @@ impl Judge<'_, '_> {
     }
 
     /// Efforts of held-out runs left by the twin and by a model.
-    fn gap(&self, logs: &[JointLog], runs: &Runs, plant: &Plant, model: &JointModel) -> Gap {
+    fn gap(&self, runs: &Runs, model: &JointModel) -> Gap {
         let mut all = [Vec::new(), Vec::new()];
-        let mut gaps = Vec::with_capacity(logs.len());
-        for log in logs {
+        let mut gaps = Vec::with_capacity(runs.held_out.len());
+        let Problem { catalogue, plant, .. } = self.problem;
+        for log in &runs.held_out {
             let one = std::slice::from_ref(log);
-            let Some(motion) = ImposedMotion::of_logs(self.problem.catalogue, plant, one, runs.hold) else {
+            let Some(motion) = ImposedMotion::of_logs(catalogue, plant, one, runs.hold) else {
                 continue;
             };
             let before = motion.unexplained_efforts();

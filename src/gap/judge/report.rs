@@ -50,15 +50,6 @@ pub struct JointReport {
     pub is_imposed: bool,
 }
 
-impl JointReport {
-    /// Unit of the gap: of positions, or of efforts where the motion was imposed.
-    #[must_use]
-    pub fn gap_unit(&self) -> &'static str {
-        let dimension = if self.is_imposed { Dimension::Effort } else { Dimension::Position };
-        dimension.unit_name(self.turns)
-    }
-}
-
 /// Measured positions of a run, or of part of one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Track {
@@ -325,6 +316,13 @@ const REPORTED_SHARE: f64 = 0.05;
 pub const REPORTED_NOISES: f64 = 3.0;
 
 impl JointReport {
+    /// Unit of the gap: of positions, or of efforts where the motion was imposed.
+    #[must_use]
+    pub fn gap_unit(&self) -> &'static str {
+        let dimension = if self.is_imposed { Dimension::Effort } else { Dimension::Position };
+        dimension.unit_name(self.turns)
+    }
+
     /// Remainder beside named effects, beyond noise: its share of the gap, and its multiple of the noise.
     #[must_use]
     pub fn remainder_of_gap(&self) -> Option<(f64, f64)> {

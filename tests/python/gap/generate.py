@@ -332,11 +332,14 @@ def record(parts, hidden, rng, duration_s, noise, rich=True, run=0, floors=None,
 
 
 def write_bag(folder, parts, times, position, effort):
+    write_joint_states(folder, [f"{n}_joint" for n in parts], times, position, effort)
+
+
+def write_joint_states(folder, names, times, position, effort):
     start = 1_760_000_000_000_000_000
     Header, JointState, Time = (TYPES.types[n] for n in ("std_msgs/msg/Header", "sensor_msgs/msg/JointState", "builtin_interfaces/msg/Time"))
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connection = writer.add_connection("/joint_states", JointState.__msgtype__, typestore=TYPES)
-        names = [f"{n}_joint" for n in parts]
         for t, q, u in zip(times, position, effort):
             nanos = start + round(t * 1e9)
             header = Header(stamp=Time(sec=nanos // 10**9, nanosec=nanos % 10**9), frame_id="")
