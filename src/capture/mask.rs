@@ -1,5 +1,18 @@
 //! Masks of pixels.
 
+use serde::{Deserialize, Serialize};
+
+/// What a pixel off the mask shows where it has no depth.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Unread {
+    /// No object on its ray, as a recorded mask says.
+    #[default]
+    Empty,
+    /// Nothing: the mask was found by depth, and where none was read there may be anything.
+    Unknown,
+}
+
 /// A mask dilated by `reach` pixels along rows and columns.
 #[must_use]
 pub fn dilated_mask(mask: &[bool], width: usize, height: usize, reach: usize) -> Vec<bool> {

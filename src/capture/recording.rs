@@ -2,7 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{BoardInWorld, NoiseConfig, PoseFindings, RgbdFrame, TrackingFindings, features::PixelMatch};
+use super::{
+    BoardInWorld, NoiseConfig, PoseFindings, RgbdFrame, TrackingFindings, Unread, features::PixelMatch,
+};
 use common::note::Note;
 
 /// A recording: the frames of every state, with notes and warnings.
@@ -17,6 +19,11 @@ pub struct Capture {
     /// Depth noise: the model of the settings, scaled to the recording's own noise unless the settings say
     /// otherwise.
     pub noise: NoiseConfig,
+    /// Standard deviation of the errors that neighboring readings share, as a multiple of the noise: those of
+    /// a stereo matcher, of the sensor's calibration, of camera poses (docs/method.md 2.9). Known once the
+    /// object is isolated.
+    #[serde(default)]
+    pub shared_error: f64,
     /// By state, how the camera was tracked; empty where the recording holds poses.
     #[serde(default)]
     pub tracking: Vec<TrackingFindings>,
@@ -25,6 +32,9 @@ pub struct Capture {
     pub board: Option<BoardInWorld>,
     /// Corrections of the camera poses.
     pub poses: PoseFindings,
+    /// What pixels off the masks show without depth.
+    #[serde(default)]
+    pub unread: Unread,
     /// Box around the object in all states once it is isolated: lower and upper corner in the world, meters.
     #[serde(default)]
     pub object_box_m: Option<[[f64; 3]; 2]>,

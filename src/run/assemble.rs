@@ -2,6 +2,7 @@
 
 use nalgebra::Point3;
 use rayon::prelude::*;
+use tracing::debug;
 
 use super::{
     RunError,
@@ -116,7 +117,9 @@ impl SurfaceEvidence<'_> {
         // (9.1)
         let field = part_tsdf(part as u8, &motions, self.labelled);
         let raw = keep_components(&marching_cubes(&field, 0.0), self.scene.config.surface.min_component);
+        let fused = raw.triangles.len();
         let Mended { mut mesh, assumed_m2, .. } = mended(raw, &field, &motions, self.states, self.scene);
+        debug!(part, triangles = fused, mended = mesh.triangles.len(), assumed_m2, "surface of a part");
         if mesh.is_empty() {
             let message = format!(
                 "part {part} has no surface: nothing was seen of it; ask for fewer parts or record more \

@@ -1,7 +1,7 @@
 //! Facts shared by all stages: settings, measured noise, the box around the object, scales.
 
 use super::{RunError, band::Band};
-use capture::{Capture, NoiseConfig, scene_box};
+use capture::{Capture, NoiseConfig, Unread, scene_box};
 use config::Config;
 use geometry::SceneBox;
 
@@ -10,6 +10,10 @@ pub(super) struct Scene<'a> {
     pub config: &'a Config,
     /// The noise model scaled to the recording.
     pub noise: NoiseConfig,
+    /// Errors that neighboring readings share, as a multiple of the noise.
+    pub shared_error: f64,
+    /// What pixels off the masks show without depth.
+    pub unread: Unread,
     /// The box around the object in all states.
     pub bounds: SceneBox,
     pub band: Band,
@@ -19,7 +23,7 @@ impl<'a> Scene<'a> {
     /// For states in one world frame, in which `bounds` is around the object.
     pub(crate) fn of(capture: &Capture, bounds: SceneBox, config: &'a Config) -> Self {
         let band = Band::of(&capture.frames(), &bounds, &capture.noise, &config.surface);
-        Self { config, noise: capture.noise, bounds, band }
+        Self { config, noise: capture.noise, shared_error: capture.shared_error, unread: capture.unread, bounds, band }
     }
 }
 

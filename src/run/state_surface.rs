@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use tracing::debug;
 
 use super::{RunError, scene::Scene};
 use articulate::{SurfaceSamples, mesh_samples};
@@ -41,7 +42,7 @@ pub(crate) struct StateSurface {
 pub(super) fn fuse(frames: &[RgbdFrame], scene: &Scene) -> TsdfVolume {
     let grid = Grid3::over_scene(&scene.bounds, scene.config.surface.nodes, ());
     let mut volume = TsdfVolume::new(grid.origin, grid.spacing_m, grid.dims, scene.band.truncation_m);
-    let views: Vec<TsdfView> = frames.par_iter().map(|f| TsdfView::of_object(f, &scene.noise)).collect();
+    let views: Vec<TsdfView> = frames.par_iter().map(|f| TsdfView::of_object(f, scene.unread, &scene.noise)).collect();
     volume.fuse(&views);
     volume
 }
@@ -62,7 +63,13 @@ pub(super) fn state_surface(
     let mut tsdf = volume.distance_grid(band.min_weight);
     // Distances, visibility and free space on one grid (docs/method.md 3.4, 3.5).
     let nodes = Grid3::over_scene(bounds, surface.distance_nodes, ());
-    let free = free_space_grid(frames, &nodes, &FreeSpaceRule { noise: *noise, ..FreeSpaceRule::default() });
+    let rule = FreeSpaceRule {
+        noise: *noise,
+        shared_error: scene.shared_error,
+        unread: scene.unread,
+        ..FreeSpaceRule::default()
+    };
+    let free = free_space_grid(frames, &nodes, &rule);
     if let Some(field) = field {
         blend_in_field(&mut tsdf, volume.weights(), field, band.min_weight, &free);
     }
@@ -77,6 +84,14 @@ pub(super) fn state_surface(
         Some(field) => field.paint_mesh(&mut mesh),
         None => volume.paint_vertices(&mut mesh),
     }
+    debug!(
+        observed_nodes = tsdf.values.iter().filter(|d| !d.is_nan()).count(),
+        spacing_m = tsdf.spacing_m,
+        truncation_m = band.truncation_m,
+        min_weight = band.min_weight,
+        triangles = mesh.triangles.len(),
+        "surface of a state fused"
+    );
     let visible = visibility_grid(frames, &nodes, band.truncation_m);
     // Places seen empty are outside, even where an open mesh encloses them.
     // Fields are compared everywhere.

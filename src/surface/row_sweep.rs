@@ -89,7 +89,7 @@ mod tests {
         shapes::{looking_at_origin, sphere, view_of},
         tsdf_view::{NodeReading, reading_of_node},
     };
-    use capture::NoiseConfig;
+    use capture::{NoiseConfig, Unread};
     use geometry::Intrinsics;
     use nalgebra::Point3;
 
@@ -104,7 +104,7 @@ mod tests {
             // Pixels off the object that read a depth, and that read none.
             let on = frame.depth_m.iter().enumerate().map(|(i, d)| *d > 0.0 && i % 7 != 0).collect();
             frame.mask = Some(on);
-            let view = TsdfView::of_object(&frame, &NoiseConfig::default());
+            let view = TsdfView::of_object(&frame, Unread::Empty, &NoiseConfig::default());
             let origin = Point3::new(-0.3, -0.3, -0.3);
             let camera = RowCamera::new(&k, &frame.world_from_camera.inverse(), &origin, 0.012);
             let sweep = Sweep { camera: &camera, readings: &view.readings, truncation_m };

@@ -333,7 +333,7 @@ mod tests {
         shapes::{color_of, cuboid, orbit, sphere, view_of},
         tsdf_view::object_roles,
     };
-    use capture::{NoiseConfig, RgbdFrame, pixel_weights};
+    use capture::{NoiseConfig, RgbdFrame, Unread, pixel_weights};
     use geometry::Pose;
 
     fn fuse(frames: &[RgbdFrame], spacing_m: f64, truncation_m: f64, motion: Pose) -> TsdfVolume {
@@ -450,7 +450,7 @@ mod tests {
             z < -0.2 || (z > 0.2 && seen % 3 == 0)
         });
         let noise = NoiseConfig::default();
-        let views: Vec<_> = frames.iter().map(|f| TsdfView::of_object(f, &noise)).collect();
+        let views: Vec<_> = frames.iter().map(|f| TsdfView::of_object(f, Unread::Empty, &noise)).collect();
         let mut volume = TsdfVolume::new(Point3::new(-0.3, -0.3, -0.3), 0.005, [121; 3], 0.02);
         volume.integrate(&views);
         let off_m = |volume: &TsdfVolume, side: f32| {

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::rows::RowCamera;
-use capture::{NoiseConfig, RgbdFrame, object_weights};
+use capture::{NoiseConfig, RgbdFrame, Unread, object_weights};
 use geometry::{Intrinsics, Pose};
 
 /// Depth at which a reading has weight 1, meters. derived: the unit of length
@@ -113,9 +113,17 @@ impl<'a> TsdfView<'a> {
     }
 
     /// A view of a whole object in its own world.
-    pub fn of_object(frame: &'a RgbdFrame, noise: &NoiseConfig) -> Self {
+    pub fn of_object(frame: &'a RgbdFrame, unread: Unread, noise: &NoiseConfig) -> Self {
         let weights = object_weights(frame, noise);
-        Self::new(frame, &weights, &object_roles(frame, &weights), Pose::identity(), noise)
+        let mut roles = object_roles(frame, &weights);
+        if unread == Unread::Unknown {
+            for (role, depth_m) in roles.iter_mut().zip(&frame.depth_m) {
+                if *depth_m <= 0.0 {
+                    *role = PixelRole::Skip;
+                }
+            }
+        }
+        Self::new(frame, &weights, &roles, Pose::identity(), noise)
     }
 }
 

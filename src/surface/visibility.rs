@@ -7,7 +7,7 @@ use super::{
     depth_tiles::DepthTiles,
     rows::RowCamera,
 };
-use capture::{NoiseConfig, RgbdFrame};
+use capture::{NoiseConfig, RgbdFrame, Unread};
 use geometry::Grid3;
 
 /// When a node counts as seen through.
@@ -15,6 +15,11 @@ use geometry::Grid3;
 pub struct FreeSpaceRule {
     /// Noise of the depth.
     pub noise: NoiseConfig,
+    /// Standard deviation of the errors that neighboring readings share, as a multiple of the noise. Denoising
+    /// leaves them as they are.
+    pub shared_error: f64,
+    /// What pixels off the mask show without depth.
+    pub unread: Unread,
     /// A node is in front of a reading if it is nearer by this many standard deviations of the reading ...
     pub margin_sigmas: f64,
     /// ... and by at least this, meters.
@@ -25,7 +30,7 @@ pub struct FreeSpaceRule {
 
 impl Default for FreeSpaceRule {
     fn default() -> Self {
-        Self { noise: NoiseConfig::default(), margin_sigmas: 4.0, margin_m: 0.004, min_views: 2 }
+        Self { noise: NoiseConfig::default(), shared_error: 0.0, unread: Unread::Empty, margin_sigmas: 4.0, margin_m: 0.004, min_views: 2 }
     }
 }
 
@@ -39,7 +44,7 @@ pub fn visibility_grid<T>(frames: &[RgbdFrame], nodes: &Grid3<T>, epsilon_m: f64
 }
 
 /// Whether each node of `nodes` is certainly empty: at least `rule.min_views` views see it clearly in front
-/// of a known depth, or on a ray off the mask without known depth. The nearest of the 3x3 readings around a
+/// of a known depth, or, where masks were recorded, on a ray off the mask without known depth. The nearest of the 3x3 readings around a
 /// pixel counts, so smeared depth edges and masks wrong by a pixel do not carve the object.
 pub fn free_space_grid<T>(frames: &[RgbdFrame], nodes: &Grid3<T>, rule: &FreeSpaceRule) -> Grid3<bool> {
     views_in_front(frames, nodes, rule.min_views, |frame| free_reach(frame, rule))
@@ -75,9 +80,10 @@ fn free_reach_of_pixel(frame: &RgbdFrame, rule: &FreeSpaceRule, pixel: usize) ->
     let d = f64::from(frame.depth_m[pixel]);
     if d > 0.0 {
         // docs/method.md (3.6).
-        (d - rule.margin_m.max(rule.margin_sigmas * frame.sigma_m(pixel, &rule.noise))).max(0.0) as f32
+        let sigma_m = frame.sigma_m(pixel, &rule.noise).hypot(rule.shared_error * rule.noise.sigma_m(d));
+        (d - rule.margin_m.max(rule.margin_sigmas * sigma_m)).max(0.0) as f32
     // An object without known depth may begin anywhere on the ray, so nothing on it is certainly empty.
-    } else if frame.is_object(pixel) {
+    } else if frame.is_object(pixel) || rule.unread == Unread::Unknown {
         0.0
     } else {
         f32::INFINITY

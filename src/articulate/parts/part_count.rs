@@ -77,13 +77,8 @@ pub(crate) fn chosen_parts(
              surface calls for two",
         ));
     }
-    let more = curve.iter().find(|p| p.parts == found + 1).and_then(|p| p.weakest);
-    if let Some(weakest) = more.filter(|w| parts.is_none() && *w > SLIGHT * LEAST_SCORE) {
-        notes.push(Note::new(
-            NoteCode::PartAlmostEvident,
-            format!("a further motion has {weakest:.1} of the evidence of {LEAST_SCORE} that a part needs"),
-        ));
-    }
+    let more = curve.iter().find(|p| p.parts == found + 1).filter(|_| parts.is_none());
+    notes.extend(more.and_then(|more| almost_evident(more, &chosen.point)));
     Ok(PartCount { motions: chosen.motions.clone(), curve, notes, warnings })
 }
 
@@ -136,6 +131,22 @@ fn check(
             Ok(())
         }
     }
+}
+
+/// The note that one motion more was nearly a part, if it was: it has too little evidence, or takes its
+/// evidence from the others.
+fn almost_evident(more: &EvidencePoint, chosen: &EvidencePoint) -> Option<Note> {
+    let weakest = more.weakest.filter(|w| *w > SLIGHT * LEAST_SCORE)?;
+    let text = if weakest < LEAST_SCORE {
+        format!("a further motion has {weakest:.1} of the evidence of {LEAST_SCORE} that a part needs")
+    } else {
+        format!(
+            "a further motion explains {weakest:.1} cells alone, but divides a part: all motions together \
+             explain {:.1} cells with it and {:.1} without it",
+            more.evidence, chosen.evidence
+        )
+    };
+    Some(Note::new(NoteCode::PartAlmostEvident, text))
 }
 
 /// The note that the evidence is for more parts than asked for.

@@ -135,10 +135,21 @@ fn frame_cells_on_plane(
 }
 
 /// The box about cells with a margin, meters.
-fn frame_of(cells: &[Cell], size_m: f64) -> [[f64; 3]; 2] {
+pub(super) fn frame_of(cells: &[Cell], size_m: f64) -> [[f64; 3]; 2] {
     let (lower, upper) = bounds(cells.iter());
+    widened(lower, upper, margin_of(lower, upper), size_m)
+}
+
+/// The same in cells, about the box between two of them.
+pub(super) fn frame_of_cells(lower: Cell, upper: Cell) -> [Cell; 2] {
+    let margin = margin_of(lower, upper);
+    [lower.map(|v| v.saturating_sub(margin)), upper.map(|v| v.saturating_add(margin))]
+}
+
+/// The margin about the box between two cells, cells.
+fn margin_of(lower: Cell, upper: Cell) -> i32 {
     let side = (0..3).map(|k| upper[k] - lower[k] + 1).max().unwrap_or(1);
-    widened(lower, upper, (FRAME * f64::from(side)).ceil() as i32, size_m)
+    (FRAME * f64::from(side)).ceil() as i32
 }
 
 /// The box between two cells, widened by a number of cells to all sides, meters.

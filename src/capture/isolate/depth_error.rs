@@ -17,9 +17,9 @@ const LEAST_WINDOWS: usize = 200;
 /// chosen: beyond the error of any depth camera in its range; more is occlusion
 const ONE_SURFACE: f64 = 0.1;
 
-/// Standard deviation of a reading with all its errors, as a factor of at least 1 on the noise model's. See
-/// docs/method.md (2.9).
-pub fn error_factor(states: &[Vec<RgbdFrame>], noise: &NoiseConfig, stop: &Stop) -> Result<f64, Stopped> {
+/// Standard deviation of the errors that all readings of a window share, as a multiple of the noise; 0 where
+/// views have too little in common. See docs/method.md (2.9).
+pub fn shared_error(states: &[Vec<RgbdFrame>], noise: &NoiseConfig, stop: &Stop) -> Result<f64, Stopped> {
     let mut pairs: Vec<[&RgbdFrame; 2]> = Vec::new();
     for frames in states {
         // Neighbors share much of the view; views further apart do not share their errors.
@@ -33,11 +33,10 @@ pub fn error_factor(states: &[Vec<RgbdFrame>], noise: &NoiseConfig, stop: &Stop)
         .collect::<Result<_, Stopped>>()?;
     let all = compared.concat();
     if all.len() < LEAST_WINDOWS {
-        return Ok(1.0);
+        return Ok(0.0);
     }
     // Both windows of a pair err.
-    let common = SIGMAS_PER_MAD * median(all).unwrap_or(0.0) / 2f64.sqrt();
-    Ok(1f64.hypot(common))
+    Ok(SIGMAS_PER_MAD * median(all).unwrap_or(0.0) / 2f64.sqrt())
 }
 
 /// Absolute differences in depth of the windows of one view from the planes at their places in another,

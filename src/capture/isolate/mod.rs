@@ -9,6 +9,7 @@
 //! support to decide, are in the mask without depth: they count neither as object nor as empty space.
 
 mod background;
+mod beside;
 mod change;
 mod claim;
 mod depth_error;
@@ -18,6 +19,7 @@ mod outliers;
 mod plane;
 mod room;
 mod select;
+mod stand;
 mod support;
 mod voxels;
 
@@ -29,13 +31,15 @@ use rayon::prelude::*;
 
 use self::{
     background::{Background, PLANE_CLEARANCE_M, in_box},
+    beside::without_things_beside,
     change::{at_rest, changed_cells},
     claim::claimed_planes,
-    depth_error::error_factor,
+    depth_error::shared_error,
     outliers::outlier_cells,
-    plane::{Plane, background_planes},
+    plane::{Plane, background_planes, sampled_readings},
     room::ShareOfRoom,
     select::{Object, Search, bounds, choose_object, groups_of_states},
+    stand::stand_of_object,
     support::{Support, find_support},
     voxels::{Cell, CellSet, center_of_cell, dilated_cells, frames_needed, supported_cells},
 };
@@ -43,18 +47,23 @@ pub use self::{
     change::{CLEARLY, LEAST_PATCH},
     voxels::{cell_of_point, clusters_of_cells},
 };
-use super::{At, Capture, CaptureConfig, CaptureError, RgbdFrame, common_focus, pixel_weights};
+use super::{At, Capture, CaptureConfig, CaptureError, RgbdFrame, Unread, common_focus, pixel_weights};
 use common::note::{Note, NoteCode};
 use common::stop::{Stop, Stopped};
 use numeric::statistics::median;
 
+/// Most planes that do not fill the images and on which the object stands.
+/// chosen: a table, a cloth on it and a tray
+const MOST_STANDS: usize = 3;
 /// Fewest object pixels with depth in a state.
 const MIN_PIXELS: usize = 200;
 /// Least share of common cells, of the state with fewer cells.
 /// chosen: with less, the states show no common object
 const MIN_OVERLAP: f64 = 0.02;
-/// Largest gap between parts of the object, cells.
+/// Largest gap between parts of the object, cells and meters; neighboring cells hang together at any size.
+/// chosen: a dark strip without depth; things farther apart stand beside each other
 const LINK_CELLS: i32 = 3;
+const LINK_M: f64 = 0.03;
 
 /// Sets the mask of every frame.
 ///
@@ -78,6 +87,7 @@ pub fn isolate(
         capture.states.iter_mut().flatten().for_each(|f| f.mask = None);
     }
     let size_m = cell_size(capture);
+    capture.shared_error = shared_error(&capture.states, &capture.noise, stop)?;
     if masked == all {
         clean_masks(capture, config, size_m, stop)?;
     } else {
@@ -111,6 +121,11 @@ fn object_cells(frame: &RgbdFrame, size_m: f64) -> Vec<Cell> {
     cells.sort_unstable();
     cells.dedup();
     cells
+}
+
+/// Largest gap between parts of the object, in cells of this size.
+fn link_of_cells(size_m: f64) -> i32 {
+    ((LINK_M / size_m).ceil() as i32).clamp(1, LINK_CELLS)
 }
 
 fn cells_of_frames(frames: &[RgbdFrame], size_m: f64, stop: &Stop) -> Result<Vec<Vec<Cell>>, Stopped> {
@@ -172,16 +187,29 @@ fn find_object(
     rng: &mut impl Rng,
     stop: &Stop,
 ) -> Result<(), CaptureError> {
+    capture.unread = Unread::Unknown;
     let workspace = config.isolate.workspace;
-    let noise = capture.noise.scaled(error_factor(&capture.states, &capture.noise, stop)?);
+    let noise = capture.noise.scaled(1f64.hypot(capture.shared_error));
     let frames: Vec<&RgbdFrame> = capture.states.iter().flatten().collect();
     let planes = background_planes(&frames, &noise, rng, stop)?;
-    for plane in &planes {
+    let cameras: Vec<Point3<f64>> =
+        frames.iter().map(|f| Point3::from(f.world_from_camera.translation.vector)).collect();
+    let samples = sampled_readings(&frames, &noise);
+    let mut background = Background { planes, config, noise };
+    let mut standing = standing_out(capture, &background, size_m, stop)?;
+    if workspace.is_none() {
+        // A rug lies on a floor, and a tray on a table.
+        for _ in 0..MOST_STANDS {
+            let stand = stand_of_object(&samples, &cameras, &standing.changed, &background, size_m);
+            let Some(stand) = stand else { break };
+            background.planes.push(stand);
+            standing = standing_out(capture, &background, size_m, stop)?;
+        }
+    }
+    for plane in &background.planes {
         let text = format!("background plane taken away: {plane}");
         capture.notes.push(Note::new(NoteCode::BackgroundRemoved, text));
     }
-    let mut background = Background { planes, config, noise };
-    let mut standing = standing_out(capture, &background, size_m, stop)?;
     if workspace.is_none() {
         let claims = claimed_planes(&standing, &background, &capture.states, size_m, stop)?;
         for &(plane, object_box_m) in &claims {
@@ -193,8 +221,16 @@ fn find_object(
             standing = standing_out(capture, &background, size_m, stop)?;
         }
     }
-    let object = choose(capture, &background, size_m, &standing)?;
+    let mut object = choose(capture, &background, size_m, &standing)?;
     if object.is_by_change {
+        let reach = link_of_cells(size_m);
+        let all = object.cells.len();
+        object.cells =
+            without_things_beside(object.cells, &standing.changed, &background, reach, size_m, stop)?;
+        if object.cells.len() < all {
+            let beside = all - object.cells.len();
+            object.note += &format!("; {beside} of these cells are of what stands beside it");
+        }
         refuse_room(capture, &object, size_m, stop)?;
     }
     capture.notes.push(Note::new(NoteCode::ObjectIsolated, object.note.clone()));
@@ -251,7 +287,7 @@ fn standing_out(
     // Hands or persons in some frames are no part of the scene.
     let cells = at_rest(&seen, &capture.states, size_m, &background.noise, stop)?;
     let changed = changed_cells(&cells, &capture.states, size_m, &background.noise, stop)?;
-    let groups = groups_of_states(&cells, LINK_CELLS, stop)?;
+    let groups = groups_of_states(&cells, link_of_cells(size_m), stop)?;
     Ok(Standing { supports, cells, changed, groups })
 }
 
@@ -303,10 +339,11 @@ fn choose(
     let isolate = &background.config.isolate;
     let poses: Vec<_> = capture.states.iter().flatten().map(|f| f.world_from_camera).collect();
     // The same distance to a plane as between cells of a group.
-    let touching_m = PLANE_CLEARANCE_M + f64::from(LINK_CELLS + 1) * size_m;
+    let reach = link_of_cells(size_m);
+    let touching_m = PLANE_CLEARANCE_M + f64::from(reach + 1) * size_m;
     let search = Search {
         size_m,
-        reach: LINK_CELLS,
+        reach,
         changed: &standing.changed,
         is_at_support: &|c| {
             background.planes.iter().any(|p| p.height_m(&center_of_cell(c, size_m)).abs() <= touching_m)

@@ -87,11 +87,12 @@ impl Plane {
 
 /// A sampled depth reading.
 #[derive(Clone, Debug)]
-struct Sample {
-    point: Point3<f64>,
+pub(super) struct Sample {
+    pub point: Point3<f64>,
     /// Direction of its ray in the world, with unit depth.
-    ray: Vector3<f64>,
-    sigma_m: f64,
+    pub ray: Vector3<f64>,
+    /// Standard deviation of its depth, meters.
+    pub sigma_m: f64,
     at_border: bool,
 }
 
@@ -129,7 +130,7 @@ fn count_at_borders(samples: &[Sample]) -> usize {
 }
 
 /// Depth readings on a regular grid of pixels in every frame.
-fn sampled_readings(frames: &[&RgbdFrame], noise: &NoiseConfig) -> Vec<Sample> {
+pub(super) fn sampled_readings(frames: &[&RgbdFrame], noise: &NoiseConfig) -> Vec<Sample> {
     let pixels: usize = frames.iter().map(|f| f.depth_m.len()).sum();
     let stride = ((pixels as f64 / SAMPLES as f64).sqrt().ceil() as usize).max(1);
     let mut samples = Vec::new();
@@ -191,7 +192,7 @@ fn plane_through(
     oriented_to_cameras(Plane { normal, offset_m: normal.dot(&a.coords), object_box_m: None }, cameras)
 }
 
-fn oriented_to_cameras(plane: Plane, cameras: &[Point3<f64>]) -> Option<Plane> {
+pub(super) fn oriented_to_cameras(plane: Plane, cameras: &[Point3<f64>]) -> Option<Plane> {
     let above = cameras.iter().filter(|c| plane.height_m(c) > 0.0).count();
     if above == cameras.len() {
         Some(plane)
@@ -202,7 +203,7 @@ fn oriented_to_cameras(plane: Plane, cameras: &[Point3<f64>]) -> Option<Plane> {
     }
 }
 
-fn is_inlier(plane: &Plane, s: &Sample) -> bool {
+pub(super) fn is_inlier(plane: &Plane, s: &Sample) -> bool {
     plane.is_on(&s.point, &s.ray, s.sigma_m)
 }
 
@@ -231,8 +232,11 @@ fn background_readings(plane: &Plane, samples: &[&Sample]) -> Option<u32> {
 }
 
 /// Least squares fit to the inliers, weighted by their noise.
-fn refitted_plane(plane: &Plane, samples: &[Sample], cameras: &[Point3<f64>]) -> Option<Plane> {
+pub(super) fn refitted_plane(plane: &Plane, samples: &[Sample], cameras: &[Point3<f64>]) -> Option<Plane> {
     let inliers: Vec<_> = samples.iter().filter(|s| is_inlier(plane, s)).collect();
+    if inliers.len() < 3 {
+        return None;
+    }
     // One millimeter is added, as grazing readings have hardly any noise of height and would dominate.
     let weight = |s: &Sample| 1.0 / (0.001 + plane.height_sigma_m(&s.ray, s.sigma_m)).powi(2);
     let total: f64 = inliers.iter().map(|s| weight(s)).sum();

@@ -1,0 +1,54 @@
+//! Things that stand beside the object on the same floor or before the same wall.
+//!
+//! Readings just off a plane, as of a rug or of errors that many pixels share, link what stands on it. So the
+//! object is what hangs together farther from the planes, and of what is near them only what lies about it.
+
+use super::{
+    background::Background,
+    claim::frame_of_cells,
+    select::{ALSO, bounds},
+    voxels::{Cell, CellSet, center_of_cell, groups},
+};
+use common::stop::{Stop, Stopped};
+
+/// Height over a plane up to which readings link nothing, meters and cells.
+/// chosen: a rug and the errors of a floor in a usual room
+const LINKS_NOTHING_M: f64 = 0.03;
+const LINKS_NOTHING: f64 = 3.0;
+
+/// The cells of the object without those that it is linked with only along a background plane.
+pub(super) fn without_things_beside(
+    cells: Vec<Cell>,
+    changed: &CellSet,
+    background: &Background<'_>,
+    reach: i32,
+    size_m: f64,
+    stop: &Stop,
+) -> Result<Vec<Cell>, Stopped> {
+    let near_m = LINKS_NOTHING_M.max(LINKS_NOTHING * size_m);
+    let is_near = |c: &Cell| {
+        let point = center_of_cell(c, size_m);
+        background.planes_at(&point).any(|p| background.planes[p].height_m(&point) < near_m)
+    };
+    let (near, far): (Vec<Cell>, Vec<Cell>) = cells.iter().partition(|c| is_near(c));
+    let pieces = groups(&far, reach, stop)?;
+    let changed_of = |piece: &[Cell]| piece.iter().filter(|c| changed.contains(*c)).count() as f64;
+    let most = pieces.iter().map(|p| changed_of(p)).fold(0.0, f64::max);
+    // What lies flat has too little above.
+    if 2.0 * most < changed_of(&cells) {
+        return Ok(cells);
+    }
+    let moved: Vec<&Vec<Cell>> = pieces.iter().filter(|p| changed_of(p) > ALSO * most).collect();
+    let (lower, upper) = bounds(moved.iter().copied().flatten());
+    let is_inside = |c: &Cell| (0..3).all(|k| c[k] >= lower[k] - reach && c[k] <= upper[k] + reach);
+    let mut kept: Vec<Cell> = Vec::new();
+    for piece in &pieces {
+        if changed_of(piece) > ALSO * most || piece.iter().all(is_inside) {
+            kept.extend(piece);
+        }
+    }
+    let [lower, upper] = frame_of_cells(lower, upper);
+    kept.extend(near.into_iter().filter(|c| (0..3).all(|k| c[k] >= lower[k] && c[k] <= upper[k])));
+    kept.sort_unstable();
+    Ok(kept)
+}
