@@ -138,6 +138,26 @@ impl<'a> Scene<'a> {
         self.first_sight(&(from + step * margin_m), &step, length_m - margin_m).is_none()
     }
 
+    /// How a visible point reflects infrared light.
+    pub(super) fn infrared_of_sight(&self, sight: &Sight, light: &Light, footprint_m: f64) -> InfraredShade {
+        let material = self.placed.get(sight.solid).map_or(self.floor, |p| p.material);
+        let reflectance = material.color_at(&sight.point_in_part, footprint_m).dot(&LUMINANCE);
+        // Lacquer and glass send next to nothing back.
+        let share = if material.is_lacquered(&sight.point_in_part) { LACQUER_SHARE } else { 1.0 };
+        let albedo = share * reflectance;
+        InfraredShade {
+            albedo,
+            sheen: share * material.sheen,
+            ambient: albedo * light.diffuse_light(&sight.normal).dot(&LUMINANCE),
+        }
+    }
+
+    /// The same scene with its floor at another height, meters.
+    #[must_use]
+    pub(super) fn with_floor_at(self, floor_z_m: f64) -> Self {
+        Self { floor_z_m, ..self }
+    }
+
     /// Light from a visible world point towards the eye.
     pub fn shade_of_sight(
         &self,
@@ -166,6 +186,21 @@ impl<'a> Scene<'a> {
 
 /// Luminance of linear red, green and blue (ITU-R BT.709). derived: that recommendation
 const LUMINANCE: Vector3<f64> = Vector3::new(0.2126, 0.7152, 0.0722);
+
+/// Share of infrared light that a lacquered surface sends back, beside its dark color.
+/// chosen: below the noise of an infrared image
+const LACQUER_SHARE: f64 = 0.15;
+
+/// How a surface reflects infrared light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct InfraredShade {
+    /// Reflectance of a matt surface, in `[0, 1]`.
+    pub albedo: f64,
+    /// Strength of a mirror-like reflection, in `[0, 1]`.
+    pub sheen: f64,
+    /// Reflected ambient light, in units of the albedo.
+    pub ambient: f64,
+}
 
 /// Light from a surface towards a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
