@@ -142,12 +142,13 @@ impl<'a> Scene<'a> {
     pub(super) fn infrared_of_sight(&self, sight: &Sight, light: &Light, footprint_m: f64) -> InfraredShade {
         let material = self.placed.get(sight.solid).map_or(self.floor, |p| p.material);
         let reflectance = material.color_at(&sight.point_in_part, footprint_m).dot(&LUMINANCE);
+        let paint = DYE_SHARE * reflectance + (1.0 - DYE_SHARE) * DYE_ALBEDO;
+        let is_lacquered = material.is_lacquered(&sight.point_in_part);
         // Lacquer and glass send next to nothing back.
-        let share = if material.is_lacquered(&sight.point_in_part) { LACQUER_SHARE } else { 1.0 };
-        let albedo = share * reflectance;
+        let albedo = if is_lacquered { LACQUER_SHARE * reflectance } else { paint };
         InfraredShade {
             albedo,
-            sheen: share * material.sheen,
+            sheen: if is_lacquered { 0.0 } else { material.sheen },
             ambient: albedo * light.diffuse_light(&sight.normal).dot(&LUMINANCE),
         }
     }
@@ -190,6 +191,11 @@ const LUMINANCE: Vector3<f64> = Vector3::new(0.2126, 0.7152, 0.0722);
 /// Share of infrared light that a lacquered surface sends back, beside its dark color.
 /// chosen: below the noise of an infrared image
 const LACQUER_SHARE: f64 = 0.15;
+
+/// Share of the visible reflectance that remains in near infrared, and the albedo that replaces the rest: most
+/// dyes are pale there. chosen: black cloth and plastic still reflect a tenth
+const DYE_SHARE: f64 = 0.7;
+const DYE_ALBEDO: f64 = 0.4;
 
 /// How a surface reflects infrared light.
 #[derive(Clone, Copy, Debug, PartialEq)]

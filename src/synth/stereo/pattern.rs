@@ -38,8 +38,11 @@ impl DotPattern {
         Self { values, scale: ENTRIES_PER_PIXEL * focal_px }
     }
 
-    /// Light along a direction in the projector's frame, interpolated.
+    /// Light along a direction in the projector's frame, interpolated; none backwards.
     pub(super) fn light_along(&self, direction: &Vector3<f64>) -> f64 {
+        if !(direction.z > 0.0) {
+            return 0.0;
+        }
         let x = self.scale * direction.x / direction.z;
         let y = self.scale * direction.y / direction.z;
         let column = x.floor();

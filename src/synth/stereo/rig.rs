@@ -96,7 +96,8 @@ mod tests {
         for level in [0.0, 1.0, 2.0] {
             let rig = StereoRig::drawn(level, &color(), 5);
             let right = rig.true_left_from_right;
-            assert!((right.translation.vector.norm() / 0.05 - 1.0).abs() - 0.003 * level < 1e-9);
+            let stretched = (right.translation.vector.norm() / 0.05 - 1.0).abs();
+            assert!((stretched - 0.003 * level).abs() < 1e-9);
             assert!((right.rotation.angle().to_degrees() - 0.02 * level).abs() < 1e-9);
             let off = rig.color_from_left.inverse() * rig.true_color_from_left;
             assert!((off.rotation.angle().to_degrees() - 0.08 * level).abs() < 1e-9);

@@ -6,9 +6,10 @@ use rayon::prelude::*;
 
 use super::census::COMPARISONS;
 
-/// Penalty of a disparity that changes by one from a pixel to the next. chosen: as libSGM has it for this census
-const P1: u8 = 10;
-/// Penalty of a larger change. chosen: as libSGM has it; with the largest cost, a path stays below 256
+/// Penalty of a disparity that changes by one from a pixel to the next. chosen: a sixth of the larger one
+const P1: u8 = 20;
+/// Penalty of a larger change. chosen: as libSGM has it for this census; with the largest cost, a path stays
+/// below 256
 const P2: u8 = 120;
 /// Columns of a row that one thread works on.
 const COLUMNS: usize = 96;

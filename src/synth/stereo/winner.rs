@@ -7,7 +7,7 @@ use super::semi_global::CostVolume;
 
 /// How much cheaper the best disparity must be than any other but its neighbors, share.
 /// chosen: as usual for this check
-const UNIQUE: f32 = 0.05;
+const UNIQUE: f32 = 0.02;
 /// Largest difference of the disparities of both images, pixels.
 const AGREEMENT: usize = 1;
 
