@@ -23,8 +23,9 @@ pub(super) struct SensorEntry {
     color_shift_px: [f64; 2],
     /// How much older the reported poses are than the images.
     pose_lag_s: f64,
-    /// Who reports the poses.
-    poses: &'static str,
+    /// Who reports the poses, where it was chosen.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    poses: Option<&'static str>,
     /// Constant error of the reported poses in the camera's frame: x, y, z and a rotation vector.
     #[serde(skip_serializing_if = "Option::is_none")]
     hand_error: Option<[f64; 6]>,
@@ -62,7 +63,8 @@ struct StateEntry {
 }
 
 /// Errors of a view's pose, each as x, y, z in meters and a rotation vector in radians: reported =
-/// recorded_from_world * drift * (true, `pose_lag_s` earlier) * jitter * hand_error, not including `--pose-noise`.
+/// recorded_from_world * drift * (true, `pose_lag_s` earlier) * jitter * hand_error, not including
+/// `--pose-noise`.
 #[derive(Serialize)]
 struct ViewEntry {
     world_from_camera: [[f64; 4]; 4],
@@ -90,7 +92,7 @@ impl SensorEntry {
             depth_warp: warp(&camera, config.width, config.height),
             color_shift_px: camera.color_shift_px,
             pose_lag_s: camera.lag_s,
-            poses: config.poses.name(),
+            poses: (config.poses != PoseSource::Exact).then_some(config.poses.name()),
             hand_error: (config.poses == PoseSource::Robot)
                 .then(|| six(&config.poses.hand_error(config.seed))),
             stereo: stereo.map(|stereo| StereoEntry {

@@ -45,16 +45,17 @@ fn finish_part(part: &mut Part, rng: &mut impl Rng) {
     let along = random::index_below(rng, 3);
     let tone = random::uniform_in(rng, 0.2, 0.6);
     let seed = random::index_below(rng, 1 << 30) as u32;
-    let streaked = |base: Vector3<f64>, contrast: f64, sheen: f64| {
-        let mut wavelength_m = Vector3::repeat(GRAIN_M[0]);
-        wavelength_m[along] = GRAIN_M[1];
-        let second = base * (1.0 - contrast);
-        Material { base, second, wavelength_m: Some(wavelength_m), seed, lacquer: None, sheen }
-    };
-    let material = match kind {
-        k if k < WOOD => streaked(Vector3::new(tone, 0.75 * tone, 0.5 * tone), GRAIN, 0.0),
-        k if k < WOOD + STEEL => streaked(Vector3::repeat(STEEL_TONE), STREAKS, 1.0),
-        _ => return,
+    let mut wavelength_m = Vector3::repeat(GRAIN_M[0]);
+    wavelength_m[along] = GRAIN_M[1];
+    let streaks = Material { seed, wavelength_m: Some(wavelength_m), ..Material::plain(Vector3::zeros()) };
+    let material = if kind < WOOD {
+        let base = Vector3::new(tone, 0.75 * tone, 0.5 * tone);
+        Material { base, second: base * (1.0 - GRAIN), ..streaks }
+    } else if kind < WOOD + STEEL {
+        let base = Vector3::repeat(STEEL_TONE);
+        Material { base, second: base * (1.0 - STREAKS), sheen: 1.0, ..streaks }
+    } else {
+        return;
     };
     // Handles and fittings keep their material: the first solid is what the part mostly is.
     let own = part.solids.first().map(|s| s.material.clone());

@@ -20,7 +20,8 @@ pub enum PoseSource {
     Nobody,
 }
 
-/// Error of the camera on a robot's hand: radians (0.3 degrees) and meters. chosen: a usual hand-eye calibration
+/// Error of the camera on a robot's hand: radians (0.3 degrees) and meters.
+/// chosen: a usual hand-eye calibration
 const HAND_TURN_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
 const HAND_SHIFT_M: f64 = 0.002;
 /// Level of a robot's jitter: 0.1 mm and 0.005 degrees. chosen: repeatability of usual arms

@@ -16,7 +16,8 @@ const TABLE_RADIUS_M: f64 = 0.45;
 const TABLE_M: f64 = 0.72;
 /// Thickness of its top, meters. chosen: usual tables
 const TOP_M: f64 = 0.03;
-/// Range of the way from an object's reach to the edge of the table, meters. chosen: the edge is in the images
+/// Range of the way from an object's reach to the edge of the table, meters.
+/// chosen: the edge is in the images
 const TABLE_RIM_M: [f64; 2] = [0.06, 0.3];
 /// Range of the gap between an object's reach and the wall behind it, meters. chosen: furniture at a wall
 const BACK_GAP_M: [f64; 2] = [0.0, 0.4];

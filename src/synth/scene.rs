@@ -192,8 +192,8 @@ const LUMINANCE: Vector3<f64> = Vector3::new(0.2126, 0.7152, 0.0722);
 /// chosen: below the noise of an infrared image
 const LACQUER_SHARE: f64 = 0.15;
 
-/// Share of the visible reflectance that remains in near infrared, and the albedo that replaces the rest: most
-/// dyes are pale there. chosen: black cloth and plastic still reflect a tenth
+/// Share of the visible reflectance that remains in near infrared, and the albedo that replaces the rest:
+/// most dyes are pale there. chosen: black cloth and plastic still reflect a tenth
 const DYE_SHARE: f64 = 0.7;
 const DYE_ALBEDO: f64 = 0.4;
 

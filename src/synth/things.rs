@@ -16,7 +16,8 @@ const TRIES: usize = 40;
 const GAP_M: f64 = 0.015;
 /// Share of cans. chosen: fewer than boxes
 const CANS: f64 = 0.35;
-/// Depth and thickness of a shelf, meters, and its least height above the object's reach. chosen: usual shelves
+/// Depth and thickness of a shelf, meters, and its least height above the object's reach.
+/// chosen: usual shelves
 const SHELF_DEPTH_M: f64 = 0.2;
 const SHELF_THICK_M: f64 = 0.02;
 const SHELF_ABOVE_M: f64 = 0.15;

@@ -5,12 +5,13 @@ use nalgebra::Vector3;
 use geometry::{Intrinsics, Pose};
 use numeric::random::{self, stage_rng};
 
-/// Nominal distance between the imagers, meters. measured: data sheet of the D435
+/// Nominal distance between the imagers, meters. chosen: that of a D435
 const BASELINE_M: f64 = 0.05;
-/// Position of the projector along the baseline, from the left imager, meters. measured: data sheet of the D435
+/// Position of the projector along the baseline, from the left imager, meters.
+/// chosen: between the imagers, as in a D435
 const PROJECTOR_M: f64 = 0.029;
 /// Nominal position of the left imager in the color camera's frame, meters along x.
-/// measured: extrinsics of D435 cameras
+/// chosen: as in a D435
 const LEFT_IN_COLOR_M: f64 = 0.015;
 /// Error of the baseline at level 1, share. chosen: after a few warm and cold cycles
 const BASELINE_ERROR: f64 = 0.003;

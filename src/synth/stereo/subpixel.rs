@@ -9,7 +9,8 @@ const LARGE: usize = 11;
 const STEPS: usize = 3;
 /// Farthest way from the disparity at the start, pixels. chosen: beyond it, another dot would match
 const FARTHEST_PX: f32 = 1.0;
-/// Least mean of squared gradients over a window, gray levels squared. chosen: above the noise of a dark surface
+/// Least mean of squared gradients over a window, gray levels squared.
+/// chosen: above the noise of a dark surface
 const LEAST_TEXTURE: f32 = 4.0;
 
 /// Refines disparities in place; those without texture become `NAN`. Near the border they stay as they are.

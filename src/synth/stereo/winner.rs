@@ -35,8 +35,8 @@ pub(super) fn disparity_image(volume: &CostVolume, width: usize) -> Vec<f32> {
 }
 
 vectorized! {
-    /// The best disparity of each pixel of a row in both images, as cost times 2^16 plus disparity. `right` is
-    /// reversed.
+    /// The best disparity of each pixel of a row in both images, as cost times 2^16 plus disparity. `right`
+    /// is reversed.
     fn row_winners(sums: &[u16], disparities: usize, winners: &mut [u32], right: &mut [u32]) = best_of_row
 }
 
