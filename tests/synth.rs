@@ -17,8 +17,8 @@ use io::{DatasetLayout, Place, inspect, write_synth, write_synth_bag, write_synt
 use nalgebra::{Point3, Vector3};
 use opened::open;
 use synth::{
-    DepthCamera, DepthErrors, Effect, Family, HandheldSensor, HandleStyle, Light, Material, Object, Part,
-    PoseSpread, Scene, Solid, SynthConfig, SynthState, View, generate, record,
+    DepthCamera, DepthErrors, DepthSource, Effect, Family, HandheldSensor, HandleStyle, Light, Material,
+    Object, Part, PoseSource, PoseSpread, Scene, Solid, SynthConfig, SynthState, View, generate, record,
 };
 
 fn folder(name: &str) -> PathBuf {
@@ -324,6 +324,51 @@ fn an_effect_spoils_what_it_is_about_and_nothing_else() {
         };
         assert_eq!(changed, expected, "{}", effect.name());
         assert!(pairs().all(|(a, b)| a.world_from_camera == b.world_from_camera));
+    }
+}
+
+#[test]
+fn a_room_by_a_stereo_camera_is_repeatable_and_has_no_masks() {
+    let depth = DepthSource::Stereo { level: 1.0 };
+    let unposed =
+        SynthConfig { depth, room: true, poses: PoseSource::Nobody, width: 160, height: 120, ..small(3) };
+    let outs = [folder("synth-room-a"), folder("synth-room-b"), folder("synth-room-c")];
+    write_synth(&Place::at(&outs[0]), &unposed).unwrap();
+    let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    alone.install(|| write_synth(&Place::at(&outs[1]), &unposed)).unwrap();
+    for file in ["state0/state0_0.mcap", "state1/state1_0.mcap", "truth.json"] {
+        let read = |k: usize| std::fs::read(outs[k].join(file)).unwrap();
+        assert!(read(0) == read(1), "{file} differs between two runs with one seed");
+    }
+    let topics = |k: usize| std::fs::read_to_string(outs[k].join("state0/metadata.yaml")).unwrap();
+    assert!(!topics(0).contains("/tf") && !topics(0).contains("object_mask"), "{}", topics(0));
+    assert!(!outs[0].join("workspace.txt").exists());
+
+    let robot = SynthConfig { poses: PoseSource::Robot, ..unposed };
+    write_synth(&Place::at(&outs[2]), &robot).unwrap();
+    assert!(topics(2).contains("/tf_static") && outs[2].join("workspace.txt").exists());
+    let found = inspect(&outs[2]).unwrap();
+    assert!(found.is_usable() && !found.to_text().contains("object_mask"), "{}", found.to_text());
+    let truth: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(outs[2].join("truth.json")).unwrap()).unwrap();
+    let sensor = &truth["sensor"];
+    assert!((sensor["stereo"]["baseline_m"].as_f64().unwrap() - 0.05).abs() < 1e-12);
+    let hand: Vec<f64> =
+        sensor["hand_error"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
+    assert!((Vector3::from_row_slice(&hand[..3]).norm() - 0.002).abs() < 1e-9);
+    // The same error in every view of both states, but for jitter.
+    let object = generate(&robot).unwrap();
+    for state in 0..2 {
+        let recording = record(&object, state, &robot);
+        for frame in &recording.frames {
+            let reported = frame.reported[0].lerp_slerp(&frame.reported[1], 0.5);
+            let off = frame.world_from_camera.inverse() * reported;
+            let away = off.translation.vector - Vector3::from_row_slice(&hand[..3]);
+            let turned = off.rotation.scaled_axis() - Vector3::from_row_slice(&hand[3..]);
+            assert!(away.norm() < 8e-4 && turned.norm() < 6e-4, "{away} {turned}");
+            let deep = frame.depth_mm.iter().filter(|d| **d > 0).count();
+            assert!(frame.mask.is_none() && 2 * deep > frame.depth_mm.len(), "{deep}");
+        }
     }
 }
 

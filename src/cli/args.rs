@@ -13,7 +13,7 @@ use super::{
 use capture::Paper;
 use gap::record::command::{EffortUnit, ToldServo};
 use io::DatasetLayout;
-use synth::{HandheldSensor, PoseSpread, SynthConfig};
+use synth::{DepthSource, HandheldSensor, PoseSource, PoseSpread, SynthConfig};
 
 /// Layers of configuration, later wins.
 #[derive(Args, Clone, Debug, Default)]
@@ -294,6 +294,18 @@ pub(super) struct SynthArgs {
     /// handheld:LEVEL with a factor on all errors; handheld:LEVEL:EFFECT,... with these effects alone
     #[arg(long, value_name = "handheld[:LEVEL[:EFFECT,...]]")]
     pub sensor: Option<HandheldSensor>,
+    /// Where depth comes from: model; stereo, two infrared images under a dot pattern, matched, without
+    /// masks; stereo:LEVEL with a factor, 0 to 2, on noise and on the errors of the rig
+    #[arg(long, value_name = "model|stereo[:LEVEL]", default_value = "model")]
+    pub depth: DepthSource,
+    /// A room: floor and walls of plain paint, a table below a small object, things about, all by the seed;
+    /// parts of paint, wood, steel and glass
+    #[arg(long)]
+    pub room: bool,
+    /// Who reports the camera's poses: exact; robot, with a constant error of the camera on its hand; slam,
+    /// a tracker with drift; none: a recording without poses
+    #[arg(long, value_name = "exact|robot|slam|none", default_value = "exact")]
+    pub poses: PoseSource,
     /// Lay a printed board of tags before the object; PAPER: a4, a3 or letter
     #[arg(long, value_name = "PAPER", value_parser = paper, num_args = 0..=1, default_missing_value = "a4")]
     pub board: Option<Paper>,
@@ -308,7 +320,7 @@ pub(super) struct SynthArgs {
     #[arg(
         long,
         value_parser = DatasetLayout::NAMES,
-        conflicts_with_all = ["sensor", "board", "imu", "states"]
+        conflicts_with_all = ["sensor", "depth", "room", "poses", "board", "imu", "states"]
     )]
     pub layout: Option<String>,
     /// Views of each state

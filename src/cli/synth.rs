@@ -33,6 +33,9 @@ pub(super) fn write_object(args: &SynthArgs) -> Result<Exit, CliError> {
         width: args.width,
         height: args.height,
         sensor: args.sensor,
+        depth: args.depth,
+        room: args.room,
+        poses: args.poses,
         board: args.board,
         imu: args.imu,
     };

@@ -46,12 +46,10 @@ pub(super) fn synth_bag(folder: &Path, state: usize, recording: &SynthState) -> 
     let start = START_NANOS + state as i64 * STATE_NANOS;
     let link_from_optical = link_from_optical();
     let mut bag = BagWriter::create(folder)?;
-    put(
-        &mut bag,
-        "/tf_static",
-        start - STATIC_NANOS,
-        &transform(start - STATIC_NANOS, LINK, OPTICAL, &link_from_optical),
-    )?;
+    if recording.is_posed {
+        let mount = transform(start - STATIC_NANOS, LINK, OPTICAL, &link_from_optical);
+        put(&mut bag, "/tf_static", start - STATIC_NANOS, &mount)?;
+    }
     if !recording.imu.is_empty() {
         let mount =
             transform(start - STATIC_NANOS, LINK, ACCEL_FRAME, &(link_from_optical * optical_from_imu()));
@@ -68,13 +66,17 @@ pub(super) fn synth_bag(folder: &Path, state: usize, recording: &SynthState) -> 
         }
         // A pose on either side of the frame's stamp: a reader interpolates and never extrapolates.
         let at = stamp - SynthFrame::POSE_OFFSET_NANOS;
-        put(&mut bag, "/tf", at, &transform(at, WORLD, LINK, &before))?;
+        if recording.is_posed {
+            put(&mut bag, "/tf", at, &transform(at, WORLD, LINK, &before))?;
+        }
         let info = camera_info(stamp, &recording.intrinsics);
         put(&mut bag, COLOR_INFO, stamp, &info)?;
         put(&mut bag, DEPTH_INFO, stamp, &info)?;
         put_images(&mut bag, stamp, &recording.intrinsics, frame)?;
         let at = stamp + SynthFrame::POSE_OFFSET_NANOS;
-        put(&mut bag, "/tf", at, &transform(at, WORLD, LINK, &after))?;
+        if recording.is_posed {
+            put(&mut bag, "/tf", at, &transform(at, WORLD, LINK, &after))?;
+        }
     }
     for reading in readings {
         put(&mut bag, ACCEL, start + reading.after_nanos, &accel(start, reading))?;

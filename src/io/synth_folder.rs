@@ -12,8 +12,8 @@ use super::{
 use geometry::{AxisMotion, Pose};
 use surface::{TriangleMesh, merged_mesh};
 use synth::{
-    Board, HandleKind, Object, SeenSample, SynthConfig, SynthState, film_take, further_states, generate,
-    imu_bias, record, workspace,
+    Board, HandleKind, Object, PoseSource, SeenSample, SynthConfig, SynthState, film_take, further_states,
+    generate, imu_bias, record, workspace,
 };
 
 /// Least number of recording bytes per pixel of every view. Measured: 1.4 to 1.6 without noise and texture at
@@ -139,7 +139,8 @@ pub fn write_synth(place: &Place, config: &SynthConfig) -> Result<(Committed, Ob
         sensor.iter_mut().for_each(|s| s.add(&recording));
         synth_bag(&folder.working().join(format!("state{}", k + 2)), k + 2, &recording)?;
     }
-    if sensor.is_some() {
+    // A recording without poses has no world to place a box in.
+    if !config.has_masks() && config.poses != PoseSource::Nobody {
         put_workspace(&folder, &object, &further)?;
     }
     let truth = TruthFile {

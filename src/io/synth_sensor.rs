@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::synth_matrix::rows;
 use geometry::Pose;
-use synth::{Effect, HandheldCamera, SynthConfig, SynthState, handheld_camera};
+use synth::{Effect, HandheldCamera, PoseSource, SynthConfig, SynthState, handheld_camera, stereo_camera};
 
 /// Nodes of the warp along the image's width.
 const WARP_NODES: usize = 32;
@@ -23,7 +23,27 @@ pub(super) struct SensorEntry {
     color_shift_px: [f64; 2],
     /// How much older the reported poses are than the images.
     pose_lag_s: f64,
+    /// Who reports the poses, where it was chosen.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    poses: Option<&'static str>,
+    /// Constant error of the reported poses in the camera's frame: x, y, z and a rotation vector.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    hand_error: Option<[f64; 6]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    stereo: Option<StereoEntry>,
     states: Vec<StateEntry>,
+}
+
+/// A stereo rig. Depth is computed with `baseline_m`, and with its pose in the color camera's frame as the
+/// calibration has it.
+#[derive(Serialize)]
+struct StereoEntry {
+    level: f64,
+    focal_px: f64,
+    baseline_m: f64,
+    color_from_left: [f64; 6],
+    true_left_from_right: [f64; 6],
+    true_color_from_left: [f64; 6],
 }
 
 #[derive(Serialize)]
@@ -43,7 +63,8 @@ struct StateEntry {
 }
 
 /// Errors of a view's pose, each as x, y, z in meters and a rotation vector in radians: reported =
-/// recorded_from_world * drift * (true, `pose_lag_s` earlier) * jitter, not including `--pose-noise`.
+/// recorded_from_world * drift * (true, `pose_lag_s` earlier) * jitter * hand_error, not including
+/// `--pose-noise`.
 #[derive(Serialize)]
 struct ViewEntry {
     world_from_camera: [[f64; 4]; 4],
@@ -55,18 +76,33 @@ struct ViewEntry {
 }
 
 impl SensorEntry {
-    /// The sensor of a configuration before any state; `None` if none is requested.
+    /// The sensor of a configuration before any state; `None` without errors of depth and poses.
     pub fn of(config: &SynthConfig) -> Option<Self> {
-        let sensor = config.sensor?;
+        let stereo = stereo_camera(config);
+        if config.sensor.is_none() && stereo.is_none() && config.poses == PoseSource::Exact {
+            return None;
+        }
         let camera = handheld_camera(config);
+        let sensor = camera.sensor;
         Some(Self {
-            name: "handheld",
+            name: if config.sensor.is_some() { "handheld" } else { "camera" },
             level: sensor.level(),
             effects: sensor.effects().into_iter().map(Effect::name).collect(),
             depth_scale: camera.depth_scale,
             depth_warp: warp(&camera, config.width, config.height),
             color_shift_px: camera.color_shift_px,
             pose_lag_s: camera.lag_s,
+            poses: (config.poses != PoseSource::Exact).then_some(config.poses.name()),
+            hand_error: (config.poses == PoseSource::Robot)
+                .then(|| six(&config.poses.hand_error(config.seed))),
+            stereo: stereo.map(|stereo| StereoEntry {
+                level: config.depth.stereo_level().unwrap_or_default(),
+                focal_px: stereo.rig.intrinsics.fx,
+                baseline_m: stereo.rig.baseline_m,
+                color_from_left: six(&stereo.rig.color_from_left),
+                true_left_from_right: six(&stereo.rig.true_left_from_right),
+                true_color_from_left: six(&stereo.rig.true_color_from_left),
+            }),
             states: Vec::new(),
         })
     }

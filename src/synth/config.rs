@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use super::{HandheldSensor, HandleStyle};
+use super::{DepthSource, HandheldSensor, HandleStyle, PoseSource};
 use capture::Paper;
 
 /// Family of object shapes.
@@ -124,6 +124,12 @@ pub struct SynthConfig {
     pub height: usize,
     /// Effects of a handheld camera; `None` records without errors and with masks.
     pub sensor: Option<HandheldSensor>,
+    /// Where depth comes from; matched images have no masks.
+    pub depth: DepthSource,
+    /// Whether the object stands in a room.
+    pub room: bool,
+    /// Who reports the camera's poses.
+    pub poses: PoseSource,
     /// Paper of a printed tag board on the floor in front of the object; `None` for no board.
     pub board: Option<Paper>,
     /// Whether the camera's accelerometer is recorded.
@@ -150,6 +156,9 @@ impl Default for SynthConfig {
             width: 640,
             height: 480,
             sensor: None,
+            depth: DepthSource::default(),
+            room: false,
+            poses: PoseSource::default(),
             board: None,
             imu: false,
         }
@@ -197,6 +206,15 @@ pub enum SynthConfigError {
     /// Level of the sensor effects.
     #[error("sensor level {0}: give 0 to {max}", max = HandheldSensor::MAX_LEVEL)]
     SensorLevel(f64),
+    /// Level of a stereo camera's errors.
+    #[error("stereo level {0}: give 0 to {max}", max = DepthSource::MAX_LEVEL)]
+    StereoLevel(f64),
+    /// A sensor and a source of poses that both have errors.
+    #[error("a sensor and poses of {0} each have errors of poses: give one of the two")]
+    TwoPoseErrors(&'static str),
+    /// A board in a room.
+    #[error("a board lies on a free floor: leave out the room")]
+    BoardInRoom,
     /// Share of lacquered surface.
     #[error("lacquer {0}: give a share from 0 to 0.9")]
     Lacquer(f64),
@@ -208,6 +226,11 @@ pub enum SynthConfigError {
 impl SynthConfig {
     /// Largest number of parts in any family.
     pub const MAX_PARTS: usize = 7;
+
+    /// Whether recordings have masks of the object.
+    pub fn has_masks(&self) -> bool {
+        self.sensor.is_none() && self.depth == DepthSource::Modeled
+    }
 
     /// Checks that the settings allow an object.
     ///
@@ -248,6 +271,16 @@ impl SynthConfig {
         let level = self.sensor.map_or(0.0, |s| s.level());
         if !(0.0..=HandheldSensor::MAX_LEVEL).contains(&level) {
             return Err(SynthConfigError::SensorLevel(level));
+        }
+        let level = self.depth.stereo_level().unwrap_or(0.0);
+        if !(0.0..=DepthSource::MAX_LEVEL).contains(&level) {
+            return Err(SynthConfigError::StereoLevel(level));
+        }
+        if self.sensor.is_some() && matches!(self.poses, PoseSource::Robot | PoseSource::Slam) {
+            return Err(SynthConfigError::TwoPoseErrors(self.poses.name()));
+        }
+        if self.room && self.board.is_some() {
+            return Err(SynthConfigError::BoardInRoom);
         }
         Ok(())
     }

@@ -6,8 +6,8 @@ use nalgebra::{Unit, UnitQuaternion, Vector3};
 use rand_core::Rng;
 
 use super::{
-    Family, Object, PartJoint, SynthConfig, cabinet, chain, clearance, fittings, lacquer::Lacquer,
-    look::Look, observable, tabletop,
+    Family, Object, PartJoint, SynthConfig, cabinet, chain, clearance, finish::finished_object, fittings,
+    lacquer::Lacquer, look::Look, observable, tabletop,
 };
 use geometry::{AxisMotion, Pose};
 use numeric::random::{self, stage_rng};
@@ -44,7 +44,8 @@ pub fn generate(config: &SynthConfig) -> Result<Object, NoShape> {
     let [fewest, most] = config.family.map_or([2, 6], Family::part_limits);
     let parts = config.parts.unwrap_or_else(|| fewest + random::index_below(rng, most - fewest + 1));
     let family = config.family.unwrap_or_else(|| any_family(parts, rng));
-    let textured = config.textured.unwrap_or_else(|| random::is_chosen(rng, 0.75));
+    // Things in rooms are plain, unless asked for.
+    let textured = config.textured.unwrap_or_else(|| !config.room && random::is_chosen(rng, 0.75));
     // Rotated and translated, so that no program can rely on the world axes.
     let yaw = random::uniform_in(rng, 0.0, TAU);
     let foot =
@@ -72,6 +73,8 @@ pub fn generate(config: &SynthConfig) -> Result<Object, NoShape> {
             // Clearance is tested first, as visibility casts rays and is far slower.
             if clearance::is_free(&object) && observable::is_observable(&object, config, rng) {
                 // After the tests, since lacquer, scale and skew do not change the shape.
+                let has_finish = config.room && config.textured.is_none();
+                let object = if has_finish { finished_object(object, config.seed) } else { object };
                 let object = lacquered(object, config);
                 return Ok(skewed(scaled(object, config.motion_scale), config));
             }
@@ -105,7 +108,10 @@ fn lacquered(mut object: Object, config: &SynthConfig) -> Object {
         for (k, part) in object.parts.iter_mut().enumerate() {
             let rng = &mut stage_rng(config.seed, "synth/lacquer", k as u64);
             let lacquer = Lacquer::covering(config.lacquer, patch_m, rng);
-            part.solids.iter_mut().for_each(|solid| solid.material.lacquer = Some(lacquer));
+            // A pane stays one.
+            part.solids.iter_mut().for_each(|solid| {
+                solid.material.lacquer.get_or_insert(lacquer);
+            });
         }
     }
     object

@@ -34,6 +34,11 @@ impl Lacquer {
         Self { patch_m, from, seed }
     }
 
+    /// One patch over everything.
+    pub(super) fn everywhere() -> Self {
+        Self { patch_m: 1.0, from: f64::NEG_INFINITY, seed: 0 }
+    }
+
     /// Whether a point in the part's frame is lacquered.
     pub fn covers(&self, point: &Point3<f64>) -> bool {
         value_noise(&(point.coords / self.patch_m), self.seed) >= self.from

@@ -34,6 +34,7 @@ impl Look {
             wavelength_m: Some(wavelength_m),
             seed: random::index_below(rng, 1 << 30) as u32,
             lacquer: None,
+            sheen: 0.0,
         }
     }
 

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::{Lacquer, lattice_noise::value_noise};
 
-/// Color and lacquer of a surface.
+/// Color, lacquer and sheen of a surface.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// Linear color, `[0, 1]`.
@@ -17,6 +17,8 @@ pub struct Material {
     pub seed: u32,
     /// Patches without depth; `None` for none.
     pub lacquer: Option<Lacquer>,
+    /// Strength of the mirror-like reflection of a camera's own projector, in `[0, 1]`; 0 is matt.
+    pub sheen: f64,
 }
 
 /// Octaves of the texture, each with half the previous wavelength.
@@ -27,7 +29,7 @@ const FALL: f64 = 0.8;
 impl Material {
     /// A surface of one color.
     pub fn plain(base: Vector3<f64>) -> Self {
-        Self { base, second: base, wavelength_m: None, seed: 0, lacquer: None }
+        Self { base, second: base, wavelength_m: None, seed: 0, lacquer: None, sheen: 0.0 }
     }
 
     /// Whether a point in the part's frame is lacquered.
@@ -77,6 +79,7 @@ mod tests {
             wavelength_m: Some(Vector3::repeat(0.1)),
             seed: 7,
             lacquer: None,
+            sheen: 0.0,
         };
         let at = |x: f64, footprint_m: f64| material.color_at(&Point3::new(x, -0.3, 0.2), footprint_m).x;
         let values: Vec<f64> = (0..4000).map(|i| at(f64::from(i) * 1e-3, 0.0)).collect();

@@ -49,6 +49,8 @@ pub struct CameraPath {
     radius_m: f64,
     distance_m: f64,
     front_rad: f64,
+    /// Range of the azimuth about the front, radians, without waves.
+    sweep_rad: [f64; 2],
     start: f64,
     elevation: [Wave; 2],
     azimuth: Wave,
@@ -77,13 +79,41 @@ impl CameraPath {
         let look = [0; 3].map(|_| wave(0.06, 1.0, 5.0));
         let roll = wave(0.07, 1.0, 4.0);
         let start = if random::is_chosen(rng, 0.5) { 1.0 } else { -1.0 };
-        Self { center, radius_m, distance_m, front_rad, start, elevation, azimuth, range, look, roll }
+        Self {
+            center,
+            radius_m,
+            distance_m,
+            front_rad,
+            sweep_rad: [-HALF_SWEEP_RAD, HALF_SWEEP_RAD],
+            start,
+            elevation,
+            azimuth,
+            range,
+            look,
+            roll,
+        }
+    }
+
+    /// The same path within another range of the azimuth about the front, radians.
+    #[must_use]
+    pub fn with_sweep(self, sweep_rad: [f64; 2]) -> Self {
+        Self { sweep_rad, ..self }
+    }
+
+    /// Range of the azimuth about the front, radians, without waves.
+    pub fn sweep(&self) -> [f64; 2] {
+        self.sweep_rad
+    }
+
+    /// Azimuth about the front at a time in `[0, 1]`, radians, without waves.
+    pub(super) fn sweep_at(&self, time: f64) -> f64 {
+        let [from, to] = self.sweep_rad;
+        0.5 * (from + to) + self.start * (0.5 * (to - from)) * (2.0 * time - 1.0)
     }
 
     /// `world_from_camera` (optical frame) at a time in `[0, 1]`.
     pub fn pose_at(&self, time: f64) -> Pose {
-        let azimuth =
-            self.front_rad + self.start * HALF_SWEEP_RAD * (2.0 * time - 1.0) + self.azimuth.value_at(time);
+        let azimuth = self.front_rad + self.sweep_at(time) + self.azimuth.value_at(time);
         let [low, high] = ELEVATION_RAD;
         let waves = self.elevation[0].value_at(time) + self.elevation[1].value_at(time);
         let elevation = 0.5 * (low + high) + 0.5 * (high - low) * waves;

@@ -3,8 +3,8 @@
 use nalgebra::{Point3, Unit, Vector3};
 
 use super::{
-    Board, BoundingSphere, CameraPath, DepthCamera, HandheldCamera, HandheldSensor, Material, Object, Scene,
-    SeenSample, Solid, SynthConfig, TakePoses, View,
+    Board, BoundingSphere, CameraPath, DepthCamera, HandheldCamera, Material, Object, PoseSource, Room,
+    Scene, SeenSample, Solid, StereoCamera, SynthConfig, TakePoses, View,
     imu::{ImuReading, imu_readings},
     seen_points,
     workspace::whole_way,
@@ -36,7 +36,7 @@ pub struct SynthFrame {
     pub rgb: Vec<[u8; 3]>,
     /// Depth readings in millimeters, row-major; 0 = none.
     pub depth_mm: Vec<u16>,
-    /// Whether each pixel shows the object; `None` for a handheld camera.
+    /// Whether each pixel shows the object; `None` for a handheld camera and for matched depth.
     pub mask: Option<Vec<bool>>,
     /// Poses reported shortly before and after the view, with errors: optical frame in the recording's world.
     pub reported: [Pose; 2],
@@ -73,6 +73,8 @@ pub struct SynthState {
     pub imu: Vec<ImuReading>,
     /// Errors of the reported poses; zero at the first view of state 0.
     pub poses: TakePoses,
+    /// Whether poses are reported at all.
+    pub is_posed: bool,
 }
 
 /// Records an object in a state. The result depends only on the configuration, not on the number of threads.
@@ -88,13 +90,22 @@ pub fn film_take(object: &Object, state: usize, take: usize, config: &SynthConfi
     let sphere = object.bounding_sphere();
     let path = camera_path(object, take, config);
     // The floor and the objects on it are the same in all states.
-    let (floor, lamp) = drawn_surroundings(config.seed);
+    let (textured_floor, lamp) = drawn_surroundings(config.seed);
     let camera = handheld_camera(config);
+    let stereo = stereo_camera(config);
+    let around = Room::of_config(object, config);
+    let floor = around.as_ref().map_or(&textured_floor, |around| &around.floor);
     // Around the object's reach in any state, so that nothing is in its way.
     let board = Board::of_config(object, config);
     let room = room_about(object, board.as_ref());
-    let clutter = camera.clutter_solids(&room, object.world_from_rest.translation.vector.z);
-    let still = Scene::new(object, state, &floor, (FLOOR_RADII * sphere.radius_m).max(MIN_FLOOR_M))
+    let foot_z_m = object.world_from_rest.translation.vector.z;
+    // A room has things of its own.
+    let clutter = match &around {
+        Some(around) => around.solids.clone(),
+        None => camera.clutter_solids(&room, foot_z_m),
+    };
+    let still = Scene::new(object, state, floor, (FLOOR_RADII * sphere.radius_m).max(MIN_FLOOR_M))
+        .with_floor_at(foot_z_m - around.as_ref().map_or(0.0, |around| around.foot_height_m))
         .with_solids(&clutter);
     let still = board.as_ref().map_or_else(|| still.with_solids(&[]), |board| still.with_board(board));
     let depth_camera = DepthCamera::with_scaled_noise(config.noise);
@@ -110,6 +121,7 @@ pub fn film_take(object: &Object, state: usize, take: usize, config: &SynthConfi
         hands.iter().map(|hand| (!hand.is_empty()).then(|| still.with_solids(hand))).collect();
     let scene = |i: usize| with_hands[i].as_ref().unwrap_or(&still);
     let poses = camera.pose_errors(take, &cameras);
+    let hand_error = config.poses.hand_error(config.seed);
     // The first take defines the world frame.
     let offset = if take == 0 { Pose::identity() } else { world_drift(config) };
     let recorded_from_world = offset * poses.relocalization;
@@ -118,15 +130,19 @@ pub fn film_take(object: &Object, state: usize, take: usize, config: &SynthConfi
         let world_from_camera = cameras[i];
         let light = camera.light_of_view(take, i, &lamp, scene(i), &world_from_camera, &sphere);
         let mut view = View::cast_rays(scene(i), &intrinsics, &world_from_camera, &light);
-        let errors = camera.depth_errors(take, i, &view, &intrinsics);
         let depth_rng = &mut rng("depth", i);
-        let depth_mm =
-            depth_camera.depth_mm(&view, scene(i), &intrinsics, &world_from_camera, &errors, depth_rng);
+        let depth_mm = match &stereo {
+            Some(stereo) => stereo.depth_mm(scene(i), &light, &intrinsics, &world_from_camera, depth_rng),
+            None => {
+                let errors = camera.depth_errors(take, i, &view, &intrinsics);
+                depth_camera.depth_mm(&view, scene(i), &intrinsics, &world_from_camera, &errors, depth_rng)
+            }
+        };
         let velocity = camera_velocity(&path, time(i, 0.0), views as f64 * period_nanos as f64 * 1e-9);
         // Depth is computed from the sharp view: blur and shift affect only color.
         view.color = camera.colors_of_view(take, i, &view, &intrinsics, &velocity);
         // One error for both poses of a view; otherwise interpolation would average the errors.
-        let error = poses.jitter[i] * pose_error(config, &mut rng("pose", i));
+        let error = poses.jitter[i] * pose_error(config, &mut rng("pose", i)) * hand_error;
         let reported = [-1.0, 1.0].map(|side| {
             let at = side * SynthFrame::POSE_OFFSET_NANOS as f64 - 1e9 * camera.lag_s;
             recorded_from_world * poses.drift[i] * path.pose_at(time(i, at)) * error
@@ -134,7 +150,7 @@ pub fn film_take(object: &Object, state: usize, take: usize, config: &SynthConfi
         frames.push(SynthFrame {
             rgb: depth_camera.color_image(&view, &mut rng("color", i)),
             depth_mm,
-            mask: config.sensor.is_none().then(|| view.part.iter().map(Option::is_some).collect()),
+            mask: config.has_masks().then(|| view.part.iter().map(Option::is_some).collect()),
             reported,
             world_from_camera,
             velocity,
@@ -146,13 +162,20 @@ pub fn film_take(object: &Object, state: usize, take: usize, config: &SynthConfi
     let eyes: Vec<(&Scene, Pose)> = (0..views).map(|i| (scene(i), cameras[i])).collect();
     let seen = seen_points(object, state, &intrinsics, &eyes, SURFACE_POINTS, &mut rng("seen", 0));
     let imu = if config.imu { imu_readings(&path, take, views, period_nanos, config) } else { Vec::new() };
-    SynthState { intrinsics, frames, period_nanos, recorded_from_world, seen, imu, poses }
+    let is_posed = config.poses != PoseSource::Nobody;
+    SynthState { intrinsics, frames, period_nanos, recorded_from_world, seen, imu, poses, is_posed }
 }
 
 /// The camera of a configuration, without effects if no sensor is configured.
 pub fn handheld_camera(config: &SynthConfig) -> HandheldCamera {
-    let sensor = config.sensor.unwrap_or_else(HandheldSensor::clean);
+    let sensor = config.sensor.unwrap_or_else(|| config.poses.sensor());
     HandheldCamera::drawn(sensor, &camera_intrinsics(config), config.seed)
+}
+
+/// The stereo camera of a configuration; `None` where depth is modeled.
+pub fn stereo_camera(config: &SynthConfig) -> Option<StereoCamera> {
+    let level = config.depth.stereo_level()?;
+    Some(StereoCamera::drawn(level, &camera_intrinsics(config), config.seed))
 }
 
 /// Number of views and the time between them, nanoseconds. With a sensor or a rate, they follow from a hand's
@@ -202,7 +225,11 @@ pub(super) fn camera_path(object: &Object, state: usize, config: &SynthConfig) -
     let forward = object.world_from_rest.rotation * Vector3::x();
     let half_view_rad = (0.5 * k.width.min(k.height) as f64 / k.fx).atan();
     let rng = &mut stage_rng(config.seed, &format!("synth/state{state}/path"), 0);
-    CameraPath::new(center, radius_m, forward.y.atan2(forward.x), half_view_rad, rng)
+    let path = CameraPath::new(center, radius_m, forward.y.atan2(forward.x), half_view_rad, rng);
+    match Room::of_config(object, config) {
+        Some(room) => room.limited_path(path),
+        None => path,
+    }
 }
 
 /// The box around an object and a board.
@@ -223,6 +250,7 @@ pub(super) fn drawn_surroundings(seed: u64) -> (Material, Vector3<f64>) {
         wavelength_m: Some(Vector3::repeat(random::uniform_in(rng, 0.2, 0.5))),
         seed: random::index_below(rng, 1 << 30) as u32,
         lacquer: None,
+        sheen: 0.0,
     };
     let lamp = Vector3::new(random::uniform_in(rng, -1.0, 1.0), random::uniform_in(rng, -1.0, 1.0), 1.0);
     (floor, Unit::new_normalize(lamp).into_inner())
@@ -249,6 +277,7 @@ fn world_drift(config: &SynthConfig) -> Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::HandheldSensor;
 
     #[test]
     fn a_rate_says_how_many_views_a_hand_takes_on_the_same_way() {

@@ -138,6 +138,27 @@ impl<'a> Scene<'a> {
         self.first_sight(&(from + step * margin_m), &step, length_m - margin_m).is_none()
     }
 
+    /// How a visible point reflects infrared light.
+    pub(super) fn infrared_of_sight(&self, sight: &Sight, light: &Light, footprint_m: f64) -> InfraredShade {
+        let material = self.placed.get(sight.solid).map_or(self.floor, |p| p.material);
+        let reflectance = material.color_at(&sight.point_in_part, footprint_m).dot(&LUMINANCE);
+        let paint = DYE_SHARE * reflectance + (1.0 - DYE_SHARE) * DYE_ALBEDO;
+        let is_lacquered = material.is_lacquered(&sight.point_in_part);
+        // Lacquer and glass send next to nothing back.
+        let albedo = if is_lacquered { LACQUER_SHARE * reflectance } else { paint };
+        InfraredShade {
+            albedo,
+            sheen: if is_lacquered { 0.0 } else { material.sheen },
+            ambient: albedo * light.diffuse_light(&sight.normal).dot(&LUMINANCE),
+        }
+    }
+
+    /// The same scene with its floor at another height, meters.
+    #[must_use]
+    pub(super) fn with_floor_at(self, floor_z_m: f64) -> Self {
+        Self { floor_z_m, ..self }
+    }
+
     /// Light from a visible world point towards the eye.
     pub fn shade_of_sight(
         &self,
@@ -166,6 +187,26 @@ impl<'a> Scene<'a> {
 
 /// Luminance of linear red, green and blue (ITU-R BT.709). derived: that recommendation
 const LUMINANCE: Vector3<f64> = Vector3::new(0.2126, 0.7152, 0.0722);
+
+/// Share of infrared light that a lacquered surface sends back, beside its dark color.
+/// chosen: below the noise of an infrared image
+const LACQUER_SHARE: f64 = 0.15;
+
+/// Share of the visible reflectance that remains in near infrared, and the albedo that replaces the rest:
+/// most dyes are pale there. chosen: black cloth and plastic still reflect a tenth
+const DYE_SHARE: f64 = 0.7;
+const DYE_ALBEDO: f64 = 0.4;
+
+/// How a surface reflects infrared light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct InfraredShade {
+    /// Reflectance of a matt surface, in `[0, 1]`.
+    pub albedo: f64,
+    /// Strength of a mirror-like reflection, in `[0, 1]`.
+    pub sheen: f64,
+    /// Reflected ambient light, in units of the albedo.
+    pub ambient: f64,
+}
 
 /// Light from a surface towards a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]

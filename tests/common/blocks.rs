@@ -98,6 +98,7 @@ impl BoxScene<'_> {
             wavelength_m: Some(Vector3::repeat(self.wavelength_m)),
             seed: 40 + part as u32,
             lacquer: None,
+            sheen: 0.0,
         }
     }
 

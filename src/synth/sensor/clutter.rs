@@ -49,6 +49,7 @@ pub(super) fn drawn_things(room: &[Point3<f64>; 2], floor_z_m: f64, rng: &mut im
             wavelength_m: (!is_dark).then(|| Vector3::repeat(0.3 * radius_m)),
             seed,
             lacquer: None,
+            sheen: 0.0,
         };
         let stands = Pose::new(Vector3::new(at.x, at.y, floor_z_m + half.z), Vector3::z() * yaw);
         things.push(if is_can {
