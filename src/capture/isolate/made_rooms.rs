@@ -205,6 +205,39 @@ fn a_thing_at_the_edge_of_a_table_is_found() {
     }
 }
 
+/// Blocks moved up.
+fn raised(blocks: &[Block], by_m: f64) -> Vec<Block> {
+    let raise = |corner: [f64; 3]| [corner[0], corner[1], corner[2] + by_m];
+    blocks.iter().map(|[lower, upper]| [raise(*lower), raise(*upper)]).collect()
+}
+
+#[test]
+fn a_table_whose_edges_are_seen_is_not_of_the_object_on_it() {
+    let table = [[-0.6, -0.65, 0.66], [0.6, 0.5, 0.7]];
+    let around = [FLOOR, WALL_BEHIND, table];
+    let states = [0.03, 0.22].map(|drawn_m| [&around[..], &raised(&chest(drawn_m), 0.7)].concat());
+    let found = Room { states, target: Point3::new(0.0, 0.0, 1.0), distance_m: 1.7 }.isolated().unwrap();
+    for state in 0..2 {
+        let kept = found.kept_in(state, &[[-0.3, -0.55, 0.8], [0.3, 0.3, 1.35]]);
+        let share = found.share_in(state, &[[-0.35, -0.6, 0.66], [0.35, 0.35, 1.4]]);
+        assert!(kept > 0.8 && share > 0.95, "state {state}: {kept} {share} {:?}", found.notes());
+    }
+}
+
+#[test]
+fn things_beside_the_object_on_one_rug_are_not_of_it() {
+    let rug = [[-1.0, -1.0, 0.0], [1.0, 0.5, 0.012]];
+    let boxes = [[[0.45, -0.2, 0.0], [0.65, 0.0, 0.4]], [[-0.7, 0.0, 0.0], [-0.45, 0.25, 0.3]]];
+    let around = [&[FLOOR, WALL_BEHIND, rug][..], &boxes].concat();
+    let states = [0.03, 0.22].map(|drawn_m| [&around[..], &chest(drawn_m)].concat());
+    let found = Room { states, target: Point3::new(0.0, 0.0, 0.3), distance_m: 1.5 }.isolated().unwrap();
+    for state in 0..2 {
+        let kept = found.kept_in(state, &[[-0.3, -0.55, 0.1], [0.3, 0.3, 0.65]]);
+        let share = found.share_in(state, &[[-0.4, -0.65, -0.1], [0.4, 0.4, 0.7]]);
+        assert!(kept > 0.8 && share > 0.95, "state {state}: {kept} {share} {:?}", found.notes());
+    }
+}
+
 #[test]
 fn a_room_is_not_taken_for_the_object() {
     let states = [0.03, 0.22].map(|drawn_m| [&[FLOOR, WALL_BEHIND][..], &chest(drawn_m)].concat());

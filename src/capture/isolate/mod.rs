@@ -39,7 +39,7 @@ use self::{
     plane::{Plane, background_planes, sampled_readings},
     room::ShareOfRoom,
     select::{Object, Search, bounds, choose_object, groups_of_states},
-    stand::stand_of_object,
+    stand::{Standers, stand_of_object},
     support::{Support, find_support},
     voxels::{Cell, CellSet, center_of_cell, dilated_cells, frames_needed, supported_cells},
 };
@@ -200,7 +200,9 @@ fn find_object(
     if workspace.is_none() {
         // A rug lies on a floor, and a tray on a table.
         for _ in 0..MOST_STANDS {
-            let stand = stand_of_object(&samples, &cameras, &standing.changed, &background, size_m);
+            let standers = Standers::new(&standing.changed, size_m, !capture.tracking.is_empty(), stop)?;
+            let Some(standers) = standers else { break };
+            let stand = stand_of_object(&samples, &cameras, &standers, &background, rng, stop)?;
             let Some(stand) = stand else { break };
             background.planes.push(stand);
             standing = standing_out(capture, &background, size_m, stop)?;

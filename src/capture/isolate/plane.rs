@@ -182,7 +182,7 @@ fn best_plane(samples: &[Sample], cameras: &[Point3<f64>], rng: &mut impl Rng) -
 
 /// The plane through three points, with its normal to the cameras; `None` if they are collinear or the
 /// cameras are on both sides.
-fn plane_through(
+pub(super) fn plane_through(
     a: &Point3<f64>,
     b: &Point3<f64>,
     c: &Point3<f64>,
@@ -192,7 +192,7 @@ fn plane_through(
     oriented_to_cameras(Plane { normal, offset_m: normal.dot(&a.coords), object_box_m: None }, cameras)
 }
 
-pub(super) fn oriented_to_cameras(plane: Plane, cameras: &[Point3<f64>]) -> Option<Plane> {
+fn oriented_to_cameras(plane: Plane, cameras: &[Point3<f64>]) -> Option<Plane> {
     let above = cameras.iter().filter(|c| plane.height_m(c) > 0.0).count();
     if above == cameras.len() {
         Some(plane)

@@ -4,66 +4,136 @@
 //! changed lies below it, and more of it is seen away from what changed than what changed covers.
 
 use nalgebra::Point3;
-use rustc_hash::{FxHashMap, FxHashSet};
+use rand_core::Rng;
+use rustc_hash::FxHashSet;
+use tracing::debug;
 
 use super::{
     background::{Background, in_box},
     claim::frame_of,
-    plane::{Plane, Sample, is_inlier, oriented_to_cameras, refitted_plane},
-    voxels::{Cell, CellSet, center_of_cell},
+    plane::{Plane, Sample, is_inlier, plane_through, refitted_plane},
+    select::CLEARLY,
+    voxels::{Cell, CellSet, cell_of_point, center_of_cell, groups},
 };
-use nalgebra::{Unit, Vector3};
+use common::stop::{Stop, Stopped};
 
-/// Least cosine between the normal of a level plane and the vertical.
+/// Least cosine between the normal of a level plane and the vertical, where poses were recorded ...
 /// chosen: 10 deg; floors and tables lie better, worlds of SLAM may be tilted by some degrees
 const LEVEL: f64 = 0.985;
-/// Height of the slices in which level planes are looked for, meters.
-/// chosen: finer than things that stand on each other, coarser than the noise near the camera
-const SLICE_M: f64 = 0.01;
-/// Number of slices that are tried, the fullest first.
-/// chosen: more than an object has level faces of a table's size
-const TRIED: usize = 12;
+/// ... and where only the images say how the camera was held.
+/// chosen: 45 deg, nearer to the vertical than to a wall
+const LEVEL_BY_IMAGES: f64 = 0.707;
+/// Number of hypotheses. derived: a plane of a fifth of the readings is drawn ten times
+const TRIALS: usize = 1200;
+/// Number of readings that score a hypothesis. chosen: as for background planes
+const SCORED: usize = 6_000;
 /// Rounds of refitting a plane to its readings. chosen: as for background planes
 const ROUNDS: usize = 5;
 /// Largest share of the changed cells below the plane.
 /// chosen: some are errors at the object's foot
 const BELOW: f64 = 0.05;
+/// Most changed cells that are held against a hypothesis. chosen: a share of 0.05 is known to 0.005
+const PROBED: usize = 2_000;
 
-/// The widest plane that the object stands on, among readings off the background; `None` if there is none or
-/// nothing changed. `changed` holds cells of `size_m`.
+/// What stands on planes: the changed cells, and the box about them.
+pub(super) struct Standers {
+    middles: Vec<Point3<f64>>,
+    object_box_m: [[f64; 3]; 2],
+    size_m: f64,
+    least_level: f64,
+}
+
+impl Standers {
+    /// From what changed, in cells of `size_m`; `None` if nothing did.
+    pub(super) fn new(
+        changed: &CellSet,
+        size_m: f64,
+        is_tracked: bool,
+        stop: &Stop,
+    ) -> Result<Option<Self>, Stopped> {
+        let cells = large_patches(changed, stop)?;
+        let step = cells.len().div_ceil(PROBED).max(1);
+        Ok((!cells.is_empty()).then(|| Self {
+            middles: cells.iter().step_by(step).map(|c| center_of_cell(c, size_m)).collect(),
+            object_box_m: frame_of(&cells, size_m),
+            size_m,
+            least_level: if is_tracked { LEVEL_BY_IMAGES } else { LEVEL },
+        }))
+    }
+
+    /// Whether the object may stand on a plane: it is level, and hardly anything that changed is below it.
+    fn may_stand_on(&self, plane: &Plane) -> bool {
+        let is_below = |p: &&Point3<f64>| plane.height_m(p) < -self.size_m;
+        plane.normal.z >= self.least_level
+            && self.middles.iter().filter(is_below).count() as f64 <= BELOW * self.middles.len() as f64
+    }
+
+    /// Whether a reading lies away from the object.
+    fn is_away(&self, sample: &Sample) -> bool {
+        !in_box(Some(self.object_box_m), &sample.point)
+    }
+
+    /// Area of the object's box as seen along a normal, square meters.
+    fn covered_m2(&self, plane: &Plane) -> f64 {
+        let [lower, upper] = self.object_box_m;
+        let side = [0, 1, 2].map(|k| upper[k] - lower[k]);
+        (0..3).map(|k| plane.normal[k].abs() * side[(k + 1) % 3] * side[(k + 2) % 3]).sum()
+    }
+
+    /// Area of a plane that was seen away from the object, square meters.
+    fn away_m2(&self, plane: &Plane, samples: &[Sample]) -> f64 {
+        // Wider than the cells, as the samples are sparse.
+        let side_m = 2.0 * self.size_m;
+        let on_plane = samples.iter().filter(|s| is_inlier(plane, s) && self.is_away(s));
+        let squares: FxHashSet<Cell> = on_plane.filter_map(|s| cell_of_point(&s.point, side_m)).collect();
+        squares.len() as f64 * side_m * side_m
+    }
+}
+
+/// The widest plane that the object stands on, among readings off the background; `None` if there is none.
 pub(super) fn stand_of_object(
     samples: &[Sample],
     cameras: &[Point3<f64>],
-    changed: &CellSet,
+    standers: &Standers,
     background: &Background<'_>,
-    size_m: f64,
-) -> Option<Plane> {
-    if changed.is_empty() {
-        return None;
-    }
-    let cells: Vec<Cell> = changed.iter().copied().collect();
-    let object_box_m = frame_of(&cells, size_m);
+    rng: &mut impl Rng,
+    stop: &Stop,
+) -> Result<Option<Plane>, Stopped> {
     let off: Vec<Sample> = samples.iter().filter(|s| is_off(s, background)).cloned().collect();
-    let mut widest: Option<(usize, Plane)> = None;
-    for height_m in full_slices_m(&off) {
-        let Some(plane) = level_plane(height_m, &off, cameras) else { continue };
-        let is_below = |c: &&Cell| plane.height_m(&center_of_cell(c, size_m)) < -size_m;
-        if cells.iter().filter(is_below).count() as f64 > BELOW * cells.len() as f64 {
+    if off.len() < 3 {
+        return Ok(None);
+    }
+    let scored: Vec<&Sample> = off.iter().step_by(off.len().div_ceil(SCORED)).collect();
+    let mut best: Option<(usize, Plane)> = None;
+    for _ in 0..TRIALS {
+        stop.check()?;
+        let [a, b, c] = [(); 3].map(|()| off[(rng.next_u64() % off.len() as u64) as usize].point);
+        let Some(plane) = plane_through(&a, &b, &c, cameras).filter(|p| standers.may_stand_on(p)) else {
             continue;
-        }
-        let [lower, upper] = object_box_m;
-        let covered = ((upper[0] - lower[0]) * (upper[1] - lower[1]) / (size_m * size_m)).round() as usize;
-        let squares: FxHashSet<[i32; 2]> = off
-            .iter()
-            .filter(|s| is_inlier(&plane, s) && !is_over(&object_box_m, &s.point))
-            .map(|s| square_of_point(&s.point, size_m))
-            .collect();
-        let wide = area_of_squares(&squares);
-        if wide > covered && widest.is_none_or(|(most, _)| wide > most) {
-            widest = Some((wide, plane));
+        };
+        let away = scored.iter().filter(|s| is_inlier(&plane, s) && standers.is_away(s)).count();
+        if best.is_none_or(|(most, _)| away > most) {
+            best = Some((away, plane));
         }
     }
-    widest.map(|(_, plane)| plane)
+    let Some((_, mut plane)) = best else { return Ok(None) };
+    for _ in 0..ROUNDS {
+        let Some(refitted) = refitted_plane(&plane, &off, cameras) else { return Ok(None) };
+        plane = refitted;
+    }
+    let away_m2 = standers.away_m2(&plane, &off);
+    let covered_m2 = standers.covered_m2(&plane);
+    debug!(%plane, away_m2, covered_m2, may_stand = standers.may_stand_on(&plane), "stand of the object");
+    Ok((standers.may_stand_on(&plane) && away_m2 > covered_m2).then_some(plane))
+}
+
+/// The cells of the large patches of what changed; errors at edges make many small ones.
+fn large_patches(changed: &CellSet, stop: &Stop) -> Result<Vec<Cell>, Stopped> {
+    let mut cells: Vec<Cell> = changed.iter().copied().collect();
+    cells.sort_unstable();
+    let patches = groups(&cells, 1, stop)?;
+    let most = patches.iter().map(Vec::len).max().unwrap_or(0);
+    Ok(patches.into_iter().filter(|p| CLEARLY * p.len() as f64 >= most as f64).flatten().collect())
 }
 
 /// Whether a reading is clearly before all background planes.
@@ -74,40 +144,4 @@ fn is_off(sample: &Sample, background: &Background<'_>) -> bool {
     };
     in_box(background.config.isolate.workspace, &sample.point)
         && background.planes_at(&sample.point).all(clear_m)
-}
-
-/// Heights of the fullest slices, meters.
-fn full_slices_m(samples: &[Sample]) -> Vec<f64> {
-    let mut counts: FxHashMap<i32, usize> = FxHashMap::default();
-    for sample in samples {
-        *counts.entry((sample.point.z / SLICE_M).floor() as i32).or_default() += 1;
-    }
-    let mut slices: Vec<(usize, i32)> = counts.into_iter().map(|(slice, count)| (count, slice)).collect();
-    slices.sort_unstable_by(|a, b| b.0.cmp(&a.0).then(a.1.cmp(&b.1)));
-    slices.iter().take(TRIED).map(|(_, slice)| (f64::from(*slice) + 0.5) * SLICE_M).collect()
-}
-
-/// The level plane near a height, seen from above by all cameras.
-fn level_plane(height_m: f64, samples: &[Sample], cameras: &[Point3<f64>]) -> Option<Plane> {
-    let normal = Unit::new_unchecked(Vector3::z());
-    let mut plane = oriented_to_cameras(Plane { normal, offset_m: height_m, object_box_m: None }, cameras)?;
-    for _ in 0..ROUNDS {
-        plane = refitted_plane(&plane, samples, cameras)?;
-    }
-    (plane.normal.z >= LEVEL).then_some(plane)
-}
-
-/// Whether a point lies over or under a box.
-fn is_over([lower, upper]: &[[f64; 3]; 2], point: &Point3<f64>) -> bool {
-    (0..2).all(|k| point[k] >= lower[k] && point[k] <= upper[k])
-}
-
-/// The square of a horizontal grid, twice the size of a cell, as samples are sparse.
-fn square_of_point(point: &Point3<f64>, size_m: f64) -> [i32; 2] {
-    [0, 1].map(|k| (point[k] / (2.0 * size_m)).floor() as i32)
-}
-
-/// Area of squares, in cells.
-fn area_of_squares(squares: &FxHashSet<[i32; 2]>) -> usize {
-    4 * squares.len()
 }
