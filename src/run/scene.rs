@@ -23,7 +23,14 @@ impl<'a> Scene<'a> {
     /// For states in one world frame, in which `bounds` is around the object.
     pub(crate) fn of(capture: &Capture, bounds: SceneBox, config: &'a Config) -> Self {
         let band = Band::of(&capture.frames(), &bounds, &capture.noise, &config.surface);
-        Self { config, noise: capture.noise, shared_error: capture.shared_error, unread: capture.unread, bounds, band }
+        Self {
+            config,
+            noise: capture.noise,
+            shared_error: capture.shared_error,
+            unread: capture.unread,
+            bounds,
+            band,
+        }
     }
 }
 

@@ -42,7 +42,8 @@ pub(crate) struct StateSurface {
 pub(super) fn fuse(frames: &[RgbdFrame], scene: &Scene) -> TsdfVolume {
     let grid = Grid3::over_scene(&scene.bounds, scene.config.surface.nodes, ());
     let mut volume = TsdfVolume::new(grid.origin, grid.spacing_m, grid.dims, scene.band.truncation_m);
-    let views: Vec<TsdfView> = frames.par_iter().map(|f| TsdfView::of_object(f, scene.unread, &scene.noise)).collect();
+    let views: Vec<TsdfView> =
+        frames.par_iter().map(|f| TsdfView::of_object(f, scene.unread, &scene.noise)).collect();
     volume.fuse(&views);
     volume
 }

@@ -30,7 +30,14 @@ pub struct FreeSpaceRule {
 
 impl Default for FreeSpaceRule {
     fn default() -> Self {
-        Self { noise: NoiseConfig::default(), shared_error: 0.0, unread: Unread::Empty, margin_sigmas: 4.0, margin_m: 0.004, min_views: 2 }
+        Self {
+            noise: NoiseConfig::default(),
+            shared_error: 0.0,
+            unread: Unread::Empty,
+            margin_sigmas: 4.0,
+            margin_m: 0.004,
+            min_views: 2,
+        }
     }
 }
 

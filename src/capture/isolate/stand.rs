@@ -5,21 +5,21 @@
 
 use nalgebra::Point3;
 use rand_core::Rng;
-use rustc_hash::FxHashSet;
+use rustc_hash::FxHashMap;
 use tracing::debug;
 
 use super::{
     background::{Background, in_box},
     claim::frame_of,
     plane::{Plane, Sample, is_inlier, plane_through, refitted_plane},
-    select::CLEARLY,
+    select::{CLEARLY, bounds},
     voxels::{Cell, CellSet, cell_of_point, center_of_cell, groups},
 };
 use common::stop::{Stop, Stopped};
 
 /// Least cosine between the normal of a level plane and the vertical, where poses were recorded ...
-/// chosen: 10 deg; floors and tables lie better, worlds of SLAM may be tilted by some degrees
-const LEVEL: f64 = 0.985;
+/// chosen: 5 deg; floors and tables lie better, worlds of SLAM may be tilted by a degree or two
+const LEVEL: f64 = 0.996;
 /// ... and where only the images say how the camera was held.
 /// chosen: 45 deg, nearer to the vertical than to a wall
 const LEVEL_BY_IMAGES: f64 = 0.707;
@@ -32,12 +32,17 @@ const ROUNDS: usize = 5;
 /// Largest share of the changed cells below the plane.
 /// chosen: some are errors at the object's foot
 const BELOW: f64 = 0.05;
+/// Fewest readings of a square of a plane. chosen: a surface has tens of them, strays one or two
+const LEAST_READINGS: usize = 4;
 /// Most changed cells that are held against a hypothesis. chosen: a share of 0.05 is known to 0.005
 const PROBED: usize = 2_000;
 
 /// What stands on planes: the changed cells, and the box about them.
 pub(super) struct Standers {
     middles: Vec<Point3<f64>>,
+    /// Lengths of the box about what changed, meters.
+    sides_m: [f64; 3],
+    /// That box with a margin for the rest of the object: lower and upper corner, meters.
     object_box_m: [[f64; 3]; 2],
     size_m: f64,
     least_level: f64,
@@ -53,7 +58,9 @@ impl Standers {
     ) -> Result<Option<Self>, Stopped> {
         let cells = large_patches(changed, stop)?;
         let step = cells.len().div_ceil(PROBED).max(1);
+        let (lower, upper) = bounds(cells.iter());
         Ok((!cells.is_empty()).then(|| Self {
+            sides_m: [0, 1, 2].map(|k| f64::from(upper[k] - lower[k] + 1) * size_m),
             middles: cells.iter().step_by(step).map(|c| center_of_cell(c, size_m)).collect(),
             object_box_m: frame_of(&cells, size_m),
             size_m,
@@ -73,10 +80,9 @@ impl Standers {
         !in_box(Some(self.object_box_m), &sample.point)
     }
 
-    /// Area of the object's box as seen along a normal, square meters.
+    /// Area of the box about what changed as seen along a normal, square meters.
     fn covered_m2(&self, plane: &Plane) -> f64 {
-        let [lower, upper] = self.object_box_m;
-        let side = [0, 1, 2].map(|k| upper[k] - lower[k]);
+        let side = self.sides_m;
         (0..3).map(|k| plane.normal[k].abs() * side[(k + 1) % 3] * side[(k + 2) % 3]).sum()
     }
 
@@ -85,8 +91,12 @@ impl Standers {
         // Wider than the cells, as the samples are sparse.
         let side_m = 2.0 * self.size_m;
         let on_plane = samples.iter().filter(|s| is_inlier(plane, s) && self.is_away(s));
-        let squares: FxHashSet<Cell> = on_plane.filter_map(|s| cell_of_point(&s.point, side_m)).collect();
-        squares.len() as f64 * side_m * side_m
+        let mut squares: FxHashMap<Cell, usize> = FxHashMap::default();
+        for square in on_plane.filter_map(|s| cell_of_point(&s.point, side_m)) {
+            *squares.entry(square).or_default() += 1;
+        }
+        let seen = squares.values().filter(|count| **count >= LEAST_READINGS).count();
+        seen as f64 * side_m * side_m
     }
 }
 
