@@ -15,8 +15,8 @@ pub fn compare(capture: &Capture, model: &ArticulatedModel, looks: &[Look]) -> V
     states.filter_map(|state| state_difference(capture, model, state, &shapes)).collect()
 }
 
-/// Drops readings of the object at places that other views of their state saw empty. A stereo matcher gives the
-/// pixels around an object's outline the object's depth; no twin has surface there.
+/// Drops readings of the object at places that other views of their state saw empty. A stereo matcher gives
+/// the pixels around an object's outline the object's depth; no twin has surface there.
 pub(super) fn forget_stray_readings(capture: &mut Capture, seen_empty: &[Grid3<bool>]) {
     for (frames, empty) in capture.states.iter_mut().zip(seen_empty) {
         frames.par_iter_mut().for_each(|frame| {

@@ -127,3 +127,23 @@ fn blend_in_field(tsdf: &mut Grid3<f32>, weights: &[f32], field: &ObjectField, m
         tsdf.values[i] += share * (d.clamp(-limit, limit) - tsdf.values[i]);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geometry::SceneBox;
+    use nalgebra::Point3;
+
+    #[test]
+    fn only_what_lies_inside_a_surface_and_was_seen_empty_is_opened() {
+        let scene = SceneBox::around_box(&Point3::new(-1.0, -1.0, -1.0), &Point3::new(1.0, 1.0, 1.0));
+        let mut tsdf = Grid3::over_scene(&scene, 11, -0.5f32);
+        tsdf.values[0] = f32::NAN;
+        tsdf.values[1] = 0.25;
+        let mut free = Grid3::over_scene(&scene, 11, false);
+        free.values[..3].fill(true);
+        carve(&mut tsdf, &free, 0.75);
+        assert!(tsdf.values[0].is_nan());
+        assert_eq!(tsdf.values[1..4], [0.25, 0.75, -0.5]);
+    }
+}

@@ -132,3 +132,16 @@ fn weights_fall_behind_a_surface() {
         assert_eq!((behind_weight(d, 1.0), behind_weight(d, 2.0)), (once, twice));
     }
 }
+
+#[test]
+fn pixels_off_the_mask_without_depth_are_empty_rays_only_where_masks_were_recorded() {
+    let mut frame = frame();
+    frame.depth_m[9] = 0.0;
+    frame.mask = Some((0..frame.depth_m.len()).map(|pixel| pixel != 9).collect());
+    let at = |unread| {
+        let view = TsdfView::of_object(&frame, unread, &NoiseConfig::default());
+        (view.readings[9].depth_m, view.readings[9].weight())
+    };
+    assert_eq!(at(Unread::Empty), (f32::INFINITY, 1.0));
+    assert_eq!(at(Unread::Unknown).1, 0.0);
+}

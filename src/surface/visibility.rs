@@ -15,8 +15,8 @@ use geometry::Grid3;
 pub struct FreeSpaceRule {
     /// Noise of the depth.
     pub noise: NoiseConfig,
-    /// Standard deviation of the errors that neighboring readings share, as a multiple of the noise. Denoising
-    /// leaves them as they are.
+    /// Standard deviation of the errors that neighboring readings share, as a multiple of the noise.
+    /// Denoising leaves them as they are.
     pub shared_error: f64,
     /// What pixels off the mask show without depth.
     pub unread: Unread,
@@ -51,8 +51,9 @@ pub fn visibility_grid<T>(frames: &[RgbdFrame], nodes: &Grid3<T>, epsilon_m: f64
 }
 
 /// Whether each node of `nodes` is certainly empty: at least `rule.min_views` views see it clearly in front
-/// of a known depth, or, where masks were recorded, on a ray off the mask without known depth. The nearest of the 3x3 readings around a
-/// pixel counts, so smeared depth edges and masks wrong by a pixel do not carve the object.
+/// of a known depth, or, where masks were recorded, on a ray off the mask without known depth. The nearest of
+/// the 3x3 readings around a pixel counts, so smeared depth edges and masks wrong by a pixel do not carve the
+/// object.
 pub fn free_space_grid<T>(frames: &[RgbdFrame], nodes: &Grid3<T>, rule: &FreeSpaceRule) -> Grid3<bool> {
     views_in_front(frames, nodes, rule.min_views, |frame| free_reach(frame, rule))
 }
@@ -220,5 +221,34 @@ mod tests {
         };
         assert!(inside_free(1) > 1000);
         assert_eq!(inside_free(2), 0);
+    }
+
+    #[test]
+    fn errors_that_neighbors_share_keep_space_before_a_surface_open() {
+        let frames = orbit(&sphere(0.2), 8, 0.8);
+        let nodes = grid_of(0.3, 31, sphere(0.2));
+        let nearest_m = |shared_error| {
+            let rule = FreeSpaceRule { shared_error, ..FreeSpaceRule::default() };
+            let free = free_space_grid(&frames, &nodes, &rule);
+            let heights_m = (0..free.values.len()).filter(|i| free.values[*i]).map(|i| nodes.values[i]);
+            heights_m.fold(f32::INFINITY, f32::min)
+        };
+        assert!(nearest_m(5.0) > nearest_m(0.0) + 0.01);
+    }
+
+    #[test]
+    fn without_recorded_masks_pixels_without_depth_show_nothing() {
+        let mut frames = orbit(&sphere(0.2), 6, 0.8);
+        for frame in &mut frames {
+            frame.mask = Some(vec![false; frame.depth_m.len()]);
+            frame.depth_m.fill(0.0);
+        }
+        let nodes = grid_of(0.3, 21, sphere(0.2));
+        let count = |unread| {
+            let rule = FreeSpaceRule { unread, ..FreeSpaceRule::default() };
+            free_space_grid(&frames, &nodes, &rule).values.iter().filter(|free| **free).count()
+        };
+        assert!(count(Unread::Empty) > 1000);
+        assert_eq!(count(Unread::Unknown), 0);
     }
 }
