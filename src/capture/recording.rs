@@ -21,7 +21,7 @@ pub struct Capture {
     pub noise: NoiseConfig,
     /// Standard deviation of the errors that neighboring readings share, as a multiple of the noise: those of
     /// a stereo matcher, of the sensor's calibration, of camera poses (docs/method.md 2.9). Known once the
-    /// object is isolated.
+    /// object is isolated by depth; 0 with recorded masks.
     #[serde(default)]
     pub shared_error: f64,
     /// By state, how the camera was tracked; empty where the recording holds poses.

@@ -6,7 +6,7 @@ use tracing::debug;
 
 use super::{RunError, scene::Scene};
 use articulate::{SurfaceSamples, mesh_samples};
-use capture::RgbdFrame;
+use capture::{RgbdFrame, Unread};
 use field::ObjectField;
 use geometry::Grid3;
 use surface::{
@@ -72,9 +72,12 @@ pub(super) fn state_surface(
     };
     let free = free_space_grid(frames, &nodes, &rule);
     if let Some(field) = field {
-        blend_in_field(&mut tsdf, volume.weights(), field, band.min_weight);
+        blend_in_field(&mut tsdf, volume.weights(), field, band.min_weight, &free);
     }
-    carve(&mut tsdf, &free, band.truncation_m as f32);
+    // A recorded mask leaves stray readings at outlines out.
+    if scene.unread == Unread::Unknown {
+        carve(&mut tsdf, &free, band.truncation_m as f32);
+    }
     let weight = Grid3 {
         origin: tsdf.origin,
         spacing_m: tsdf.spacing_m,
@@ -105,7 +108,7 @@ pub(super) fn state_surface(
 }
 
 /// Opens places inside a surface that views saw empty (docs/method.md 3.5): stray readings at the outlines of
-/// things, and guesses of a field.
+/// things.
 fn carve(tsdf: &mut Grid3<f32>, free: &Grid3<bool>, truncation_m: f32) {
     let inside: Vec<usize> = (0..tsdf.values.len()).filter(|&i| tsdf.values[i] < 0.0).collect();
     let is_empty = |i: &usize| free.nearest_node(&tsdf.position_of_index(*i)).is_some_and(|n| free.values[n]);
@@ -115,15 +118,23 @@ fn carve(tsdf: &mut Grid3<f32>, free: &Grid3<bool>, truncation_m: f32) {
     }
 }
 
-/// Replaces fused distances by the field's at all observed nodes near a fused surface. The field's residual
-/// counts as much as the least weight of an observed node (docs/method.md 12.5): it is a guess from the
-/// neighborhood, which readings outvote.
-fn blend_in_field(tsdf: &mut Grid3<f32>, weights: &[f32], field: &ObjectField, min_weight: f32) {
+/// Replaces fused distances by the field's at all observed nodes near a fused surface, except where views saw
+/// free space. The field's residual counts as much as the least weight of an observed node
+/// (docs/method.md 12.5): it is a guess from the neighborhood, which readings outvote.
+fn blend_in_field(
+    tsdf: &mut Grid3<f32>,
+    weights: &[f32],
+    field: &ObjectField,
+    min_weight: f32,
+    free: &Grid3<bool>,
+) {
     let limit = field.truncation_m as f32;
     let near: Vec<usize> = (0..tsdf.values.len()).filter(|&i| tsdf.values[i].abs() < 0.999 * limit).collect();
     let points: Vec<_> = near.iter().map(|&i| tsdf.position_of_index(i)).collect();
-    for (i, d) in near.into_iter().zip(field.signed_distances_m(&points)) {
+    for ((i, p), d) in near.into_iter().zip(&points).zip(field.signed_distances_m(&points)) {
         let share = if field.base.is_some() { min_weight / (min_weight + weights[i]) } else { 1.0 };
+        let is_carved = d < 0.0 && free.nearest_node(p).is_some_and(|n| free.values[n]);
+        let d = if is_carved { limit } else { d };
         tsdf.values[i] += share * (d.clamp(-limit, limit) - tsdf.values[i]);
     }
 }

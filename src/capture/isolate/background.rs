@@ -37,6 +37,11 @@ impl Background<'_> {
         self.planes_at(point).min_by(|a, b| height(a).total_cmp(&height(b)))
     }
 
+    /// Whether a point is less than a height over a plane.
+    pub fn is_near_plane(&self, point: &Point3<f64>, height_m: f64) -> bool {
+        self.planes_at(point).any(|p| self.planes[p].height_m(point) < height_m)
+    }
+
     /// Whether a point is above all planes by more than the noise of its height.
     pub fn is_above(&self, frame: &RgbdFrame, pixel: usize, point: &Point3<f64>) -> bool {
         let k = &frame.intrinsics;

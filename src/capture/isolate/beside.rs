@@ -26,11 +26,8 @@ pub(super) fn without_things_beside(
     stop: &Stop,
 ) -> Result<Vec<Cell>, Stopped> {
     let near_m = LINKS_NOTHING_M.max(LINKS_NOTHING * size_m);
-    let is_near = |c: &Cell| {
-        let point = center_of_cell(c, size_m);
-        background.planes_at(&point).any(|p| background.planes[p].height_m(&point) < near_m)
-    };
-    let (near, far): (Vec<Cell>, Vec<Cell>) = cells.iter().partition(|c| is_near(c));
+    let (near, far): (Vec<Cell>, Vec<Cell>) =
+        cells.iter().partition(|c| background.is_near_plane(&center_of_cell(c, size_m), near_m));
     let pieces = groups(&far, reach, stop)?;
     let changed_of = |piece: &[Cell]| piece.iter().filter(|c| changed.contains(*c)).count() as f64;
     let most = pieces.iter().map(|p| changed_of(p)).fold(0.0, f64::max);

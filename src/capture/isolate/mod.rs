@@ -87,7 +87,6 @@ pub fn isolate(
         capture.states.iter_mut().flatten().for_each(|f| f.mask = None);
     }
     let size_m = cell_size(capture);
-    capture.shared_error = shared_error(&capture.states, &capture.noise, stop)?;
     if masked == all {
         clean_masks(capture, config, size_m, stop)?;
     } else {
@@ -188,6 +187,7 @@ fn find_object(
     stop: &Stop,
 ) -> Result<(), CaptureError> {
     capture.unread = Unread::Unknown;
+    capture.shared_error = shared_error(&capture.states, &capture.noise, stop)?;
     let workspace = config.isolate.workspace;
     let noise = capture.noise.scaled(1f64.hypot(capture.shared_error));
     let frames: Vec<&RgbdFrame> = capture.states.iter().flatten().collect();

@@ -37,6 +37,10 @@ const BELOW: f64 = 0.05;
 const SQUARE_M: f64 = 0.03;
 /// Fewest readings of a square of a plane. chosen: a surface has tens of them, strays one or two
 const LEAST_READINGS: usize = 4;
+/// A reading is before a plane from this height on, meters and standard deviations more.
+/// chosen: hardly a reading of the plane itself lies higher
+const CLEAR_M: f64 = 0.005;
+const CLEAR_SIGMAS: f64 = 3.0;
 /// Most changed cells that are held against a hypothesis. chosen: a share of 0.05 is known to 0.005
 const PROBED: usize = 2_000;
 
@@ -150,10 +154,12 @@ fn large_patches(changed: &CellSet, stop: &Stop) -> Result<Vec<Cell>, Stopped> {
 
 /// Whether a reading is clearly before all background planes.
 fn is_off(sample: &Sample, background: &Background<'_>) -> bool {
-    let clear_m = |p: usize| {
-        let plane = &background.planes[p];
-        plane.height_m(&sample.point) > 0.005 + 3.0 * plane.height_sigma_m(&sample.ray, sample.sigma_m)
-    };
     in_box(background.config.isolate.workspace, &sample.point)
-        && background.planes_at(&sample.point).all(clear_m)
+        && background.planes_at(&sample.point).all(|p| is_before(sample, &background.planes[p]))
+}
+
+/// Whether a reading is clearly before a plane.
+fn is_before(sample: &Sample, plane: &Plane) -> bool {
+    let clear_m = CLEAR_M + CLEAR_SIGMAS * plane.height_sigma_m(&sample.ray, sample.sigma_m);
+    plane.height_m(&sample.point) > clear_m
 }
