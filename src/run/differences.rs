@@ -4,7 +4,6 @@ use rayon::prelude::*;
 
 use capture::{Capture, RgbdFrame};
 use export::{Look, StateDifference, Tally};
-use geometry::Grid3;
 use model::ArticulatedModel;
 use surface::{Difference, Paint, RenderItem, Rendered, TriangleMesh, differences, render};
 
@@ -13,21 +12,6 @@ pub fn compare(capture: &Capture, model: &ArticulatedModel, looks: &[Look]) -> V
     let shapes: Vec<(&TriangleMesh, Paint)> = looks.iter().map(|l| (&l.mesh, Paint::Vertices)).collect();
     let states = 0..capture.states.len();
     states.filter_map(|state| state_difference(capture, model, state, &shapes)).collect()
-}
-
-/// Drops readings of the object at places that other views of their state saw empty. A stereo matcher gives
-/// the pixels around an object's outline the object's depth; no twin has surface there.
-pub(super) fn forget_stray_readings(capture: &mut Capture, seen_empty: &[Grid3<bool>]) {
-    for (frames, empty) in capture.states.iter_mut().zip(seen_empty) {
-        frames.par_iter_mut().for_each(|frame| {
-            for pixel in 0..frame.depth_m.len() {
-                let point = frame.world_point(pixel).filter(|_| frame.is_object(pixel));
-                if point.is_some_and(|p| empty.holds_around(&p)) {
-                    frame.depth_m[pixel] = 0.0;
-                }
-            }
-        });
-    }
 }
 
 /// How the twin differs from all masked views of a state; `None` if no view has a mask.

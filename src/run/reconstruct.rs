@@ -4,7 +4,6 @@ use super::{
     Checkpoint, Fingerprint, JointSummary, Monitor, Outcome, ReconstructRequest, RunError, Stages,
     admission::{checked_name, fingerprint, matcher},
     capture,
-    differences::forget_stray_readings,
     earlier::{Beginning, begin, ended, finished},
     facts::facts,
     outcome::CHECK_STAGE,
@@ -14,7 +13,6 @@ use super::{
     stage_store::StageStore,
     write::write,
 };
-use ::capture::Unread;
 use export::{Report, StateDifference, check_folder, link_looks, package};
 
 /// Reconstructs the object of a request: writes `out/<name>/` and returns the outcome.
@@ -77,9 +75,6 @@ fn reconstruct_files(
     capture.warnings.iter().for_each(|w| monitor.warn(w));
     // Frames to a model.
     let twin = reconstruct_twin(name, &mut capture, matcher, config, &mut stages)?;
-    if capture.unread == Unread::Unknown {
-        forget_stray_readings(&mut capture, &twin.seen_empty);
-    }
     let (looks, images) = stages.run("pictures", None, |_| {
         let looks = link_looks(&twin.model, &capture, &config.look);
         let images = pictures(&capture, &twin.model, &looks);

@@ -18,7 +18,7 @@ use capture::Capture;
 use common::note::{Note, NoteCode};
 use config::{Config, Init, Method};
 use export::{PartCountReport, screw_notes};
-use geometry::{Grid3, Pose};
+use geometry::Pose;
 use io::OnnxMatcher;
 use model::{ArticulatedModel, Link, renamed_model, validate};
 use surface::{SolidFit, TriangleMesh};
@@ -33,8 +33,6 @@ pub struct Twin {
     pub registered: Vec<Pose>,
     /// Fused surface of each state, in the world frame of state 0; empty if radiance fields were fitted.
     pub surfaces: Vec<TriangleMesh>,
-    /// Where each state is certainly empty, in the same world; empty if radiance fields were fitted.
-    pub seen_empty: Vec<Grid3<bool>>,
     /// How the number of parts was found.
     pub part_count: PartCountReport,
     /// For every later state, the motion of still surfaces from state 0's world frame to its own, if they
@@ -85,8 +83,7 @@ pub fn reconstruct_twin(
     let drifts: Vec<_> = states.iter().map(|s| s.drift.as_ref()).collect();
     let twin = twin(sound(model, config)?, &drifts, found, &scene, stages);
     let replaced_engines = replaced_engines(&states);
-    let (surfaces, seen_empty) = states.into_iter().map(|s| (s.surface.mesh, s.surface.free)).unzip();
-    Ok(Twin { replaced_engines, surfaces, seen_empty, ..twin })
+    Ok(Twin { replaced_engines, surfaces: states.into_iter().map(|s| s.surface.mesh).collect(), ..twin })
 }
 
 /// Images to a model (docs/method.md 12.11).
@@ -159,7 +156,6 @@ fn twin(
         warnings: later.iter().flatten().map(|d| d.note.clone()).chain(warnings).chain(off).collect(),
         replaced_engines: Vec::new(),
         surfaces: Vec::new(),
-        seen_empty: Vec::new(),
         model,
     }
 }

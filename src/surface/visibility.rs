@@ -225,15 +225,13 @@ mod tests {
 
     #[test]
     fn errors_that_neighbors_share_keep_space_before_a_surface_open() {
-        let frames = orbit(&sphere(0.2), 8, 0.8);
-        let nodes = grid_of(0.3, 31, sphere(0.2));
-        let nearest_m = |shared_error| {
+        let frame = &orbit(&sphere(0.2), 1, 0.8)[0];
+        let pixel = frame.depth_m.iter().position(|d| *d > 0.0).unwrap();
+        let reach_m = |shared_error| {
             let rule = FreeSpaceRule { shared_error, ..FreeSpaceRule::default() };
-            let free = free_space_grid(&frames, &nodes, &rule);
-            let heights_m = (0..free.values.len()).filter(|i| free.values[*i]).map(|i| nodes.values[i]);
-            heights_m.fold(f32::INFINITY, f32::min)
+            free_reach_of_pixel(frame, &rule, pixel)
         };
-        assert!(nearest_m(5.0) > nearest_m(0.0) + 0.01);
+        assert!(reach_m(5.0) + 0.02 < reach_m(0.0) && reach_m(0.0) < frame.depth_m[pixel]);
     }
 
     #[test]
