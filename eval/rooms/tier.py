@@ -18,7 +18,7 @@ import numpy as np
 EVAL = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(EVAL / "sensor"), str(EVAL / "tracking")]
 from in_frame import in_frame  # noqa: E402
-from tier import TYPES, arguments, ended, errors, listed  # noqa: E402
+from tier import TYPES, arguments, ended, errors, scored  # noqa: E402
 from trajectory import frame, nearest, read_poses, true_poses  # noqa: E402
 
 POSES = ["robot", "slam", "none"]
@@ -93,14 +93,7 @@ def line(row):
     """A row of the table."""
     if "joints" not in row:
         return f"| {row['name']} | {row['failure']} |" + " |" * 6 + f" {row.get('exit', '')} | {row.get('seconds', 0):.0f} |"
-    joints = row["joints"]
-    motion = [f"{j['motion_deg']:.2f} deg" if j.get("motion_deg") is not None else f"{j['motion_mm']:.1f} mm" for j in joints]
-    types = "right" if row["types"] == row["wanted"] else f"{', '.join(row['types'])} ({', '.join(row['wanted'])})"
-    return (
-        f"| {row['name']} | {row['found']} ({row['parts']}) | {types} | {listed([j['axis_deg'] for j in joints], 2)} "
-        f"| {listed([j.get('axis_mm') for j in joints], 1)} | {', '.join(motion)} | {listed(row['seen_mm'], 1)} "
-        f"| {row['frame'][0]:.2f} deg, {row['frame'][1]:.1f} mm | {row['exit']} | {row['seconds']:.0f} |"
-    )
+    return f"{scored(row)} {row['exit']} | {row['seconds']:.0f} |"
 
 
 def table(rows):

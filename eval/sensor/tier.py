@@ -81,6 +81,11 @@ def line(row):
     """A row of the table."""
     if "failure" in row:
         return f"| {row['name']} | {row['failure']} |" + " |" * 6
+    return scored(row)
+
+
+def scored(row):
+    """A row of the table for a twin that was scored."""
     joints = row["joints"]
     motion = [f"{j['motion_deg']:.2f} deg" if j.get("motion_deg") is not None else f"{j['motion_mm']:.1f} mm" for j in joints]
     types = "right" if row["types"] == row["wanted"] else f"{', '.join(row['types'])} ({', '.join(row['wanted'])})"

@@ -10,8 +10,8 @@ use capture::{RgbdFrame, Unread};
 use field::ObjectField;
 use geometry::Grid3;
 use surface::{
-    DistanceOptions, FreeSpaceRule, TriangleMesh, TsdfView, TsdfVolume, free_space_grid, keep_components,
-    marching_cubes, signed_distance, visibility_grid,
+    DistanceOptions, FreeSpaceRule, TriangleMesh, TsdfView, TsdfVolume, at_least, keep_components,
+    marching_cubes, signed_distance, views_through, visibility_grid,
 };
 
 /// Nodes look for the nearest surface up to this share of the object's extent: joint estimation needs no
@@ -74,15 +74,16 @@ pub(super) fn state_surface(
         unread: scene.unread,
         ..FreeSpaceRule::default()
     };
-    let free = free_space_grid(frames, &nodes, &rule);
+    let is_masked = scene.unread == Unread::Empty;
+    let many = (frames.len() / SEEN_THROUGH).clamp(usize::from(rule.min_views), usize::from(u8::MAX)) as u8;
+    let through = views_through(frames, &nodes, &rule, if is_masked { rule.min_views } else { many });
+    let free = at_least(&through, rule.min_views);
     if let Some(field) = field {
         blend_in_field(&mut tsdf, volume.weights(), field, band.min_weight, &free);
     }
     // A recorded mask leaves stray readings at outlines out.
-    if scene.unread == Unread::Unknown {
-        let min_views = (frames.len() / SEEN_THROUGH).clamp(2, usize::from(u8::MAX)) as u8;
-        let empty = free_space_grid(frames, &nodes, &FreeSpaceRule { min_views, ..rule });
-        carve(&mut tsdf, &empty, band.truncation_m as f32);
+    if !is_masked {
+        carve(&mut tsdf, &at_least(&through, many), band.truncation_m as f32);
     }
     let weight = Grid3 {
         origin: tsdf.origin,

@@ -82,7 +82,7 @@ pub use simplify::simplify;
 pub use texture::Texture;
 pub use tsdf::TsdfVolume;
 pub use tsdf_view::{PixelRole, TsdfView};
-pub use visibility::{FreeSpaceRule, free_space_grid, visibility_grid};
+pub use visibility::{FreeSpaceRule, at_least, views_through, visibility_grid};
 pub use weld::edge_defects;
 pub use weld::is_watertight;
 pub use weld::{drop_unused_vertices, merged_mesh, welded_mesh};

@@ -44,18 +44,25 @@ impl Default for FreeSpaceRule {
 /// Whether each node of `nodes` is visible by docs/method.md (3.5): in at least one view it projects onto an
 /// object pixel with known depth and is not further behind this depth than `epsilon_m`.
 pub fn visibility_grid<T>(frames: &[RgbdFrame], nodes: &Grid3<T>, epsilon_m: f64) -> Grid3<bool> {
-    views_in_front(frames, nodes, 1, |frame| {
+    let counts = views_in_front(frames, nodes, 1, |frame| {
         let depths = frame.depth_m.iter().enumerate();
         depths.map(|(i, &d)| if d > 0.0 && frame.is_object(i) { d + epsilon_m as f32 } else { 0.0 }).collect()
-    })
+    });
+    at_least(&counts, 1)
 }
 
-/// Whether each node of `nodes` is certainly empty: at least `rule.min_views` views see it clearly in front
-/// of a known depth, or, where masks were recorded, on a ray off the mask without known depth. The nearest of
-/// the 3x3 readings around a pixel counts, so smeared depth edges and masks wrong by a pixel do not carve the
-/// object.
-pub fn free_space_grid<T>(frames: &[RgbdFrame], nodes: &Grid3<T>, rule: &FreeSpaceRule) -> Grid3<bool> {
-    views_in_front(frames, nodes, rule.min_views, |frame| free_reach(frame, rule))
+/// Number of views that see through each node, exact below `most`: clearly in front of a known depth, or,
+/// where masks were recorded, on a ray off the mask without known depth. The nearest of the 3x3 readings
+/// around a pixel counts, so smeared depth edges and masks wrong by a pixel do not carve the object. A node
+/// that at least `rule.min_views` views see through is certainly empty.
+pub fn views_through<T>(frames: &[RgbdFrame], nodes: &Grid3<T>, rule: &FreeSpaceRule, most: u8) -> Grid3<u8> {
+    views_in_front(frames, nodes, most, |frame| free_reach(frame, rule))
+}
+
+/// Whether each node has at least this count.
+pub fn at_least(counts: &Grid3<u8>, least: u8) -> Grid3<bool> {
+    let Grid3 { origin, spacing_m, dims, .. } = *counts;
+    Grid3 { origin, spacing_m, dims, values: counts.values.iter().map(|count| *count >= least).collect() }
 }
 
 /// Depth up to which space is certainly empty along the ray of each pixel, meters; 0 where nothing is known.
@@ -106,13 +113,13 @@ struct ReachView {
     tiles: DepthTiles,
 }
 
-/// For each node, whether at least `min_views` frames see it nearer than the reach of its pixel.
+/// For each node, how many frames see it nearer than the reach of its pixel, exact below `most`.
 fn views_in_front<T>(
     frames: &[RgbdFrame],
     nodes: &Grid3<T>,
-    min_views: u8,
+    most: u8,
     reach: impl Fn(&RgbdFrame) -> Vec<f32> + Sync,
-) -> Grid3<bool> {
+) -> Grid3<u8> {
     let origin = nodes.origin;
     let spacing_m = nodes.spacing_m;
     let [nx, ny, nz] = nodes.dims;
@@ -134,13 +141,12 @@ fn views_in_front<T>(
             let mut all = vec![0u8; nx.div_ceil(BLOCK)];
             for ReachView { camera, reach_m, tiles } in &views {
                 let mut mixed = Vec::new();
-                for (all, range) in all.iter_mut().zip(block_ranges(nx)).filter(|(all, _)| **all < min_views)
-                {
+                for (all, range) in all.iter_mut().zip(block_ranges(nx)).filter(|(all, _)| **all < most) {
                     match sight_of_block(tiles, camera, &[range.clone(), lines.clone(), layers.clone()]) {
                         Sight::Nothing => {}
                         // A node with enough votes is skipped, so a byte cannot overflow.
                         Sight::InFront => *all += 1,
-                        Sight::Mixed => mixed.push((range, min_views - *all)),
+                        Sight::Mixed => mixed.push((range, most - *all)),
                     }
                 }
                 for (z, y) in layers.clone().flat_map(|z| lines.clone().map(move |y| (z, y))) {
@@ -167,14 +173,17 @@ fn views_in_front<T>(
             }
         }
     });
-    let values = votes.into_iter().map(|v| v >= min_views).collect();
-    Grid3 { origin, spacing_m, dims: nodes.dims, values }
+    Grid3 { origin, spacing_m, dims: nodes.dims, values: votes }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::shapes::{grid_of, orbit, sphere};
+
+    fn free_space_grid<T>(frames: &[RgbdFrame], nodes: &Grid3<T>, rule: &FreeSpaceRule) -> Grid3<bool> {
+        at_least(&views_through(frames, nodes, rule, rule.min_views), rule.min_views)
+    }
 
     #[test]
     fn nodes_in_front_and_just_behind_are_visible_and_deep_ones_are_not() {
@@ -248,5 +257,17 @@ mod tests {
         };
         assert!(count(Unread::Empty) > 1000);
         assert_eq!(count(Unread::Unknown), 0);
+    }
+
+    #[test]
+    fn counts_are_exact_below_the_most_that_are_counted() {
+        let frames = orbit(&sphere(0.2), 8, 0.8);
+        let nodes = grid_of(0.3, 31, sphere(0.2));
+        let rule = FreeSpaceRule::default();
+        let many = views_through(&frames, &nodes, &rule, 5);
+        for least in [1, 2, 5] {
+            let alone = at_least(&views_through(&frames, &nodes, &rule, least), least);
+            assert_eq!(at_least(&many, least).values, alone.values, "{least}");
+        }
     }
 }

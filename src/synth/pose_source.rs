@@ -28,8 +28,8 @@ const HAND_SHIFT_M: f64 = 0.002;
 const ROBOT_JITTER: f64 = 0.1;
 
 impl PoseSource {
-    /// Names on the command line.
-    pub const NAMES: [&'static str; 4] = ["exact", "robot", "slam", "none"];
+    /// All sources.
+    pub const ALL: [Self; 4] = [Self::Exact, Self::Robot, Self::Slam, Self::Nobody];
 
     /// Name on the command line and in files.
     pub fn name(self) -> &'static str {
@@ -68,15 +68,14 @@ impl PoseSource {
 
 /// A text that names no [`PoseSource`].
 #[derive(Debug, thiserror::Error)]
-#[error("give one of {}", PoseSource::NAMES.join(", "))]
+#[error("give one of {}", PoseSource::ALL.map(PoseSource::name).join(", "))]
 pub struct ParsePosesError;
 
 impl FromStr for PoseSource {
     type Err = ParsePosesError;
 
     fn from_str(text: &str) -> Result<Self, ParsePosesError> {
-        let all = [Self::Exact, Self::Robot, Self::Slam, Self::Nobody];
-        all.into_iter().find(|s| s.name() == text).ok_or(ParsePosesError)
+        Self::ALL.into_iter().find(|s| s.name() == text).ok_or(ParsePosesError)
     }
 }
 
@@ -86,7 +85,7 @@ mod tests {
 
     #[test]
     fn sources_are_read_by_name() {
-        for name in PoseSource::NAMES {
+        for name in ["exact", "robot", "slam", "none"] {
             assert_eq!(name.parse::<PoseSource>().unwrap().name(), name);
         }
         assert!("vio".parse::<PoseSource>().unwrap_err().to_string().contains("slam"));

@@ -36,7 +36,7 @@ use self::{
     claim::claimed_planes,
     depth_error::shared_error,
     outliers::outlier_cells,
-    plane::{Plane, background_planes, sampled_readings},
+    plane::{Plane, background_planes, places, sampled_readings},
     room::ShareOfRoom,
     select::{Object, Search, bounds, choose_object, groups_of_states},
     stand::{Standers, stand_of_object},
@@ -191,10 +191,9 @@ fn find_object(
     let workspace = config.isolate.workspace;
     let noise = capture.noise.scaled(1f64.hypot(capture.shared_error));
     let frames: Vec<&RgbdFrame> = capture.states.iter().flatten().collect();
-    let planes = background_planes(&frames, &noise, rng, stop)?;
-    let cameras: Vec<Point3<f64>> =
-        frames.iter().map(|f| Point3::from(f.world_from_camera.translation.vector)).collect();
+    let cameras = places(&frames);
     let samples = sampled_readings(&frames, &noise);
+    let planes = background_planes(samples.clone(), &cameras, rng, stop)?;
     let mut background = Background { planes, config, noise };
     let mut standing = standing_out(capture, &background, size_m, stop)?;
     if workspace.is_none() {
@@ -202,7 +201,7 @@ fn find_object(
         for _ in 0..MOST_STANDS {
             let standers = Standers::new(&standing.changed, size_m, !capture.tracking.is_empty(), stop)?;
             let Some(standers) = standers else { break };
-            let stand = stand_of_object(&samples, &cameras, &standers, &background, rng, stop)?;
+            let stand = stand_of_object(&samples, &cameras, &standers, &background, rng);
             let Some(stand) = stand else { break };
             background.planes.push(stand);
             standing = standing_out(capture, &background, size_m, stop)?;

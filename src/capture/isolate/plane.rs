@@ -22,6 +22,8 @@ const SCORED: usize = 6_000;
 const LEAST_SAMPLES: usize = 100;
 /// Hypotheses per plane.
 const TRIALS: usize = 600;
+/// Rounds of refitting a plane to its readings.
+const ROUNDS: usize = 5;
 /// Most points at the image borders that lie behind a background plane, relative to all of them.
 /// tuned: made and recorded objects (docs/method.md 16)
 const BEHIND_SHARE: f64 = 0.05;
@@ -96,23 +98,20 @@ pub(super) struct Sample {
     at_border: bool,
 }
 
-/// The background planes of the frames, in order of removal.
-pub fn background_planes(
-    frames: &[&RgbdFrame],
-    noise: &NoiseConfig,
+/// The background planes of all readings, in order of removal; `cameras` are the places of the cameras.
+pub(super) fn background_planes(
+    mut samples: Vec<Sample>,
+    cameras: &[Point3<f64>],
     rng: &mut impl Rng,
     stop: &Stop,
 ) -> Result<Vec<Plane>, Stopped> {
-    let mut samples = sampled_readings(frames, noise);
-    let cameras: Vec<_> =
-        frames.iter().map(|f| Point3::from(f.world_from_camera.translation.vector)).collect();
     let least = SUPPORT_SHARE * samples.len() as f64;
     let least_at_borders = LEAST_BORDER * count_at_borders(&samples) as f64;
     let mut planes = Vec::new();
     // Without readings at the borders, no background remains.
     while samples.len() >= LEAST_SAMPLES && count_at_borders(&samples) as f64 >= least_at_borders {
         stop.check()?;
-        let Some(plane) = best_plane(&samples, &cameras, rng) else { break };
+        let Some(plane) = best_plane(&samples, cameras, rng) else { break };
         let on = samples.iter().filter(|s| is_inlier(&plane, s));
         let at_borders = on.clone().filter(|s| s.at_border).count();
         if (on.count() as f64) < least || (at_borders as f64) < least_at_borders {
@@ -127,6 +126,11 @@ pub fn background_planes(
 
 fn count_at_borders(samples: &[Sample]) -> usize {
     samples.iter().filter(|s| s.at_border).count()
+}
+
+/// Places of the cameras in the world.
+pub(super) fn places(frames: &[&RgbdFrame]) -> Vec<Point3<f64>> {
+    frames.iter().map(|f| Point3::from(f.world_from_camera.translation.vector)).collect()
 }
 
 /// Depth readings on a regular grid of pixels in every frame.
@@ -159,30 +163,42 @@ pub fn is_at_border(k: &Intrinsics, x: usize, y: usize) -> bool {
 }
 
 fn best_plane(samples: &[Sample], cameras: &[Point3<f64>], rng: &mut impl Rng) -> Option<Plane> {
-    let step = samples.len().div_ceil(SCORED);
-    let scored: Vec<&Sample> = samples.iter().step_by(step).collect();
+    let plane = drawn_plane(samples, cameras, TRIALS, rng, background_readings)?;
+    // A few readings sufficed to compare; all of them decide.
+    let all: Vec<&Sample> = samples.iter().collect();
+    background_readings(&plane, &all).map(|_| plane)
+}
+
+/// The best of planes through three readings, fitted to its readings (RANSAC, Fischler and Bolles 1981).
+/// `score` compares planes by some of the readings; `None` refuses one. There must be readings.
+pub(super) fn drawn_plane(
+    samples: &[Sample],
+    cameras: &[Point3<f64>],
+    trials: usize,
+    rng: &mut impl Rng,
+    score: impl Fn(&Plane, &[&Sample]) -> Option<u32>,
+) -> Option<Plane> {
+    let scored: Vec<&Sample> = samples.iter().step_by(samples.len().div_ceil(SCORED)).collect();
     let mut best: Option<(u32, Plane)> = None;
-    for _ in 0..TRIALS {
+    for _ in 0..trials {
         let [a, b, c] = [(); 3].map(|()| samples[(rng.next_u64() % samples.len() as u64) as usize].point);
         let Some(plane) = plane_through(&a, &b, &c, cameras) else { continue };
-        let Some(score) = background_readings(&plane, &scored) else { continue };
+        let Some(score) = score(&plane, &scored) else { continue };
         if best.is_none_or(|(s, _)| score > s) {
             best = Some((score, plane));
         }
     }
     let (_, mut plane) = best?;
     // The inliers change with the plane.
-    for _ in 0..5 {
+    for _ in 0..ROUNDS {
         plane = refitted_plane(&plane, samples, cameras)?;
     }
-    // A few readings sufficed to compare; all of them decide.
-    let all: Vec<&Sample> = samples.iter().collect();
-    background_readings(&plane, &all).map(|_| plane)
+    Some(plane)
 }
 
 /// The plane through three points, with its normal to the cameras; `None` if they are collinear or the
 /// cameras are on both sides.
-pub(super) fn plane_through(
+fn plane_through(
     a: &Point3<f64>,
     b: &Point3<f64>,
     c: &Point3<f64>,
@@ -232,7 +248,7 @@ fn background_readings(plane: &Plane, samples: &[&Sample]) -> Option<u32> {
 }
 
 /// Least squares fit to the inliers, weighted by their noise.
-pub(super) fn refitted_plane(plane: &Plane, samples: &[Sample], cameras: &[Point3<f64>]) -> Option<Plane> {
+fn refitted_plane(plane: &Plane, samples: &[Sample], cameras: &[Point3<f64>]) -> Option<Plane> {
     let inliers: Vec<_> = samples.iter().filter(|s| is_inlier(plane, s)).collect();
     if inliers.len() < 3 {
         return None;
@@ -308,13 +324,9 @@ pub mod tests {
 
     fn planes(blocks: &[Block], distance: f64, height: f64) -> Vec<Plane> {
         let frames = frames(blocks, distance, height);
-        background_planes(
-            &frames.iter().collect::<Vec<_>>(),
-            &NoiseConfig::default(),
-            &mut stage_rng(0, "test", 0),
-            &Stop::never(),
-        )
-        .unwrap()
+        let frames: Vec<&RgbdFrame> = frames.iter().collect();
+        let samples = sampled_readings(&frames, &NoiseConfig::default());
+        background_planes(samples, &places(&frames), &mut stage_rng(0, "test", 0), &Stop::never()).unwrap()
     }
 
     const FLOOR: Block = [[-9.0, -9.0, -1.1], [9.0, 9.0, -1.0]];

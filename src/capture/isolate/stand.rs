@@ -11,7 +11,7 @@ use tracing::debug;
 use super::{
     background::{Background, in_box},
     claim::frame_of,
-    plane::{Plane, Sample, is_inlier, plane_through, refitted_plane},
+    plane::{Plane, Sample, drawn_plane, is_inlier},
     select::{CLEARLY, bounds},
     voxels::{Cell, CellSet, cell_of_point, center_of_cell, groups},
 };
@@ -25,10 +25,6 @@ const LEVEL: f64 = 0.996;
 const LEVEL_BY_IMAGES: f64 = 0.707;
 /// Number of hypotheses. derived: a plane of a fifth of the readings is drawn ten times
 const TRIALS: usize = 1200;
-/// Number of readings that score a hypothesis. chosen: as for background planes
-const SCORED: usize = 6_000;
-/// Rounds of refitting a plane to its readings. chosen: as for background planes
-const ROUNDS: usize = 5;
 /// Largest share of the changed cells below the plane.
 /// chosen: some are errors at the object's foot
 const BELOW: f64 = 0.05;
@@ -82,6 +78,12 @@ impl Standers {
             && self.middles.iter().filter(is_below).count() as f64 <= BELOW * self.middles.len() as f64
     }
 
+    /// Number of readings on a plane away from the object; `None` where it may not stand on it.
+    fn score(&self, plane: &Plane, samples: &[&Sample]) -> Option<u32> {
+        let is_counted = |s: &&&Sample| is_inlier(plane, s) && self.is_away(s);
+        self.may_stand_on(plane).then(|| samples.iter().filter(is_counted).count() as u32)
+    }
+
     /// Whether a reading lies away from the object.
     fn is_away(&self, sample: &Sample) -> bool {
         !in_box(Some(self.object_box_m), &sample.point)
@@ -113,34 +115,17 @@ pub(super) fn stand_of_object(
     standers: &Standers,
     background: &Background<'_>,
     rng: &mut impl Rng,
-    stop: &Stop,
-) -> Result<Option<Plane>, Stopped> {
+) -> Option<Plane> {
     let off: Vec<Sample> = samples.iter().filter(|s| is_off(s, background)).cloned().collect();
     if off.len() < 3 {
-        return Ok(None);
+        return None;
     }
-    let scored: Vec<&Sample> = off.iter().step_by(off.len().div_ceil(SCORED)).collect();
-    let mut best: Option<(usize, Plane)> = None;
-    for _ in 0..TRIALS {
-        stop.check()?;
-        let [a, b, c] = [(); 3].map(|()| off[(rng.next_u64() % off.len() as u64) as usize].point);
-        let Some(plane) = plane_through(&a, &b, &c, cameras).filter(|p| standers.may_stand_on(p)) else {
-            continue;
-        };
-        let away = scored.iter().filter(|s| is_inlier(&plane, s) && standers.is_away(s)).count();
-        if best.is_none_or(|(most, _)| away > most) {
-            best = Some((away, plane));
-        }
-    }
-    let Some((_, mut plane)) = best else { return Ok(None) };
-    for _ in 0..ROUNDS {
-        let Some(refitted) = refitted_plane(&plane, &off, cameras) else { return Ok(None) };
-        plane = refitted;
-    }
+    let plane = drawn_plane(&off, cameras, TRIALS, rng, |plane, scored| standers.score(plane, scored))?;
+    let may_stand = standers.may_stand_on(&plane);
     let away_m2 = standers.away_m2(&plane, &off);
     let covered_m2 = standers.covered_m2(&plane);
-    debug!(%plane, away_m2, covered_m2, may_stand = standers.may_stand_on(&plane), "stand of the object");
-    Ok((standers.may_stand_on(&plane) && away_m2 > covered_m2).then_some(plane))
+    debug!(%plane, away_m2, covered_m2, may_stand, "stand of the object");
+    (may_stand && away_m2 > covered_m2).then_some(plane)
 }
 
 /// The cells of the large patches of what changed; errors at edges make many small ones.
