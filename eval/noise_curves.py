@@ -34,9 +34,9 @@ BASE = ("base", "", "")
 SWEEPS = {
     "pose noise, mm and deg": [
         ("0, 0", *BASE[1:]),
-        ("1, 0.1", "--pose-noise 1,0.1", ""),
-        ("2, 0.2", "--pose-noise 2,0.2", ""),
-        ("5, 0.5", "--pose-noise 5,0.5", ""),
+        ("1, 0.1", "--poses noisy:1,0.1", ""),
+        ("2, 0.2", "--poses noisy:2,0.2", ""),
+        ("5, 0.5", "--poses noisy:5,0.5", ""),
     ],
     "depth noise, times": [("0.5", "--noise 0.5", ""), ("1", *BASE[1:]), ("2", "--noise 2", ""), ("4", "--noise 4", "")],
     "drift, mm and deg": [("0, 0", *BASE[1:]), ("50, 5", "--drift 50,5", "")],

@@ -40,8 +40,8 @@ fn the_same_seed_gives_the_same_bytes() {
         "truth.json",
         "truth/state0/seen.npy",
     ];
-    let config =
-        SynthConfig { pose_noise: PoseSpread { translation_m: 0.005, rotation_rad: 0.01 }, ..small(3) };
+    let poses = PoseSource::Noisy(PoseSpread { translation_m: 0.005, rotation_rad: 0.01 });
+    let config = SynthConfig { poses, ..small(3) };
     let outs = [folder("synth-a"), folder("synth-b"), folder("synth-c")];
     // One thread gives what many give.
     write_synth(&Place::at(&outs[0]), &config).unwrap();

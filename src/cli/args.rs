@@ -275,9 +275,6 @@ pub(super) struct SynthArgs {
     /// Factor on the noise of depth and color; 0 is a perfect camera
     #[arg(long, value_name = "X", default_value_t = SynthConfig::default().noise)]
     pub noise: f64,
-    /// Root mean square error of every camera pose, millimeters and degrees
-    #[arg(long, value_name = "MM,DEG", default_value = "0,0")]
-    pub pose_noise: PoseSpread,
     /// By how much the world of state 1 is off, millimeters and degrees
     #[arg(long, value_name = "MM,DEG", default_value = "0,0")]
     pub drift: PoseSpread,
@@ -302,9 +299,10 @@ pub(super) struct SynthArgs {
     /// parts of paint, wood, steel and glass
     #[arg(long)]
     pub room: bool,
-    /// Who reports the camera's poses: exact; robot, with a constant error of the camera on its hand; slam,
-    /// a tracker with drift; none: a recording without poses
-    #[arg(long, value_name = "exact|robot|slam|none", default_value = "exact")]
+    /// Who reports the camera's poses: exact; noisy, with errors of this root mean square size, millimeters
+    /// and degrees; robot, with a constant error of the camera on its hand; slam, a tracker with drift; none:
+    /// a recording without poses
+    #[arg(long, value_name = "exact|noisy:MM,DEG|robot|slam|none", default_value = "exact")]
     pub poses: PoseSource,
     /// Lay a printed board of tags before the object; PAPER: a4, a3 or letter
     #[arg(long, value_name = "PAPER", value_parser = paper, num_args = 0..=1, default_missing_value = "a4")]

@@ -21,7 +21,6 @@ pub(super) fn write_object(args: &SynthArgs) -> Result<Exit, CliError> {
         handles: args.handles.as_deref().and_then(HandleStyle::by_name),
         textured: if args.plain || args.textured { Some(args.textured) } else { None },
         noise: args.noise,
-        pose_noise: args.pose_noise,
         drift: args.drift,
         motion_scale: args.motion_scale,
         skew_deg: args.skew,

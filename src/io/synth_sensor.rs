@@ -64,7 +64,7 @@ struct StateEntry {
 
 /// Errors of a view's pose, each as x, y, z in meters and a rotation vector in radians: reported =
 /// recorded_from_world * drift * (true, `pose_lag_s` earlier) * jitter * hand_error, not including
-/// `--pose-noise`.
+/// those of `--poses noisy`.
 #[derive(Serialize)]
 struct ViewEntry {
     world_from_camera: [[f64; 4]; 4],

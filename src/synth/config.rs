@@ -101,8 +101,6 @@ pub struct SynthConfig {
     pub textured: Option<bool>,
     /// Factor on the noise of depth and color; 0 is a perfect sensor.
     pub noise: f64,
-    /// Root mean square error of the reported camera poses, drawn independently for each frame.
-    pub pose_noise: PoseSpread,
     /// Error of state 1's world frame against state 0's, in a random direction and about a random axis.
     pub drift: PoseSpread,
     /// Factor of at most 1 on the joint motions between the states; the object is the same.
@@ -145,7 +143,6 @@ impl Default for SynthConfig {
             handles: None,
             textured: None,
             noise: 1.0,
-            pose_noise: PoseSpread::default(),
             drift: PoseSpread::default(),
             motion_scale: 1.0,
             skew_deg: 0.0,

@@ -2,16 +2,18 @@
 
 use std::str::FromStr;
 
-use super::{Effect, HandheldSensor};
+use super::{Effect, HandheldSensor, PoseSpread};
 use geometry::Pose;
 use numeric::random::{self, stage_rng};
 
 /// Who reports the camera's poses, with that one's errors.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum PoseSource {
-    /// True poses, with the errors of a configuration's sensor, noise and drift.
+    /// True poses, with the errors of a configuration's sensor and drift.
     #[default]
     Exact,
+    /// Those, with an error of this root mean square size, drawn independently for each frame.
+    Noisy(PoseSpread),
     /// A robot that holds the camera: a constant error of the camera on its hand, and little jitter.
     Robot,
     /// A tracker that drifts and localizes anew in each state.
@@ -28,13 +30,11 @@ const HAND_SHIFT_M: f64 = 0.002;
 const ROBOT_JITTER: f64 = 0.1;
 
 impl PoseSource {
-    /// All sources.
-    pub const ALL: [Self; 4] = [Self::Exact, Self::Robot, Self::Slam, Self::Nobody];
-
     /// Name on the command line and in files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Exact => "exact",
+            Self::Noisy(_) => "noisy",
             Self::Robot => "robot",
             Self::Slam => "slam",
             Self::Nobody => "none",
@@ -44,13 +44,21 @@ impl PoseSource {
     /// The effects of a sensor that stand for its errors.
     pub(super) fn sensor(self) -> HandheldSensor {
         match self {
-            Self::Exact | Self::Nobody => HandheldSensor::clean(),
+            Self::Exact | Self::Noisy(_) | Self::Nobody => HandheldSensor::clean(),
             Self::Robot => HandheldSensor::new(ROBOT_JITTER).only(&[Effect::PoseJitter]),
             Self::Slam => HandheldSensor::new(1.0).only(&[
                 Effect::PoseDrift,
                 Effect::PoseJitter,
                 Effect::Relocalization,
             ]),
+        }
+    }
+
+    /// Size of the errors that are drawn independently for each frame.
+    pub(super) fn spread(self) -> PoseSpread {
+        match self {
+            Self::Noisy(spread) => spread,
+            Self::Exact | Self::Robot | Self::Slam | Self::Nobody => PoseSpread::default(),
         }
     }
 
@@ -68,14 +76,23 @@ impl PoseSource {
 
 /// A text that names no [`PoseSource`].
 #[derive(Debug, thiserror::Error)]
-#[error("give one of {}", PoseSource::ALL.map(PoseSource::name).join(", "))]
+#[error("give exact, noisy:MM,DEG (e.g. noisy:5,0.5), robot, slam or none")]
 pub struct ParsePosesError;
 
 impl FromStr for PoseSource {
     type Err = ParsePosesError;
 
     fn from_str(text: &str) -> Result<Self, ParsePosesError> {
-        Self::ALL.into_iter().find(|s| s.name() == text).ok_or(ParsePosesError)
+        match text {
+            "exact" => Ok(Self::Exact),
+            "robot" => Ok(Self::Robot),
+            "slam" => Ok(Self::Slam),
+            "none" => Ok(Self::Nobody),
+            _ => {
+                let spread = text.strip_prefix("noisy:").and_then(|s| s.parse().ok());
+                spread.map(Self::Noisy).ok_or(ParsePosesError)
+            }
+        }
     }
 }
 
@@ -87,6 +104,11 @@ mod tests {
     fn sources_are_read_by_name() {
         for name in ["exact", "robot", "slam", "none"] {
             assert_eq!(name.parse::<PoseSource>().unwrap().name(), name);
+        }
+        let spread = PoseSpread { translation_m: 0.005, rotation_rad: 0.5f64.to_radians() };
+        assert_eq!("noisy:5,0.5".parse::<PoseSource>().unwrap(), PoseSource::Noisy(spread));
+        for wrong in ["noisy", "noisy:", "noisy:5", "noisy:-1,0"] {
+            assert!(wrong.parse::<PoseSource>().is_err(), "{wrong}");
         }
         assert!("vio".parse::<PoseSource>().unwrap_err().to_string().contains("slam"));
     }

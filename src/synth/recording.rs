@@ -258,7 +258,7 @@ pub(super) fn drawn_surroundings(seed: u64) -> (Material, Vector3<f64>) {
 
 /// Error of a frame's pose, in the camera's frame.
 fn pose_error(config: &SynthConfig, rng: &mut impl rand_core::Rng) -> Pose {
-    let spread = &config.pose_noise;
+    let spread = config.poses.spread();
     Pose::new(
         random::isotropic_normal(rng, spread.translation_m),
         random::isotropic_normal(rng, spread.rotation_rad),
