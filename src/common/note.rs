@@ -161,6 +161,7 @@ codes! {
         gives no lengths.";
     BoardTilted = "board_tilted", "A printed board does not lie level.";
     BoardMoved = "board_moved", "A printed board was moved between states.";
+    GapsClosed = "gaps_closed", "Gaps of one pixel in enlarged depth were closed.";
     NoiseMeasured = "noise_measured", "The depth noise was measured.";
     DepthFromColor = "depth_from_color", "Depth that the sensor did not read was taken from color.";
     PosesChecked = "poses_checked", "Camera poses were checked against the surfaces that frames share.";

@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use articulate::is_surface_seen_at;
 use capture::{Capture, RgbdFrame};
 use export::{Look, StateDifference, Tally};
 use model::ArticulatedModel;
@@ -80,7 +81,24 @@ pub(super) fn differ(capture: &Capture, state: usize, frame: &RgbdFrame, twin: &
     let found = capture.poses.states.get(state).and_then(Option::as_ref);
     let shared_m = found.map_or(0.0, |f| f.residual_m[usize::from(f.used)]);
     // docs/method.md (11.3).
-    differences(frame, twin, |pixel| {
+    let mut found = differences(frame, twin, |pixel| {
         (frame.sigma_m(pixel, &capture.noise).powi(2) + shared_m * shared_m).sqrt()
-    })
+    });
+    for (pixel, difference) in found.iter_mut().enumerate() {
+        if *difference == Difference::Lacks && is_stray(capture, state, frame, pixel) {
+            *difference = Difference::Unread;
+        }
+    }
+    found
+}
+
+/// Whether more views of the state see through a reading than see a surface there, as where a matcher puts
+/// depth beside an outline.
+fn is_stray(capture: &Capture, state: usize, frame: &RgbdFrame, pixel: usize) -> bool {
+    let Some(point) = frame.world_point(pixel) else { return false };
+    let depth_m = f64::from(frame.depth_m[pixel]);
+    // Both readings have errors that their neighbors share.
+    let shared_m = std::f64::consts::SQRT_2 * capture.shared_error * capture.noise.sigma_m(depth_m);
+    let sigma_m = frame.sigma_m(pixel, &capture.noise).hypot(shared_m);
+    is_surface_seen_at(&point, sigma_m, &capture.states[state], &capture.noise) == Some(false)
 }

@@ -116,6 +116,14 @@ impl<'a> SurfacePair<'a> {
         pair
     }
 
+    /// Share of a state's samples whose place its own views saw empty.
+    pub(crate) fn stray_share(&self, state: usize) -> f64 {
+        let Some(is_free) = self.free[state] else { return 0.0 };
+        let points = &self.samples[state].points;
+        let strays = points.par_iter().filter(|p| is_free(p)).count();
+        strays as f64 / points.len().max(1) as f64
+    }
+
     /// Drops all kept results.
     pub(crate) fn forget_results(&self) {
         self.reprojections.clear();

@@ -28,7 +28,7 @@ fn standing_pixels(frame: &RgbdFrame, back: &Pose, others: &[RgbdFrame], noise: 
     let mut counts = [0; 2];
     for i in (0..frame.depth_m.len()).step_by(EVERY).filter(|&i| frame.is_object(i)) {
         let Some(point) = frame.world_point(i) else { continue };
-        if let Some(stands) = is_standing(&(back * point), frame.sigma_m(i, noise), others, noise) {
+        if let Some(stands) = is_surface_seen_at(&(back * point), frame.sigma_m(i, noise), others, noise) {
             counts[0] += usize::from(stands);
             counts[1] += 1;
         }
@@ -36,8 +36,9 @@ fn standing_pixels(frame: &RgbdFrame, back: &Pose, others: &[RgbdFrame], noise: 
     counts
 }
 
-/// Whether more frames see a surface at a point than see through it; `None` if no frame does either.
-fn is_standing(
+/// Whether more frames see a surface at a point than see through it; `None` if no frame does either. `sigma_m`
+/// is the standard deviation of the point along the ray.
+pub fn is_surface_seen_at(
     point_in_world: &Point3<f64>,
     sigma_m: f64,
     frames: &[RgbdFrame],

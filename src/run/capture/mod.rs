@@ -142,6 +142,8 @@ fn posed_capture(
     steps.expects(STEPS_OF_FRAMES * frames);
     // Noise comes first (2.8): all later gates are multiples of it.
     measure_noise(&mut capture, config, &steps.stop)?;
+    // Depth between readings is smoother than readings, so it has no part in the noise.
+    read::close_gaps_in_depth(&mut capture, &steps.stop)?;
     // Poses before isolation, which combines the points of all frames.
     if config.refine_poses == RefinePoses::Auto {
         corrected(&mut capture, ahead, &steps.stop)?;
