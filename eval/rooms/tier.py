@@ -11,6 +11,7 @@ from BASE on. `reconstruct` gets the bags and nothing else: no box, no masks. Ea
 import json
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +77,7 @@ def measure(folder, name, args):
         "parts": len(truth["parts"]),
         "wanted": sorted(TYPES[p["type"]] for p in truth["parts"] if p["type"] in TYPES),
         "types": sorted(TYPES.get(j["type"], j["type"]) for j in report["joints"]),
+        "word": report["overall"]["word"],
     }
     try:
         trial, off = in_frame(made, run, args.artitwin, start(made, folder, args) if name.endswith("none") else None)
@@ -92,15 +94,34 @@ def measure(folder, name, args):
 def line(row):
     """A row of the table."""
     if "joints" not in row:
-        return f"| {row['name']} | {row['failure']} |" + " |" * 6 + f" {row.get('exit', '')} | {row.get('seconds', 0):.0f} |"
-    return f"{scored(row)} {row['exit']} | {row['seconds']:.0f} |"
+        word, code = row.get("word", ""), row.get("exit", "")
+        return f"| {row['name']} | {row['failure']} |" + " |" * 6 + f" {word} | {code} | {row.get('seconds', 0):.0f} |"
+    return f"{scored(row)} {row['word']} | {row['exit']} | {row['seconds']:.0f} |"
+
+
+def is_right(row):
+    """Whether a twin has all parts and types, axes within 1 deg and 10 mm, and motions within 1 deg or 5 mm."""
+    limits = {"axis_deg": 1, "axis_mm": 10, "motion_deg": 1, "motion_mm": 5}
+    errors = [(j[key], limit) for j in row["joints"] for key, limit in limits.items() if j.get(key) is not None]
+    return row["found"] == row["parts"] and row["types"] == row["wanted"] and all(e <= limit for e, limit in errors)
+
+
+def verdicts(rows):
+    """What the report's word was on right and on wrong twins."""
+    some = [row for row in rows if "joints" in row]
+    counts = {right: Counter(row["word"] for row in some if is_right(row) == right) for right in (True, False)}
+    sentences = []
+    for right, words in counts.items():
+        told = ", ".join(f"{word} {count}" for word, count in sorted(words.items())) or "none"
+        sentences.append(f"{'right' if right else 'wrong'} twins by the report's word: {told}")
+    return sentences
 
 
 def table(rows):
     """All rows, and what they say together, by who reports the poses."""
     text = [
-        "| scene | parts (true) | types (true) | axis, deg | line, mm | motion | seen, mm | frame off | exit | s |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "| scene | parts (true) | types (true) | axis, deg | line, mm | motion | seen, mm | frame off | word | exit | s |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
         *map(line, rows),
         "",
     ]
@@ -108,6 +129,7 @@ def table(rows):
         some = [row for row in rows if row["name"].endswith(poses)]
         if some:
             text += [f"poses {poses}:", *(f"- {sentence}" for sentence in errors(some)), ""]
+    text += [f"- {sentence}" for sentence in verdicts(rows)] + [""]
     return "\n".join(text)
 
 

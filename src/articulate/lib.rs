@@ -62,5 +62,5 @@ pub use parts::registrar::register;
 pub use parts::score::LEAST_SCORE;
 pub use parts::states::{StatePair, United, unite};
 pub use samples::mesh_samples::mesh_samples;
-pub use world::standing::{is_surface_seen_at, standing_share};
+pub use world::standing::{StandingShares, is_surface_seen_at, standing_shares};
 pub use world::state_alignment::{AlignedBy, AlignmentError, StateAlignment, align_states};

@@ -9,7 +9,7 @@ use super::{
     scene::bounds,
     stage::stage_of,
 };
-use articulate::{AlignedBy, LiftedMatch, StateAlignment, align_states, lifted_matches, standing_share};
+use articulate::{AlignedBy, LiftedMatch, StateAlignment, align_states, lifted_matches, standing_shares};
 use capture::{Capture, NoiseConfig, PoseNoise, RgbdFrame, align_worlds, match_states};
 use common::{
     note::{Note, NoteCode},
@@ -130,7 +130,7 @@ fn drift(
     // Called only if the object's matches do not stand still, as it matches all frames once more.
     let around = || surroundings_matches(frames, noise, config);
     let mut rng = stage_rng(config.run.seed, "align", state as u64 - 1);
-    let standing = |motion: &Pose| standing_share(frames, motion, noise);
+    let standing = |motion: &Pose| standing_shares(frames, motion, noise);
     let found = align_states(matches, around, standing, scene.extent_m(), &mut rng)
         .map_err(|e| RunError::stage("align", e))?;
     Ok(found.map(|alignment| refined(alignment, state, frames, scene, noise, stop)).transpose()?)

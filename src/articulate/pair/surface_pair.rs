@@ -116,12 +116,13 @@ impl<'a> SurfacePair<'a> {
         pair
     }
 
-    /// Share of a state's samples whose place its own views saw empty.
-    pub(crate) fn stray_share(&self, state: usize) -> f64 {
-        let Some(is_free) = self.free[state] else { return 0.0 };
+    /// Share of a state's samples that are marked and that the state's own views bear out: none of them saw
+    /// their place empty.
+    pub(crate) fn borne_out_share(&self, state: usize, marked: &[bool]) -> f64 {
         let points = &self.samples[state].points;
-        let strays = points.par_iter().filter(|p| is_free(p)).count();
-        strays as f64 / points.len().max(1) as f64
+        let is_stray = |p: &Point3<f64>| self.free[state].is_some_and(|is_free| is_free(p));
+        let borne_out = points.iter().zip(marked).filter(|(p, marked)| **marked && !is_stray(p)).count();
+        borne_out as f64 / points.len().max(1) as f64
     }
 
     /// Drops all kept results.

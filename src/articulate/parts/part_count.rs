@@ -108,14 +108,10 @@ fn check(
         }
         _ => {
             let moved = Unexplained::left_by_motions(&pair.surfaces, motions).moved;
-            let [share0, share1] =
-                moved.map(|m| m.iter().filter(|m| **m).count() as f64 / m.len().max(1) as f64);
+            let [share0, share1] = [0, 1].map(|s| pair.surfaces.borne_out_share(s, &moved[s]));
             let moved_percent = 100.0 * share0.max(share1);
-            // What a state's own views contradict tells nothing about the other state.
-            let [stray0, stray1] = [0, 1].map(|s| pair.surfaces.stray_share(s));
-            debug!(share0, share1, stray0, stray1, "surface that left its place");
             // Required in both states: surface missing in one only was hidden, or never seen.
-            if one && (share0 - stray0).min(share1 - stray1) > ASTRAY {
+            if one && share0.min(share1) > ASTRAY {
                 return Err(RegisterError::Unexplained { moved_percent });
             }
             // Only surface seen in both states shows whether something moved: most of it must be known.

@@ -1,4 +1,4 @@
-//! Measures how much of an object's surface a motion takes onto itself, from depth alone.
+//! Measures how much of the surface of two states a motion takes onto itself, from depth alone.
 
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -6,29 +6,53 @@ use rayon::prelude::*;
 use capture::{NoiseConfig, RgbdFrame};
 use geometry::Pose;
 
-/// One of this many pixels of the object is compared.
+/// One of this many pixels is compared.
 const EVERY: usize = 97;
 /// Readings that differ by more than this many standard deviations are of different surfaces.
 ///
 /// chosen: three, 0.3 % of a normal distribution
 const SAME: f64 = 3.0;
 
-/// Share of the surface of state 1 that state 0 sees where it came from under a motion. Surface out of sight
-/// of state 0 does not count. 0 if nothing counts.
-pub fn standing_share(states: [&[RgbdFrame]; 2], state1_from_state0: &Pose, noise: &NoiseConfig) -> f64 {
-    let back = state1_from_state0.inverse();
-    let counts = states[1].par_iter().map(|frame| standing_pixels(frame, &back, states[0], noise));
-    let [still, all] = counts.reduce(|| [0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
-    still as f64 / all.max(1) as f64
+/// How much of what two states see a motion takes onto itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StandingShares {
+    /// Share of the object's surface.
+    pub object: f64,
+    /// Share of the surface of the object and of what is around it.
+    pub everything: f64,
 }
 
-/// Number of the object's pixels that stand still, and of all compared ones. `back` is the motion from the
-/// frame's state to the state of `others`.
-fn standing_pixels(frame: &RgbdFrame, back: &Pose, others: &[RgbdFrame], noise: &NoiseConfig) -> [usize; 2] {
-    let mut counts = [0; 2];
-    for i in (0..frame.depth_m.len()).step_by(EVERY).filter(|&i| frame.is_object(i)) {
+/// Shares of the surface of state 1 that state 0 sees where it came from under a motion. Surface out of sight
+/// of state 0 does not count. 0 if nothing counts.
+pub fn standing_shares(
+    states: [&[RgbdFrame]; 2],
+    state1_from_state0: &Pose,
+    noise: &NoiseConfig,
+) -> StandingShares {
+    let back = state1_from_state0.inverse();
+    let counts = states[1].par_iter().map(|frame| standing_pixels(frame, &back, states[0], noise));
+    let sum = |a: [[usize; 2]; 2], b: [[usize; 2]; 2]| [0, 1].map(|k| [a[k][0] + b[k][0], a[k][1] + b[k][1]]);
+    let [object, around] = counts.reduce(|| [[0; 2]; 2], sum);
+    let share = |[still, compared]: [usize; 2]| still as f64 / compared.max(1) as f64;
+    StandingShares {
+        object: share(object),
+        everything: share([object[0] + around[0], object[1] + around[1]]),
+    }
+}
+
+/// Number of pixels that stand still, and of all compared ones: of the object, and around it. `back` is the
+/// motion from the frame's state to the state of `others`.
+fn standing_pixels(
+    frame: &RgbdFrame,
+    back: &Pose,
+    others: &[RgbdFrame],
+    noise: &NoiseConfig,
+) -> [[usize; 2]; 2] {
+    let mut counts = [[0; 2]; 2];
+    for i in (0..frame.depth_m.len()).step_by(EVERY) {
         let Some(point) = frame.world_point(i) else { continue };
         if let Some(stands) = is_surface_seen_at(&(back * point), frame.sigma_m(i, noise), others, noise) {
+            let counts = &mut counts[usize::from(!frame.is_object(i))];
             counts[0] += usize::from(stands);
             counts[1] += 1;
         }
@@ -80,7 +104,7 @@ mod tests {
         let eyes = [Point3::new(0.7, 0.5, 0.4), Point3::new(0.6, -0.6, 0.45)];
         let state0 = eyes.map(|eye| view_of(&block, k, looking_at_origin(eye)));
         let state1 = eyes.map(|eye| view_of(&moved, k, looking_at_origin(eye)));
-        let share = |states: [&[RgbdFrame]; 2], motion: &Pose| standing_share(states, motion, &noise);
+        let share = |states: [&[RgbdFrame]; 2], motion: &Pose| standing_shares(states, motion, &noise).object;
         let shares = [share([&state0, &state0], &Pose::identity()), share([&state0, &state1], &motion)];
         assert!(shares.iter().all(|s| *s > 0.85), "{shares:?}");
         assert!(

@@ -10,6 +10,7 @@ use rand_core::Rng;
 use crate::{
     observations::LiftedMatch,
     propose::ransac::{CHANCE, CellCounter, Gate, cell_side_m, common_motions},
+    world::standing::StandingShares,
 };
 use geometry::Pose;
 
@@ -67,7 +68,7 @@ pub enum AlignmentError {
 
 /// The motion between the world frames of both states; `None` if they are one, or too few matches show it.
 /// `surroundings` gives matches beside the object, used if those on the object do not stand still. `standing`
-/// gives the share of the object's surface that a motion leaves in place, used if matches cannot decide.
+/// gives the shares of the surface that a motion leaves in place: a plain static part has no matches.
 /// `extent_m` is the longest side of the object, meters.
 ///
 /// # Errors
@@ -75,7 +76,7 @@ pub enum AlignmentError {
 pub fn align_states(
     object: &[LiftedMatch],
     surroundings: impl FnOnce() -> Vec<LiftedMatch>,
-    standing: impl Fn(&Pose) -> f64,
+    standing: impl Fn(&Pose) -> StandingShares,
     extent_m: f64,
     rng: &mut impl Rng,
 ) -> Result<Option<StateAlignment>, AlignmentError> {
@@ -101,10 +102,11 @@ pub fn align_states(
         }
         // The object was moved as a whole relative to its surroundings.
     }
-    // 3. The object's strongest motion; 4. if two compete, the surface that stands still decides: a plain
-    // static part has no matches.
+    // 3. The object's strongest motion. A plain static part has no matches: 4. where two motions compete, or
+    // more of all that is seen stands still than follows the motion, the surface that stands still decides.
     let clear = match on_object.clear(&motions) {
         Err(_) if is_standing(&motions, &standing) => None,
+        Ok(Some((motion, _))) if room_stands(&motion, &standing) && is_standing(&motions, &standing) => None,
         clear => clear?,
     };
     Ok(clear.map(|(motion, cells)| StateAlignment {
@@ -114,10 +116,15 @@ pub fn align_states(
     }))
 }
 
-/// Whether enough of the surface stands still and no motion explains clearly more.
-fn is_standing(motions: &[Pose], standing: impl Fn(&Pose) -> f64) -> bool {
-    let share = standing(&Pose::identity());
-    share >= STANDING && motions.iter().all(|m| standing(m) <= CLEAR * share)
+/// Whether enough of the object's surface stands still and no motion explains clearly more.
+fn is_standing(motions: &[Pose], standing: impl Fn(&Pose) -> StandingShares) -> bool {
+    let share = standing(&Pose::identity()).object;
+    share >= STANDING && motions.iter().all(|m| standing(m).object <= CLEAR * share)
+}
+
+/// Whether more of all surface, of the object and around it, stands still than follows a motion.
+fn room_stands(motion: &Pose, standing: impl Fn(&Pose) -> StandingShares) -> bool {
+    standing(&Pose::identity()).everything > standing(motion).everything
 }
 
 /// Counts the cells of matches that support motions.
@@ -203,7 +210,13 @@ mod tests {
         object: &[(usize, Pose)],
         around: &[(usize, Pose)],
     ) -> Result<Option<StateAlignment>, AlignmentError> {
-        align_states(&matches(object, 1), || matches(around, 2), |_| 0.0, 0.8, &mut stage_rng(0, "align", 0))
+        align_states(
+            &matches(object, 1),
+            || matches(around, 2),
+            |_| StandingShares::default(),
+            0.8,
+            &mut stage_rng(0, "align", 0),
+        )
     }
 
     fn check_drift(found: Option<StateAlignment>, by: AlignedBy) {
@@ -239,7 +252,12 @@ mod tests {
     #[test]
     fn where_matches_cannot_tell_surfaces_that_stand_still_do() {
         let object = matches(&[(300, drift()), (280, drift() * door())], 1);
-        let still = |share: f64| move |m: &Pose| if *m == Pose::identity() { share } else { 0.6 };
+        let still = |share: f64| {
+            move |m: &Pose| {
+                let object = if *m == Pose::identity() { share } else { 0.6 };
+                StandingShares { object, everything: object }
+            }
+        };
         let aligned =
             |share: f64| align_states(&object, Vec::new, still(share), 0.8, &mut stage_rng(0, "align", 0));
         assert!(aligned(0.5).unwrap().is_none());
@@ -248,6 +266,25 @@ mod tests {
             matches!(aligned(0.28), Err(AlignmentError::Ambiguous { .. })),
             "another motion explains clearly more"
         );
+    }
+
+    #[test]
+    fn a_textured_part_does_not_move_a_plain_object_and_its_room() {
+        let object = matches(&[(300, door())], 1);
+        let aligned = |object_share: f64, room_share: f64| {
+            let standing = |m: &Pose| {
+                let is_still = *m == Pose::identity();
+                StandingShares {
+                    object: if is_still { object_share } else { 0.5 },
+                    everything: if is_still { room_share } else { 0.4 },
+                }
+            };
+            let rng = &mut stage_rng(0, "align", 0);
+            align_states(&object, Vec::new, standing, 0.8, rng).unwrap().is_none()
+        };
+        assert!(aligned(0.4, 0.8));
+        assert!(!aligned(0.1, 0.8), "the object was moved as a whole");
+        assert!(!aligned(0.4, 0.3), "the worlds differ");
     }
 
     #[test]
