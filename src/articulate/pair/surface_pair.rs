@@ -9,7 +9,7 @@ use crate::{
     observations::SurfaceSamples,
     pair::{
         recent::Recent,
-        reprojection::{ALL_FREE, FREE, HIDDEN, Look, Reprojection, TAKEN},
+        reprojection::{ALL_FREE, FREE, HALF_COST, HIDDEN, Look, Reprojection, TAKEN},
     },
     samples::{
         sample_index::SampleIndex,
@@ -203,6 +203,25 @@ impl<'a> SurfacePair<'a> {
             Some((j as u32, plane * plane + bend * bend + side * side, color))
         });
         Reprojection { partner, free }
+    }
+
+    /// Whether the other state shows surface like a sample's, in shape and color, within a distance of its
+    /// place.
+    pub(crate) fn has_alike_nearby(&self, state: usize, sample: usize, distance_m: f64) -> bool {
+        let these = self.samples[state];
+        let others = self.samples[1 - state];
+        let point = these.points[sample];
+        let mut is_alike = false;
+        self.indices[1 - state].visit_around(&point, |j, p| {
+            if is_alike || (p - point).norm() > distance_m {
+                return;
+            }
+            let plane = self.offset_from_plane(1 - state, j, &point).0 / self.scales.plane_m;
+            let bend = (others.normals[j] - these.normals[sample]).norm() / NORMAL_SIGMA;
+            let color = self.color_deviation(these.colors[sample], others.colors[j], 0.0);
+            is_alike = plane * plane + bend * bend + color < HALF_COST;
+        });
+        is_alike
     }
 
     /// Height of a point above a sample's plane, meters, and its distance along the plane, in mean sample

@@ -3,10 +3,11 @@
 use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
+use tracing::debug;
 
 use crate::{
     observations::LiftedMatch,
-    pair::{reprojection::EXPLAINED, surface_pair::SurfacePair},
+    pair::surface_pair::SurfacePair,
     propose::ransac::{Gate, cell_side_m},
     samples::spacing::{cell_of, occupied_cells},
 };
@@ -26,8 +27,10 @@ pub(crate) struct MatchedPair<'a> {
 impl<'a> MatchedPair<'a> {
     /// The pair for an object with a longest side of `extent_m`.
     pub(crate) fn new(matches: &'a [LiftedMatch], extent_m: f64, surfaces: SurfacePair<'a>) -> Self {
-        let informative = informative_matches(matches, &surfaces);
-        Self { matches, informative, extent_m, gate: Gate::new(extent_m), surfaces }
+        let gate = Gate::new(extent_m);
+        let informative = informative_matches(matches, gate, &surfaces);
+        debug!(matches = matches.len(), informative = informative.len(), "matches that can show a motion");
+        Self { matches, informative, extent_m, gate, surfaces }
     }
 
     /// The motion that every match supports; `None` where it supports none.
@@ -89,13 +92,15 @@ impl<'a> MatchedPair<'a> {
 
 /// The matches that can be evidence for a motion: not those between two unchanged places. Equal things in a
 /// row, such as keys, match each other though none has moved.
-fn informative_matches(matches: &[LiftedMatch], surfaces: &SurfacePair<'_>) -> Vec<LiftedMatch> {
-    let costs = [0, 1].map(|s| surfaces.costs(s, &[Pose::identity()], None));
+fn informative_matches(matches: &[LiftedMatch], gate: Gate, surfaces: &SurfacePair<'_>) -> Vec<LiftedMatch> {
     let mut informative = matches.to_vec();
     informative.retain(|m| {
+        // Features lie where colors change most, so a place is only as exact as the match.
+        let around_m = gate.distance_m(m.sigma_m);
         // A match has no normal: the zero vector is equally far from all.
         let are_static = [(0, m.point0), (1, m.point1)].into_iter().all(|(s, p)| {
-            surfaces.indices[s].nearest_sample(&p, &Vector3::zeros()).is_some_and(|i| costs[s][i] < EXPLAINED)
+            let sample = surfaces.indices[s].nearest_sample(&p, &Vector3::zeros());
+            sample.is_some_and(|i| surfaces.has_alike_nearby(s, i, around_m))
         });
         !are_static
     });

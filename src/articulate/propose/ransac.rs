@@ -85,7 +85,7 @@ impl Gate {
     }
 
     /// Largest distance of a match from a motion it supports, meters.
-    fn distance_m(&self, sigma_m: f64) -> f64 {
+    pub(crate) fn distance_m(&self, sigma_m: f64) -> f64 {
         (self.sigmas * sigma_m).min(self.most_m)
     }
 

@@ -129,6 +129,7 @@ impl Refined {
 
 /// Whether the held-out surfels agree clearly better.
 pub(super) fn is_clear(gain: &Gain) -> bool {
-    debug!(sigmas = gain.sigmas, residual_m = ?gain.residual_m, "gain of held-out surfels");
+    let [before_mm, after_mm] = gain.residual_m.map(|m| 1e3 * m);
+    debug!(sigmas = gain.sigmas, before_mm, after_mm, "gain of held-out surfels");
     gain.sigmas > GAIN_SIGMAS
 }
