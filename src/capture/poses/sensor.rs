@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    correction::{Refined, is_clear},
+    correction::{Refined, is_certain, is_clear},
     depth_warp::DepthWarp,
     pairs::{Changes, Gain, Views},
     sensor_errors::SensorErrors,
@@ -198,8 +198,11 @@ pub(super) fn calibrated_sensor(
     }
     let warp = sensor.warp;
     let mean = warp.mean_weights(&intrinsics);
+    // A sensor that errs bends the poses. Beside their errors, the noise of depth may hide by how much the
+    // sensor's own make surfaces differ.
+    let are_bent = alone.iter().flatten().any(|a| a.correction.used);
     let calibration = SensorCalibration {
-        used: is_clear(&gain),
+        used: if are_bent { is_certain(&gain) } else { is_clear(&gain) },
         scale: [
             mean.iter().zip(&warp.values).map(|(share, v)| share * v).sum(),
             mean.dot(&(&covariance * &mean)).sqrt(),
