@@ -60,8 +60,8 @@ fn standing_pixels(
     counts
 }
 
-/// Whether more frames see a surface at a point than see through it; `None` if no frame does either. `sigma_m`
-/// is the standard deviation of the point along the ray.
+/// Whether more frames see a surface at a point than see through it; `None` if no frame does either.
+/// `sigma_m` is the standard deviation of the point along the ray.
 pub fn is_surface_seen_at(
     point_in_world: &Point3<f64>,
     sigma_m: f64,
