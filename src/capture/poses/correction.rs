@@ -141,3 +141,18 @@ pub(super) fn is_certain(gain: &Gain) -> bool {
     debug!(sigmas = gain.sigmas, before_mm, after_mm, "gain of held-out surfels");
     gain.sigmas > GAIN_SIGMAS
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_gain_may_be_certain_where_noise_hides_how_much() {
+        let gain = |sigmas, residual_m| Gain { sigmas, residual_m };
+        let small = gain(5.9, [1.70e-3, 1.68e-3]);
+        assert!(is_certain(&small) && !is_clear(&small));
+        assert!(is_clear(&gain(5.9, [1.70e-3, 1.50e-3])));
+        let doubtful = gain(3.0, [1.70e-3, 1.50e-3]);
+        assert!(!is_certain(&doubtful) && !is_clear(&doubtful));
+    }
+}

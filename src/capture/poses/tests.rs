@@ -295,23 +295,6 @@ fn the_errors_of_a_sensor_are_found_within_their_deviation() {
 }
 
 #[test]
-fn a_scale_that_noise_hides_is_corrected() {
-    /// Depth noise, in those of the model.
-    const TIMES: f64 = 8.0;
-    let mut truth = DepthWarp::without_errors(&INTRINSICS);
-    truth.values.iter_mut().for_each(|share| *share = 0.008);
-    let mut states = warped((0..2).map(|s| of_room(s, 12)).collect(), &truth);
-    let mut normal = Normal::new(3);
-    states.iter_mut().flatten().for_each(|frame| normal.spoil(frame, TIMES));
-    let noise = NOISE.scaled(TIMES);
-    let found = refine_poses(&mut states, &noise, false, &Ahead::default(), &Stop::never()).unwrap();
-    let sensor = found.sensor.unwrap();
-    let [before_m, after_m] = sensor.residual_m;
-    assert!(sensor.used && after_m > 0.9 * before_m, "{sensor}");
-    assert!((sensor.scale[0] - 0.008).abs() < 0.002, "{sensor}");
-}
-
-#[test]
 fn a_sensor_without_errors_stays() {
     let read: Vec<_> = (0..2).map(|s| of_room(s, 10)).collect();
     let mut states = read.clone();
