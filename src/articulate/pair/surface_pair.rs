@@ -186,13 +186,12 @@ impl<'a> SurfacePair<'a> {
         let normal = other_from_this * these.normals[sample];
         let free = self.free[1 - state].map(|is_free| is_free(&point));
         let partner = self.indices[1 - state].nearest_sample(&point, &normal).and_then(|j| {
-            let (off_m, aside) = self.offset_from_plane(1 - state, j, &point);
+            let (_, aside) = self.offset_from_plane(1 - state, j, &point);
             // Space seen empty beside a surface is past its edge.
             if free == Some(true) && aside > EDGE {
                 return None;
             }
-            let plane = off_m / self.scales.plane_m;
-            let bend = (others.normals[j] - normal).norm() / NORMAL_SIGMA;
+            let shape = self.shape_deviation(1 - state, j, &point, &normal);
             let color = self.color_deviation(
                 these.colors[sample],
                 others.colors[j],
@@ -200,7 +199,7 @@ impl<'a> SurfacePair<'a> {
             );
             // A shift along the plane also costs a little. The sum is docs/method.md (6.4).
             let side = (point - others.points[j]).norm() / self.reach_m;
-            Some((j as u32, plane * plane + bend * bend + side * side, color))
+            Some((j as u32, shape + side * side, color))
         });
         Reprojection { partner, free }
     }
@@ -216,12 +215,24 @@ impl<'a> SurfacePair<'a> {
             if is_alike || (p - point).norm() > distance_m {
                 return;
             }
-            let plane = self.offset_from_plane(1 - state, j, &point).0 / self.scales.plane_m;
-            let bend = (others.normals[j] - these.normals[sample]).norm() / NORMAL_SIGMA;
+            let shape = self.shape_deviation(1 - state, j, &point, &these.normals[sample]);
             let color = self.color_deviation(these.colors[sample], others.colors[j], 0.0);
-            is_alike = plane * plane + bend * bend + color < HALF_COST;
+            is_alike = shape + color < HALF_COST;
         });
         is_alike
+    }
+
+    /// Squared deviation of a point with a normal from a sample's plane, by height and by direction.
+    fn shape_deviation(
+        &self,
+        state: usize,
+        sample: usize,
+        point: &Point3<f64>,
+        normal: &Vector3<f64>,
+    ) -> f64 {
+        let plane = self.offset_from_plane(state, sample, point).0 / self.scales.plane_m;
+        let bend = (self.samples[state].normals[sample] - normal).norm() / NORMAL_SIGMA;
+        plane * plane + bend * bend
     }
 
     /// Height of a point above a sample's plane, meters, and its distance along the plane, in mean sample

@@ -106,27 +106,26 @@ fn check(
                 shares.iter().skip(1).map(|s| format!("{:.1} % of the surface", 100.0 * s)).collect();
             Err(RegisterError::FewerParts { asked, found, moving, support: support.join(", ") })
         }
+        _ if !one => Ok(()),
         _ => {
             let moved = Unexplained::left_by_motions(&pair.surfaces, motions).moved;
             let [share0, share1] = [0, 1].map(|s| pair.surfaces.borne_out_share(s, &moved[s]));
             let moved_percent = 100.0 * share0.max(share1);
             // Required in both states: surface missing in one only was hidden, or never seen.
-            if one && share0.min(share1) > ASTRAY {
+            if share0.min(share1) > ASTRAY {
                 return Err(RegisterError::Unexplained { moved_percent });
             }
             // Only surface seen in both states shows whether something moved: most of it must be known.
-            if one && shares[0] < MAJORITY {
+            if shares[0] < MAJORITY {
                 return Err(RegisterError::LittleShared { static_percent, moved_percent });
             }
-            if one {
-                notes.push(Note::new(
-                    NoteCode::NoPartMoved,
-                    format!(
-                        "no part moved: {static_percent:.0} % of the surface stands still and \
+            notes.push(Note::new(
+                NoteCode::NoPartMoved,
+                format!(
+                    "no part moved: {static_percent:.0} % of the surface stands still and \
                      {moved_percent:.1} % left its place; the twin has one part"
-                    ),
-                ));
-            }
+                ),
+            ));
             Ok(())
         }
     }

@@ -105,8 +105,8 @@ pub fn align_states(
     // 3. The object's strongest motion. A plain static part has no matches: 4. where two motions compete, or
     // more of all that is seen stands still than follows the motion, the surface that stands still decides.
     let clear = match on_object.clear(&motions) {
-        Err(_) if is_standing(&motions, &standing) => None,
-        Ok(Some((motion, _))) if room_stands(&motion, &standing) && is_standing(&motions, &standing) => None,
+        Err(_) if is_standing(&motions, None, &standing) => None,
+        Ok(Some((motion, _))) if is_standing(&motions, Some(&motion), &standing) => None,
         clear => clear?,
     };
     Ok(clear.map(|(motion, cells)| StateAlignment {
@@ -116,15 +116,20 @@ pub fn align_states(
     }))
 }
 
-/// Whether enough of the object's surface stands still and no motion explains clearly more.
-fn is_standing(motions: &[Pose], standing: impl Fn(&Pose) -> StandingShares) -> bool {
-    let share = standing(&Pose::identity()).object;
-    share >= STANDING && motions.iter().all(|m| standing(m).object <= CLEAR * share)
-}
-
-/// Whether more of all surface, of the object and around it, stands still than follows a motion.
-fn room_stands(motion: &Pose, standing: impl Fn(&Pose) -> StandingShares) -> bool {
-    standing(&Pose::identity()).everything > standing(motion).everything
+/// Whether enough of the object's surface stands still and no motion explains clearly more. More of all
+/// surface, of the object and around it, must stand still than follows the `strongest` motion.
+fn is_standing(
+    motions: &[Pose],
+    strongest: Option<&Pose>,
+    standing: impl Fn(&Pose) -> StandingShares,
+) -> bool {
+    let still = standing(&Pose::identity());
+    still.object >= STANDING
+        && motions.iter().all(|motion| {
+            let moved = standing(motion);
+            moved.object <= CLEAR * still.object
+                && (strongest != Some(motion) || still.everything > moved.everything)
+        })
 }
 
 /// Counts the cells of matches that support motions.
