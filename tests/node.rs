@@ -342,12 +342,20 @@ fn what_is_collected_is_shown_as_it_comes() -> Result<(), Missing> {
         let point = |p: &serde_json::Value| [0, 1, 2].map(|k| p[k].as_f64().unwrap() as f32).into();
         v.as_array().unwrap().iter().map(point).collect()
     };
+    let mut left_out_before = 0.0;
     for (state, found) in told["states"].as_array().unwrap().iter().enumerate() {
         let mut short = found.clone();
         ["mesh", "moved"].iter().for_each(|k| short[k] = found[k].as_array().unwrap().len().into());
         eprintln!("state {state}: {short}");
-        assert_eq!((number(&found["kept"]), number(&found["fused"])), (16.0, 16.0), "{short}\n{log}");
-        assert_eq!(found["left_out"], 0, "{short}");
+        // A machine that takes longer for a view than there is between two may leave some out, and counts them.
+        let left_out = number(&found["left_out"]) - left_out_before;
+        left_out_before += left_out;
+        assert_eq!(
+            (number(&found["kept"]), number(&found["fused"])),
+            (16.0, 16.0 - left_out),
+            "{short}\n{log}"
+        );
+        assert!(left_out == 0.0 || number(&found["seconds_a_view"]) > 0.2, "{short}\n{log}");
         // From an image that is sent to the surface that holds it, and from a kept view to all of its
         // surface.
         let delays: Vec<f64> = found["delays"].as_array().unwrap().iter().map(number).collect();
