@@ -7,7 +7,7 @@ use crate::{
         evidence_curve::evidence_point,
         labeling::labels_and_costs,
         matched_pair::MatchedPair,
-        score::{scores_and_shares, weighed_as},
+        score::{LEAST_SCORE, scores_and_shares, unexplained_evidence, weighed_as},
         settle::settle_fully,
     },
 };
@@ -19,13 +19,15 @@ use tracing::debug;
 const REPLACED: f64 = 0.25;
 
 /// The set after exchanging two or more motions for one of the `proposed` ones, repeated while the sum of the
-/// evidence rises.
+/// evidence rises and each motion less leaves no more unexplained than a part's least evidence. Two like parts
+/// are otherwise exchanged for one motion that takes the first to the second and the second to the first.
 pub(crate) fn exchanged_set(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed: &[Pose]) -> Vec<Pose> {
     let mut left = proposed.to_vec();
     loop {
         let found = labels_and_costs(&pair.surfaces, &set);
         let (labels, costs) = &*found;
         let evidence = evidence_point(&weighed_as(pair, &set, labels).0).evidence;
+        let most_cost = unexplained_and_parts(pair, &set);
         let mut best: Option<(f64, usize, Vec<Pose>)> = None;
         for (i, motion) in left.iter().enumerate() {
             let replaced = replaced_parts(pair, &set, labels, costs, motion);
@@ -39,7 +41,10 @@ pub(crate) fn exchanged_set(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed
             settle_fully(pair, &mut others);
             let after = evidence_point(&scores_and_shares(pair, &others).0).evidence;
             // Of equal ones the last.
-            if after > evidence && best.as_ref().is_none_or(|b| after >= b.0) {
+            if after > evidence
+                && best.as_ref().is_none_or(|b| after >= b.0)
+                && unexplained_and_parts(pair, &others) <= most_cost
+            {
                 best = Some((after, i, others));
             }
         }
@@ -54,6 +59,11 @@ pub(crate) fn exchanged_set(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed
         left.swap_remove(i);
         set = others;
     }
+}
+
+/// What a set costs, in cells: the surface that it leaves unexplained, and the least evidence of each motion.
+fn unexplained_and_parts(pair: &MatchedPair<'_>, set: &[Pose]) -> f64 {
+    unexplained_evidence(pair, set) + LEAST_SCORE * set.len() as f64
 }
 
 /// The moving parts of a set that a motion can replace: it explains a share of [`REPLACED`] of their moved

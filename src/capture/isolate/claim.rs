@@ -19,7 +19,7 @@ use common::stop::{Stop, Stopped};
 
 /// Margin about what moved in which its plane belongs to the object, share of the longest side.
 /// chosen: the frame on all sides is then about as large as what moves in it
-const FRAME: f64 = 0.25;
+pub(super) const FRAME: f64 = 0.25;
 /// Reach of patches on a plane, cells. derived: every second pixel is looked at
 const PATCH_REACH: i32 = 2;
 
@@ -135,7 +135,7 @@ fn frame_cells_on_plane(
 }
 
 /// The box about cells with a margin, meters.
-pub(super) fn frame_of(cells: &[Cell], size_m: f64) -> [[f64; 3]; 2] {
+fn frame_of(cells: &[Cell], size_m: f64) -> [[f64; 3]; 2] {
     let (lower, upper) = bounds(cells.iter());
     widened(lower, upper, margin_of(lower, upper), size_m)
 }

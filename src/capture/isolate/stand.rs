@@ -3,19 +3,20 @@
 //! A wide plane that ends inside the images may be of the object. It is not where it is level, nothing that
 //! changed lies below it, and more of it is seen away from what changed than what changed covers.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rand_core::Rng;
 use rustc_hash::FxHashMap;
 use tracing::debug;
 
 use super::{
     background::{Background, in_box},
-    claim::frame_of,
+    claim::FRAME,
     plane::{Plane, Sample, drawn_plane, is_inlier},
-    select::{CLEARLY, bounds},
+    select::CLEARLY,
     voxels::{Cell, CellSet, cell_of_point, center_of_cell, groups},
 };
 use common::stop::{Stop, Stopped};
+use geometry::bounding_box;
 
 /// Least cosine between the normal of a level plane and the vertical, where poses were recorded ...
 /// chosen: 5 deg; floors and tables lie better, worlds of SLAM may be tilted by a degree or two
@@ -40,12 +41,15 @@ const CLEAR_SIGMAS: f64 = 3.0;
 /// Most changed cells that are held against a hypothesis. chosen: a share of 0.05 is known to 0.005
 const PROBED: usize = 2_000;
 
-/// What stands on planes: the changed cells, and the box about them.
+/// What stands on planes: the changed cells, and the box about them, turned about the vertical so that it
+/// covers the least.
 pub(super) struct Standers {
     middles: Vec<Point3<f64>>,
+    /// Rotation from the world to the box.
+    box_from_world: UnitQuaternion<f64>,
     /// Lengths of the box about what changed, meters.
     sides_m: [f64; 3],
-    /// That box with a margin for the rest of the object: lower and upper corner, meters.
+    /// That box with a margin for the rest of the object: lower and upper corner in its frame, meters.
     object_box_m: [[f64; 3]; 2],
     size_m: f64,
     least_level: f64,
@@ -61,11 +65,16 @@ impl Standers {
     ) -> Result<Option<Self>, Stopped> {
         let cells = large_patches(changed, stop)?;
         let step = cells.len().div_ceil(PROBED).max(1);
-        let (lower, upper) = bounds(cells.iter());
-        Ok((!cells.is_empty()).then(|| Self {
-            sides_m: [0, 1, 2].map(|k| f64::from(upper[k] - lower[k] + 1) * size_m),
-            middles: cells.iter().step_by(step).map(|c| center_of_cell(c, size_m)).collect(),
-            object_box_m: frame_of(&cells, size_m),
+        let middles: Vec<Point3<f64>> =
+            cells.iter().step_by(step).map(|c| center_of_cell(c, size_m)).collect();
+        let Some((box_from_world, [lower, upper])) = least_box(&middles) else { return Ok(None) };
+        let sides_m = [0, 1, 2].map(|k| upper[k] - lower[k] + size_m);
+        let margin_m = FRAME * sides_m.iter().copied().fold(0.0, f64::max);
+        Ok(Some(Self {
+            middles,
+            box_from_world,
+            sides_m,
+            object_box_m: [[0, 1, 2].map(|k| lower[k] - margin_m), [0, 1, 2].map(|k| upper[k] + margin_m)],
             size_m,
             least_level: if is_tracked { LEVEL_BY_IMAGES } else { LEVEL },
         }))
@@ -86,13 +95,14 @@ impl Standers {
 
     /// Whether a reading lies away from the object.
     fn is_away(&self, sample: &Sample) -> bool {
-        !in_box(Some(self.object_box_m), &sample.point)
+        !in_box(Some(self.object_box_m), &(self.box_from_world * sample.point))
     }
 
     /// Area of the box about what changed as seen along a normal, square meters.
     fn covered_m2(&self, plane: &Plane) -> f64 {
         let side = self.sides_m;
-        (0..3).map(|k| plane.normal[k].abs() * side[(k + 1) % 3] * side[(k + 2) % 3]).sum()
+        let normal = self.box_from_world * plane.normal;
+        (0..3).map(|k| normal[k].abs() * side[(k + 1) % 3] * side[(k + 2) % 3]).sum()
     }
 
     /// Area of a plane that was seen away from the object, square meters.
@@ -126,6 +136,21 @@ pub(super) fn stand_of_object(
     let covered_m2 = standers.covered_m2(&plane);
     debug!(%plane, away_m2, covered_m2, may_stand, "stand of the object");
     (may_stand && away_m2 > covered_m2).then_some(plane)
+}
+
+/// The box about points whose footprint is the least of those turned about the vertical by whole degrees: the
+/// rotation to its frame, and its lower and upper corner there, meters. `None` without points.
+fn least_box(points: &[Point3<f64>]) -> Option<(UnitQuaternion<f64>, [Point3<f64>; 2])> {
+    let mut least: Option<(f64, UnitQuaternion<f64>, [Point3<f64>; 2])> = None;
+    for degrees in 0..90 {
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), f64::from(degrees).to_radians());
+        let (lower, upper) = bounding_box(points.iter().map(|p| turn * p))?;
+        let footprint_m2 = (upper.x - lower.x) * (upper.y - lower.y);
+        if least.as_ref().is_none_or(|(area_m2, ..)| footprint_m2 < *area_m2) {
+            least = Some((footprint_m2, turn, [lower, upper]));
+        }
+    }
+    least.map(|(_, turn, corners)| (turn, corners))
 }
 
 /// The cells of the large patches of what changed; errors at edges make many small ones.
