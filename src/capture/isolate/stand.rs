@@ -1,7 +1,8 @@
 //! Planes that the object stands on though they do not fill the images: a table with its edges, a rug.
 //!
 //! A wide plane that ends inside the images may be of the object. It is not where it is level, nothing that
-//! changed lies below it, and more of it is seen away from what changed than what changed covers.
+//! changed lies below it, it has the size of furniture, and more of it is seen away from what changed than what
+//! changed covers.
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rand_core::Rng;
@@ -29,6 +30,10 @@ const TRIALS: usize = 1200;
 /// Largest share of the changed cells below the plane.
 /// chosen: some are errors at the object's foot
 const BELOW: f64 = 0.05;
+/// Least area of a stand, square meters: the top of a smaller thing is rather the object's, as of a box with a
+/// cap.
+/// chosen: side tables are 0.4 m square at least
+const LEAST_M2: f64 = 0.16;
 /// Side of the squares by which planes are measured, meters.
 /// derived: of some 1000 readings a view, ten fall on it at 2 m in 60 views
 const SQUARE_M: f64 = 0.03;
@@ -135,7 +140,7 @@ pub(super) fn stand_of_object(
     let away_m2 = standers.away_m2(&plane, &off);
     let covered_m2 = standers.covered_m2(&plane);
     debug!(%plane, away_m2, covered_m2, may_stand, "stand of the object");
-    (may_stand && away_m2 > covered_m2).then_some(plane)
+    (may_stand && away_m2 > covered_m2 && away_m2 + covered_m2 >= LEAST_M2).then_some(plane)
 }
 
 /// The box about points whose footprint is the least of those turned about the vertical by whole degrees: the
