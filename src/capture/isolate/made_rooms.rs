@@ -225,6 +225,20 @@ fn a_table_whose_edges_are_seen_is_not_of_the_object_on_it() {
 }
 
 #[test]
+fn the_top_of_a_box_is_not_a_stand_of_its_cap() {
+    // The box's top is level, wider than what moves on it, and nothing that moves lies below it.
+    let around = [FLOOR, WALL_BEHIND, [[-0.17, -0.13, 0.0], [0.17, 0.13, 0.12]]];
+    let handles = [[[-0.07, -0.02, 0.12], [0.07, 0.02, 0.2]], [[-0.02, -0.07, 0.12], [0.02, 0.07, 0.2]]];
+    let states = handles.map(|handle| [&around[..], &[handle]].concat());
+    let found = Room { states, target: Point3::new(0.0, 0.0, 0.1), distance_m: 0.7 }.isolated().unwrap();
+    for state in 0..2 {
+        let kept = found.kept_in(state, &[[-0.19, -0.15, 0.05], [0.19, 0.15, 0.22]]);
+        let share = found.share_in(state, &[[-0.2, -0.16, -0.05], [0.2, 0.16, 0.25]]);
+        assert!(kept > 0.8 && share > 0.9, "state {state}: {kept} {share} {:?}", found.notes());
+    }
+}
+
+#[test]
 fn things_beside_the_object_on_one_rug_are_not_of_it() {
     let rug = [[-1.0, -1.0, 0.0], [1.0, 0.5, 0.012]];
     let boxes = [[[0.45, -0.2, 0.0], [0.65, 0.0, 0.4]], [[-0.7, 0.0, 0.0], [-0.45, 0.25, 0.3]]];

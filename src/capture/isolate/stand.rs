@@ -178,3 +178,22 @@ fn is_before(sample: &Sample, plane: &Plane) -> bool {
     let clear_m = CLEAR_M + CLEAR_SIGMAS * plane.height_sigma_m(&sample.ray, sample.sigma_m);
     plane.height_m(&sample.point) > clear_m
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_box_about_what_changed_turns_with_it() {
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.61);
+        let points: Vec<Point3<f64>> = (0..600)
+            .map(|i| turn * Point3::new(0.01 * f64::from(i % 30), 0.01 * f64::from(i / 30 % 10), 0.1))
+            .collect();
+        let (box_from_world, [lower, upper]) = least_box(&points).unwrap();
+        // Sides of 0.29 and 0.09 m; a box along the axes of the world would cover four times as much.
+        assert!((upper.x - lower.x) * (upper.y - lower.y) < 1.05 * 0.29 * 0.09);
+        let direction = box_from_world * turn * Vector3::x();
+        assert!(direction.x.abs().max(direction.y.abs()) > 0.999, "{direction}");
+        assert!(least_box(&[]).is_none());
+    }
+}
