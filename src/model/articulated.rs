@@ -212,7 +212,7 @@ pub struct ParentScore {
 }
 
 /// The evidence for a joint.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct JointEvidence {
     /// Covariance of (axis direction 3, point on the axis 3, motion 1), world frame, radians and meters. With
     /// several states, the motion is the one farthest from state 0's position.

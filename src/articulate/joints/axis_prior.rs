@@ -143,13 +143,11 @@ impl JointEstimate {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
-
     use nalgebra::{Matrix3, Point3, UnitQuaternion};
     use proptest::prelude::*;
 
     use super::*;
-    use model::{JointEvidence, TypeScores};
+    use model::JointEvidence;
 
     /// A hinge on a parent that turned, its covariances those of one another.
     fn hinge(
@@ -158,21 +156,7 @@ mod tests {
         angle_rad: f64,
         parent: &ParentMotion,
     ) -> JointEstimate {
-        let evidence = JointEvidence {
-            covariance: SMatrix::zeros(),
-            state1_from_state0: Pose::identity(),
-            inliers: 1,
-            tried: 1,
-            residual_rms_m: 0.0,
-            position_std: Vec::new(),
-            pitch_std_m_per_rad: 0.0,
-            dispersion: 1.0,
-            type_scores: TypeScores::default(),
-            parents: BTreeMap::new(),
-            axis_alone: None,
-            cautions: Vec::new(),
-            not_observable: Vec::new(),
-        };
+        let evidence = JointEvidence { inliers: 1, tried: 1, dispersion: 1.0, ..JointEvidence::default() };
         let mut joint = JointEstimate {
             kind: JointKind::Revolute,
             axis,

@@ -16,6 +16,10 @@ use crate::{
 use geometry::Pose;
 use model::{JointKind, JointRemark, ParentScore};
 
+/// Score against a turn about a line in the air, beside one of both parts.
+/// chosen: 2 ln 50, as one in fifty hinges is a linkage that turns a part about such a line
+const IN_AIR: f64 = 8.0;
+
 /// Evidence for a part as the parent of another.
 #[derive(Clone, Debug)]
 pub(crate) struct ParentCandidate {
@@ -39,10 +43,16 @@ pub(crate) struct Candidates {
 
 impl Candidates {
     /// Whether a part moves as simply relative to a candidate as relative to any other in contact: none is
-    /// decisively simpler.
+    /// decisively simpler. (Relative to any part, what moves in a plane turns about some line.)
     fn as_simple(&self, candidate: &ParentCandidate) -> bool {
         let touching = self.all.iter().filter(|c| c.gap_m < self.contact_m);
-        candidate.excess < touching.map(|c| c.excess).fold(f64::INFINITY, f64::min) + DECISIVE
+        let least = touching.map(|c| self.score(c)).fold(f64::INFINITY, f64::min);
+        self.score(candidate) < least + DECISIVE
+    }
+
+    /// The excess of a candidate, with what is against its hinge.
+    fn score(&self, candidate: &ParentCandidate) -> f64 {
+        candidate.excess + if candidate.off_m < self.contact_m { 0.0 } else { IN_AIR }
     }
 
     /// The candidates in contact relative to which the part moves simply, with none decisively simpler. If
@@ -161,4 +171,40 @@ fn parent_candidate(
         0.0
     };
     ParentCandidate { parent, excess, gap_m: body.gap_m(own), off_m, joint }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Point3, Vector3};
+
+    use super::*;
+    use model::JointEvidence;
+
+    fn turning(parent: usize, excess: f64, off_m: f64) -> ParentCandidate {
+        let joint = JointEstimate {
+            kind: JointKind::Revolute,
+            axis: Vector3::z_axis(),
+            point: Point3::origin(),
+            positions: Vec::new(),
+            motions: Vec::new(),
+            covariances: Vec::new(),
+            drawn: Vec::new(),
+            evidence: JointEvidence::default(),
+        };
+        ParentCandidate { parent, joint, excess, gap_m: 0.002, off_m }
+    }
+
+    #[test]
+    fn a_hinge_in_the_air_must_be_much_simpler_than_one_on_both_parts() {
+        let qualified = |excess: f64, off_m: f64| -> Vec<usize> {
+            let all = vec![turning(0, -1.0, off_m), turning(2, excess, 0.004)];
+            let candidates = Candidates { all, contact_m: 0.02 };
+            candidates.qualified().iter().map(|c| c.parent).collect()
+        };
+        // The leaf of a folding door turns relative to the frame about a line in the air.
+        assert_eq!(qualified(10.0, 0.3), [2]);
+        assert_eq!(qualified(10.0, 0.004), [0]);
+        assert_eq!(qualified(18.0, 0.3), [0]);
+        assert_eq!(qualified(8.0, 0.004), [0, 2]);
+    }
 }

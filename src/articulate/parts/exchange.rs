@@ -120,25 +120,4 @@ mod tests {
             assert_eq!(exchanged_set(&pair, right.clone(), &halves), right);
         });
     }
-
-    #[test]
-    fn twin_parts_are_not_exchanged_for_a_motion_that_takes_each_to_the_other() {
-        let scene = Scene::twin_doors();
-        let right = vec![Pose::identity(), scene.truth(1), scene.truth(2)];
-        // Half a turn about a level line that goes forward between the doors.
-        let half = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
-        let between = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -1.51);
-        let turn = between * half * between.inverse();
-        let middle = Vector3::new(0.0, -0.02, 0.15);
-        let swap = Pose::from_parts((middle - turn * middle).into(), turn);
-        scene.seen(0.006, 0.012, |surfaces, _| {
-            let pair = MatchedPair::new(&[], 0.4, surfaces);
-            let explained = {
-                let found = labels_and_costs(&pair.surfaces, &right);
-                replaced_parts(&pair, &right, &found.0, &found.1, &swap)
-            };
-            assert_eq!(explained, [1, 2]);
-            assert_eq!(exchanged_set(&pair, right.clone(), &[swap]), right);
-        });
-    }
 }

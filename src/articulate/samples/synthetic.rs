@@ -77,22 +77,6 @@ impl Scene {
         Self { parts, world: Pose::identity(), texture: 0.0 }
     }
 
-    /// A plain cabinet with two doors alike whose hinges are side by side: the left one closes by 1.5 rad, the
-    /// right one opens by 1.4.
-    pub fn twin_doors() -> Self {
-        let cabinet =
-            Part { boxes: vec![cuboid([0.0, 0.1, 0.15], [0.2, 0.1, 0.15])], motion: Pose::identity() };
-        let left = Part {
-            boxes: vec![cuboid([-0.01, -0.11, 0.15], [0.006, 0.085, 0.14])],
-            motion: turn(Vector3::z(), [-0.01, -0.02, 0.0], -1.5),
-        };
-        let right = Part {
-            boxes: vec![cuboid([0.1, -0.015, 0.15], [0.085, 0.006, 0.14])],
-            motion: turn(Vector3::z(), [0.01, -0.02, 0.0], -1.4),
-        };
-        Self { parts: vec![cabinet, left, right], world: Pose::identity(), texture: 0.0 }
-    }
-
     /// A lamp: a foot, an arm that turns about the foot's top and a head that turns about the arm's end, both
     /// about y, so the head's motion in the world is a plain rotation too.
     pub fn lamp() -> Self {
