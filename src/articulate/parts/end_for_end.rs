@@ -13,7 +13,7 @@ use crate::{
         labeling::labels_and_costs,
         matched_pair::MatchedPair,
         round_parts::without,
-        score::{is_matched, scores_and_shares},
+        score::{is_matched, scores_and_shares, weighed_as},
         settle::settle_once,
     },
     propose::search::Search,
@@ -47,8 +47,8 @@ pub(crate) fn turned_by_hinge(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) ->
         }
         let found = labels_and_costs(&pair.surfaces, &motions);
         let (labels, _) = &*found;
-        let as_it_was = hinged_evidence(pair, &motions, k);
         let hinge_as_it_was = best_hinge_score(pair, &motions, &labels[0], k);
+        let evidence_as_it_was = weighed_as(pair, &motions, labels).0[k];
         let contradicted_as_it_was = contradicted_share(pair, &motions, labels, k);
         let mut best: Option<(f64, Vec<Pose>)> = None;
         for turned in turned_motions(pair, &motions, labels, k) {
@@ -61,7 +61,7 @@ pub(crate) fn turned_by_hinge(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) ->
                 continue;
             }
             let found = if contradicted_share(pair, &others, labels, k) <= contradicted_as_it_was {
-                as_it_was * hinge / hinge_as_it_was
+                evidence_as_it_was * hinge
             } else {
                 (0..ROUNDS).for_each(|_| settle_once(pair, &mut others));
                 hinged_evidence(pair, &others, k)
@@ -71,6 +71,7 @@ pub(crate) fn turned_by_hinge(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) ->
             }
         }
         let Some((found, others)) = best else { continue };
+        let as_it_was = evidence_as_it_was * hinge_as_it_was;
         let turns = found > as_it_was;
         debug!(
             part = k,
