@@ -347,7 +347,7 @@ fn what_is_collected_is_shown_as_it_comes() -> Result<(), Missing> {
         let mut short = found.clone();
         ["mesh", "moved"].iter().for_each(|k| short[k] = found[k].as_array().unwrap().len().into());
         eprintln!("state {state}: {short}");
-        // A machine that takes longer for a view than there is between two may leave some out, and counts them.
+        // A machine too slow for the views that come may leave some out; it counts them.
         let left_out = number(&found["left_out"]) - left_out_before;
         left_out_before += left_out;
         assert_eq!(

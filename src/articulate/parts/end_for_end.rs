@@ -37,9 +37,9 @@ const FAR_TURN: f64 = 2.1;
 /// The motions, with each part turned end for end if that explains more, weighted by the score of its hinge.
 /// Parts that matches fix stay as they are.
 ///
-/// The one side of a panel lies where the other would after half a turn, so where each state saw another side,
-/// the motion that takes one side to the other explains all of it, and the true one none. A turned motion that
-/// takes no more into space seen empty thus explains as much as the motion as it was.
+/// One side of a panel lies where the other would after half a turn. So where each state saw another side,
+/// the motion that takes one side to the other explains all of it, and the true one none. A turned motion
+/// that takes no more into space seen empty thus explains as much as the motion as it was.
 pub(crate) fn turned_by_hinge(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Pose> {
     for k in 1..motions.len() {
         if is_matched(pair, &motions, k) {
@@ -52,8 +52,7 @@ pub(crate) fn turned_by_hinge(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) ->
         let contradicted_as_it_was = contradicted_share(pair, &motions, labels, k);
         let mut best: Option<(f64, Vec<Pose>)> = None;
         for turned in turned_motions(pair, &motions, labels, k) {
-            let mut others = motions.clone();
-            others[k] = turned;
+            let mut others = with_motion(&motions, k, turned);
             // Both explain about the same surface: unless its hinge is better, the turn is not worth the
             // rounds.
             let hinge = best_hinge_score(pair, &others, &labels[0], k);
@@ -85,6 +84,13 @@ pub(crate) fn turned_by_hinge(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) ->
         }
     }
     motions
+}
+
+/// Motions with another one of part `k`.
+fn with_motion(motions: &[Pose], k: usize, motion: Pose) -> Vec<Pose> {
+    let mut others = motions.to_vec();
+    others[k] = motion;
+    others
 }
 
 /// The evidence for part `k` times the score of its hinge.
@@ -132,8 +138,8 @@ fn best_hinge_score(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[u8], k: 
 }
 
 /// Other possible motions of part `k`, each where it explains most and where it contradicts least: its own
-/// after half a turn about its middle and the direction of its axis; for a round bar its [`swings`]. Empty for
-/// a slide.
+/// after half a turn about its middle and the direction of its axis; for a round bar its [`swings`]. Empty
+/// for a slide.
 fn turned_motions(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2], k: usize) -> Vec<Pose> {
     let Some(axis) = axis_of_turn(&motions[k]) else { return Vec::new() };
     let costs = pair.surfaces.shape_costs(0, motions, Some(&labels[1]));
@@ -153,11 +159,6 @@ fn turned_motions(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2
     // most the reach.
     let search = Search::new(&pair.surfaces, &without(motions, k), pair.extent_m);
     let total = |motion: &Pose| search.sharp_total(motion).0;
-    let contradicted = |motion: &Pose| {
-        let mut others = motions.to_vec();
-        others[k] = *motion;
-        contradicted_share(pair, &others, labels, k)
-    };
     let step_m = pair.surfaces.scales.plane_m;
     let steps = (pair.surfaces.reach_m / step_m).ceil() as i64;
     let mut placed = Vec::with_capacity(2 * starts.len());
@@ -166,7 +167,7 @@ fn turned_motions(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2
         let coarse = (-THICKNESSES..=THICKNESSES).into_par_iter();
         let apart: Vec<(f64, Pose)> = coarse
             .map(|s| shifted(f64::from(s) / f64::from(THICKNESSES) * pair.surfaces.reach_m))
-            .map(|motion| (contradicted(&motion), motion))
+            .map(|motion| (contradicted_share(pair, &with_motion(motions, k, motion), labels, k), motion))
             .collect();
         placed.extend(apart.into_iter().reduce(|a, b| if b.0 < a.0 { b } else { a }).map(|a| a.1));
         // In the order of the steps, so the choice among equal ones does not depend on threads.

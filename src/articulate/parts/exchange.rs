@@ -19,8 +19,8 @@ use tracing::debug;
 const REPLACED: f64 = 0.25;
 
 /// The set after exchanging two or more motions for one of the `proposed` ones, repeated while the sum of the
-/// evidence rises and each motion less leaves no more unexplained than a part's least evidence. Two like parts
-/// are otherwise exchanged for one motion that takes the first to the second and the second to the first.
+/// evidence rises and each motion less leaves no more unexplained than a part's least evidence. Two like
+/// parts are otherwise exchanged for one motion that takes each to the place of the other.
 pub(crate) fn exchanged_set(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed: &[Pose]) -> Vec<Pose> {
     let mut left = proposed.to_vec();
     loop {

@@ -1,8 +1,8 @@
 //! Planes that the object stands on though they do not fill the images: a table with its edges, a rug.
 //!
 //! A wide plane that ends inside the images may be of the object. It is not where it is level, nothing that
-//! changed lies below it, it has the size of furniture, and more of it is seen away from what changed than what
-//! changed covers.
+//! changed lies below it, it has the size of furniture, and more of it is seen away from what changed than
+//! what changed covers.
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rand_core::Rng;
@@ -30,8 +30,8 @@ const TRIALS: usize = 1200;
 /// Largest share of the changed cells below the plane.
 /// chosen: some are errors at the object's foot
 const BELOW: f64 = 0.05;
-/// Least area of a stand, square meters: the top of a smaller thing is rather the object's, as of a box with a
-/// cap.
+/// Least area of a stand, square meters: the top of a smaller thing is rather the object's, as of a box with
+/// a cap.
 /// chosen: side tables are 0.4 m square at least
 const LEAST_M2: f64 = 0.16;
 /// Side of the squares by which planes are measured, meters.
