@@ -164,13 +164,13 @@ fn turned_motions(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2
     let mut placed = Vec::with_capacity(2 * starts.len());
     for start in starts {
         let shifted = |by_m: f64| start * Slip::along_direction(thin).motion_by(by_m);
+        // In the order of the steps, so the choice among equal ones does not depend on threads.
         let coarse = (-THICKNESSES..=THICKNESSES).into_par_iter();
         let apart: Vec<(f64, Pose)> = coarse
             .map(|s| shifted(f64::from(s) / f64::from(THICKNESSES) * pair.surfaces.reach_m))
             .map(|motion| (contradicted_share(pair, &with_motion(motions, k, motion), labels, k), motion))
             .collect();
         placed.extend(apart.into_iter().reduce(|a, b| if b.0 < a.0 { b } else { a }).map(|a| a.1));
-        // In the order of the steps, so the choice among equal ones does not depend on threads.
         let beside: Vec<(f64, Pose)> = (-steps..=steps)
             .into_par_iter()
             .map(|s| shifted(s as f64 * step_m))
@@ -264,29 +264,22 @@ mod tests {
     #[test]
     fn a_lid_of_which_each_state_shows_another_side_hangs_on_its_hinge() {
         let scene = Scene::case();
-        let cameras = camera_ring(10);
         // Of the lid its inside in state 0 and its outside in state 1.
-        let [first, second] = [0, 1].map(|state| {
-            let (all, parts) = scene.surface(state, &cameras, 0.006);
-            let shown = if state == 0 { -Vector3::y() } else { scene.truth(1) * Vector3::y() };
-            let kept = |i: &usize| parts[*i] == 0 || all.normals[*i].dot(&shown) > 0.9;
-            all.chosen_samples(&(0..all.points.len()).filter(kept).collect::<Vec<usize>>())
-        });
-        let free = [0, 1].map(|s| {
-            let scene = &scene;
-            let cameras = &cameras;
-            move |p: &Point3<f64>| scene.is_free(s, cameras, p)
-        });
-        let surfaces = SurfacePair::new([&first, &second], [Some(&free[0]), Some(&free[1])], 0.016);
-        let pair = MatchedPair::new(&[], 0.4, surfaces);
-        // The motion that takes the one side to the other.
-        let start = scene.truth(1) * turn(Vector3::x(), [0.0, 0.15, 0.16], PI);
-        let found = turned_by_hinge(&pair, vec![Pose::identity(), start])[1];
-        for (x, z) in [(-0.2, 0.03), (0.2, 0.03), (0.2, 0.29)] {
-            let corner = Point3::new(x, 0.157, z);
-            let off_m = (found * corner - scene.truth(1) * corner).norm();
-            assert!(off_m < 0.02, "{off_m} m at {corner}: within the lid's thickness, which is not seen");
-        }
+        seen_of_lid(
+            &scene,
+            |state, outward| if state == 0 { outward < -0.9 } else { outward > 0.9 },
+            |pair| {
+                let found = turned_by_hinge(pair, vec![Pose::identity(), swapped_sides(&scene)])[1];
+                for (x, z) in [(-0.2, 0.03), (0.2, 0.03), (0.2, 0.29)] {
+                    let corner = Point3::new(x, 0.157, z);
+                    let off_m = (found * corner - scene.truth(1) * corner).norm();
+                    assert!(
+                        off_m < 0.02,
+                        "{off_m} m at {corner}: within the lid's thickness, which is not seen"
+                    );
+                }
+            },
+        );
     }
 
     #[test]
@@ -313,32 +306,45 @@ mod tests {
     #[test]
     fn a_lid_whose_inside_one_state_hides_is_turned_into_its_place() {
         let scene = Scene::case();
-        let cameras = camera_ring(10);
         // Without the lid's edges, which tell how thick it is, and in state 1 without its inside.
+        seen_of_lid(
+            &scene,
+            |state, outward| outward > 0.9 || (state == 0 && outward < -0.9),
+            |pair| {
+                let motions = [Pose::identity(), swapped_sides(&scene)];
+                let found =
+                    turned_motions(pair, &motions, &labels_and_costs(&pair.surfaces, &motions).0, 1)[0];
+                for (x, z) in [(-0.2, 0.03), (0.2, 0.03), (0.2, 0.29)] {
+                    let corner = Point3::new(x, 0.157, z);
+                    let across = scene.truth(1) * Vector3::y();
+                    let off_m = across.dot(&(found * corner - scene.truth(1) * corner)).abs();
+                    assert!(off_m < 0.003, "{off_m}");
+                }
+            },
+        );
+    }
+
+    /// Calls with the case as ten cameras see it, of its lid only the samples that are shown: by the state
+    /// and the cosine between their normals and the lid's outside.
+    fn seen_of_lid(
+        scene: &Scene,
+        is_shown: impl Fn(usize, f64) -> bool,
+        then: impl FnOnce(&MatchedPair<'_>),
+    ) {
+        let cameras = &camera_ring(10);
         let [first, second] = [0, 1].map(|state| {
-            let (all, parts) = scene.surface(state, &cameras, 0.006);
+            let (all, parts) = scene.surface(state, cameras, 0.006);
             let out = if state == 0 { Vector3::y() } else { scene.truth(1) * Vector3::y() };
-            let kept = |i: &usize| {
-                let outward = all.normals[*i].dot(&out);
-                parts[*i] == 0 || outward > 0.9 || (state == 0 && outward < -0.9)
-            };
+            let kept = |i: &usize| parts[*i] == 0 || is_shown(state, all.normals[*i].dot(&out));
             all.chosen_samples(&(0..all.points.len()).filter(kept).collect::<Vec<usize>>())
         });
-        let free = [0, 1].map(|s| {
-            let scene = &scene;
-            let cameras = &cameras;
-            move |p: &Point3<f64>| scene.is_free(s, cameras, p)
-        });
+        let free = [0, 1].map(|s| move |p: &Point3<f64>| scene.is_free(s, cameras, p));
         let surfaces = SurfacePair::new([&first, &second], [Some(&free[0]), Some(&free[1])], 0.016);
-        let pair = MatchedPair::new(&[], 0.4, surfaces);
-        let start = scene.truth(1) * turn(Vector3::x(), [0.0, 0.15, 0.16], PI);
-        let motions = [Pose::identity(), start];
-        let found = turned_motions(&pair, &motions, &labels_and_costs(&pair.surfaces, &motions).0, 1)[0];
-        for (x, z) in [(-0.2, 0.03), (0.2, 0.03), (0.2, 0.29)] {
-            let corner = Point3::new(x, 0.157, z);
-            let across = scene.truth(1) * Vector3::y();
-            let off_m = across.dot(&(found * corner - scene.truth(1) * corner)).abs();
-            assert!(off_m < 0.003, "{off_m}");
-        }
+        then(&MatchedPair::new(&[], 0.4, surfaces));
+    }
+
+    /// The motion that takes one side of the case's lid to the other.
+    fn swapped_sides(scene: &Scene) -> Pose {
+        scene.truth(1) * turn(Vector3::x(), [0.0, 0.15, 0.16], PI)
     }
 }

@@ -27,7 +27,6 @@ pub(crate) fn exchanged_set(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed
         let found = labels_and_costs(&pair.surfaces, &set);
         let (labels, costs) = &*found;
         let evidence = evidence_point(&weighed_as(pair, &set, labels).0).evidence;
-        let most_cost = unexplained_and_parts(pair, &set);
         let mut best: Option<(f64, usize, Vec<Pose>)> = None;
         for (i, motion) in left.iter().enumerate() {
             let replaced = replaced_parts(pair, &set, labels, costs, motion);
@@ -43,7 +42,7 @@ pub(crate) fn exchanged_set(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed
             // Of equal ones the last.
             if after > evidence
                 && best.as_ref().is_none_or(|b| after >= b.0)
-                && unexplained_and_parts(pair, &others) <= most_cost
+                && unexplained_and_parts(pair, &others) <= unexplained_and_parts(pair, &set)
             {
                 best = Some((after, i, others));
             }
