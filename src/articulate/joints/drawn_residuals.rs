@@ -1,7 +1,7 @@
 //! Changes of the residuals of a motion by drawn errors of poses and depth: one change per random draw. See
 //! docs/method.md 8.11.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::{
@@ -17,6 +17,8 @@ pub struct DrawnResiduals {
     /// Change of the distance of the points of each state, meters: all draws of the first point, then of the
     /// second, and so on.
     surfaces_m: [Vec<f32>; 2],
+    /// Mean square of these changes over the draws, by point, square meters.
+    variances_m2: [Vec<f64>; 2],
     /// Change of `point1 - T point0` of every match, meters, in the same order.
     matches_m: Vec<Vector3<f32>>,
 }
@@ -67,7 +69,8 @@ impl DrawnResiduals {
                     .collect()
             })
             .collect();
-        Self { count, surfaces_m, matches_m: all.concat() }
+        let variances_m2 = surfaces_m.each_ref().map(|all| all.chunks(count).map(mean_square).collect());
+        Self { count, surfaces_m, variances_m2, matches_m: all.concat() }
     }
 
     /// Number of draws.
@@ -80,10 +83,26 @@ impl DrawnResiduals {
         self.surfaces_m[state].get(point * self.count..(point + 1) * self.count).unwrap_or_default()
     }
 
+    /// Variance of the distance of a surface point of a state by errors of poses and depth, square meters.
+    pub fn variance_of_point_m2(&self, state: usize, point: usize) -> f64 {
+        self.variances_m2[state].get(point).copied().unwrap_or(0.0)
+    }
+
+    /// Covariance of `point1 - T point0` of a match by the same errors, square meters.
+    pub fn covariance_of_match_m2(&self, number: usize) -> Matrix3<f64> {
+        let changes_m = self.of_match(number).iter().map(|m| m.cast::<f64>());
+        changes_m.map(|m| m * m.transpose()).sum::<Matrix3<f64>>() / self.count.max(1) as f64
+    }
+
     /// Changes of a match by draw, meters.
     pub fn of_match(&self, number: usize) -> &[Vector3<f32>] {
         self.matches_m.get(number * self.count..(number + 1) * self.count).unwrap_or_default()
     }
+}
+
+/// Mean square of some lengths, square meters.
+fn mean_square(lengths_m: &[f32]) -> f64 {
+    lengths_m.iter().map(|m| f64::from(*m).powi(2)).sum::<f64>() / lengths_m.len().max(1) as f64
 }
 
 /// Displacements of a sample along its normal, by draw, meters.

@@ -160,6 +160,8 @@ impl MotionEvidence<'_> {
             // d(T^-1 y) = -R^T (v + w x y). docs/method.md (8.4).
             let (lever, slope) = if state == 0 { (y.coords, g) } else { (x.coords, -(motion.rotation * g)) };
             let w = lever.cross(&slope);
+            // A side that poses leave open by millimeters is no outlier of the others.
+            let sigma_m = sigma_m.hypot(self.drawn.variance_of_point_m2(state, i).sqrt());
             let row = Vector6::new(slope.x, slope.y, slope.z, w.x, w.y, w.z) / sigma_m;
             let d = d + self.offset_m(state, i);
             let r = d / sigma_m;
@@ -209,8 +211,9 @@ impl MotionEvidence<'_> {
         let rotation = motion.rotation.to_rotation_matrix();
         for (number, m) in self.matches.iter().enumerate() {
             let y = motion * m.point0;
-            let covariance =
-                m.covariance1 + rotation.matrix() * m.covariance0 * rotation.matrix().transpose();
+            let covariance = m.covariance1
+                + rotation.matrix() * m.covariance0 * rotation.matrix().transpose()
+                + self.drawn.covariance_of_match_m2(number);
             // The transposed factor of docs/method.md (8.1); it whitens the residual by the errors of both
             // ends.
             let Some(whiten) = covariance.try_inverse().and_then(|i| i.cholesky()).map(|c| c.l().transpose())

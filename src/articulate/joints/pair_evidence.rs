@@ -137,16 +137,20 @@ impl<'a> PairEvidence<'a> {
             offsets_m: [Vec::new(), Vec::new()],
             drawn: DrawnResiduals::default(),
         };
-        pair.refine_motion(noise);
         let draws = states.map(|s| s.draws.chosen_samples(&s.points_of(part)));
-        let matches: Vec<[Point3<f64>; 2]> = pair.matches.iter().map(|m| [m.point0, m.point1]).collect();
-        pair.drawn =
-            DrawnResiduals::new(&draws, pair.surfaces.each_ref(), &matches, &pair.motion, pair.correlation_m);
+        pair.drawn = pair.drawn_residuals(&draws);
+        pair.refine_motion(noise, &draws);
         pair
     }
 
+    /// Changes of the residuals at the present motion.
+    fn drawn_residuals(&self, draws: &[SurfaceDraws; 2]) -> DrawnResiduals {
+        let matches: Vec<[Point3<f64>; 2]> = self.matches.iter().map(|m| [m.point0, m.point1]).collect();
+        DrawnResiduals::new(draws, self.surfaces.each_ref(), &matches, &self.motion, self.correlation_m)
+    }
+
     /// Repeats: surface offsets, joint, dense texture.
-    fn refine_motion(&mut self, noise: &NoiseConfig) {
+    fn refine_motion(&mut self, noise: &NoiseConfig, draws: &[SurfaceDraws; 2]) {
         let (frames, sdf) = (self.states.map(|s| s.frames), self.states.map(|s| s.sdf));
         let spacing_m = sdf[0].spacing_m;
         let correlation_m = self.correlation_m;
@@ -167,6 +171,7 @@ impl<'a> PairEvidence<'a> {
             // Texture was looked for under the joint's motion (less affected by noise); fits start from the
             // free one (not bent by a wrong joint).
             self.motion = found.evidence.state1_from_state0;
+            self.drawn = self.drawn_residuals(draws);
         }
         // The offsets under the final motion are the remaining error.
         let offsets_m = heights.offsets_m(self.surfaces.each_ref(), &self.motion, correlation_m);

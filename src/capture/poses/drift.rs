@@ -1,8 +1,10 @@
-//! Model of pose errors over time: the drift of odometry, and the jitter of every pose.
+//! Model of pose errors over time: the drift of odometry, the jitter of every pose, and a constant error
+//! between the camera and the body whose poses are reported.
 //!
 //! Drift is a random walk of motions in the camera's frame: each pose carries on the drift of the previous
-//! one plus a step. Jitter is independent for each pose. The sizes of both maximize the marginal likelihood.
-//! See docs/method.md (2.15).
+//! one plus a step. Jitter is independent for each pose. The constant error (of a hand-eye calibration, say)
+//! is one motion in the frames of all cameras. The sizes of all maximize the marginal likelihood. See
+//! docs/method.md (2.15).
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix6};
 use serde::{Deserialize, Serialize};
@@ -17,41 +19,48 @@ pub struct PoseErrors {
     pub jitter: PoseNoise,
     /// Step of the drift from one pose to the next.
     pub walk: PoseNoise,
+    /// Constant error of the camera's place on the body whose poses are reported.
+    pub mounting: PoseNoise,
 }
 
 impl PoseErrors {
-    /// Prior sizes: jitter of a handheld camera, and drift of odometry, which is as large after ten views.
-    pub const EXPECTED: Self =
-        Self { jitter: PoseNoise::EXPECTED, walk: PoseNoise { translation_m: 0.001, rotation_rad: 0.0015 } };
+    /// Prior sizes: jitter of a handheld camera, drift of odometry, which is as large after ten views, and
+    /// the error of a calibration between camera and hand.
+    pub const EXPECTED: Self = Self {
+        jitter: PoseNoise::EXPECTED,
+        walk: PoseNoise { translation_m: 0.001, rotation_rad: 0.0015 },
+        mounting: PoseNoise::EXPECTED,
+    };
     /// Prior sizes for a camera without drift, such as one on an arm.
     pub const WITHOUT_DRIFT: Self = Self { walk: PoseNoise::LEAST, ..Self::EXPECTED };
+    /// Prior sizes for a camera that was tracked in its own images.
+    pub const TRACKED: Self = Self { mounting: PoseNoise::LEAST, ..Self::WITHOUT_DRIFT };
 
     /// Error of the mean of `count` poses in a row, with drift from the first one on.
     pub(super) fn of_mean(&self, count: usize) -> PoseNoise {
         let drift = (count as f64 / 3.0).sqrt();
-        self.jitter.of_mean(count).of_difference(&self.walk.scaled_by(drift))
+        let wandering = self.jitter.of_mean(count).of_difference(&self.walk.scaled_by(drift));
+        wandering.of_difference(&self.mounting)
     }
 
     /// Whether the sizes have reached the largest ones considered.
     pub(super) fn are_at_most(&self) -> bool {
         self.jitter.reaches_expected() || self.walk.reaches_expected()
     }
-
-    /// Variances of the steps and of the jitter. The views do not show the common pose of all frames, so the
-    /// first pose is held up to one step and its jitter.
-    fn variances_of_steps(&self, size: usize) -> [DVector<f64>; 2] {
-        [self.walk, self.jitter].map(|noise| {
-            DVector::from_fn(size, |k, _| {
-                if k % 6 < 3 { noise.translation_m.powi(2) } else { noise.rotation_rad.powi(2) }
-            })
-        })
-    }
 }
 
-/// The correlation of a state's pose errors by drift.
+/// Variances of `count` errors of one size: three of translation, three of rotation, and so on.
+fn variances(noise: &PoseNoise, count: usize) -> DVector<f64> {
+    let of_one = [noise.translation_m.powi(2), noise.rotation_rad.powi(2)];
+    DVector::from_fn(count, |k, _| of_one[usize::from(k % 6 >= 3)])
+}
+
+/// The correlation of a state's pose errors.
 pub(super) struct Drift {
     /// Matrix from the steps of the walk to the drift of each pose in its camera's frame.
     from_steps: DMatrix<f64>,
+    /// Matrix from the constant error to that of each pose: it is the same in every camera's frame.
+    from_mounting: DMatrix<f64>,
 }
 
 impl Drift {
@@ -66,17 +75,23 @@ impl Drift {
                 from_steps.fixed_view_mut::<6, 6>(6 * i, 6 * k).copy_from(&adjoint(&(to.inverse() * from)));
             }
         }
-        Self { from_steps }
+        let from_mounting = DMatrix::from_fn(size, 6, |row, column| f64::from(u8::from(row % 6 == column)));
+        Self { from_steps, from_mounting }
     }
 
     /// Prior information about all corrections, and half its log determinant; `None` where it is not finite.
     pub fn information(&self, errors: &PoseErrors) -> Option<(DMatrix<f64>, f64)> {
-        let [walk, jitter] = errors.variances_of_steps(self.from_steps.nrows());
-        // As the product of a matrix with its transpose, L Q L^T stays positive under rounding.
-        let mut scaled = self.from_steps.clone();
-        scaled.column_iter_mut().zip(walk.iter()).for_each(|(mut column, square)| column *= square.sqrt());
-        let mut covariance = &scaled * scaled.transpose();
-        jitter.iter().enumerate().for_each(|(k, square)| covariance[(k, k)] += square);
+        // The views do not show the common pose of all frames, so the first pose is held up to one step, its
+        // jitter and the constant error.
+        let size = self.from_steps.nrows();
+        let mut covariance = DMatrix::from_diagonal(&variances(&errors.jitter, size));
+        for (matrix, noise) in [(&self.from_steps, &errors.walk), (&self.from_mounting, &errors.mounting)] {
+            // As the product of a matrix with its transpose, L Q L^T stays positive under rounding.
+            let mut scaled = matrix.clone();
+            let squares = variances(noise, matrix.ncols());
+            scaled.column_iter_mut().zip(&squares).for_each(|(mut column, square)| column *= square.sqrt());
+            covariance += &scaled * scaled.transpose();
+        }
         let factor = covariance.cholesky()?;
         Some((inverse_by_factor(&factor), -half_log_determinant(&factor)))
     }
@@ -93,30 +108,46 @@ impl Drift {
         // Information of the residuals about the corrections: docs/method.md (2.15).
         let marginal = information - information * covariance * information;
         let pull = information * corrections;
-        let carried = &marginal * &self.from_steps;
-        let mut steps = [[(0.0, 0.0); 2]; 2];
-        for k in 0..corrections.len() {
-            let kind = usize::from(k % 6 >= 3);
-            let column = self.from_steps.column(k);
-            // Only the diagonal of L^T M L is needed.
-            for (noise, found, expected) in
-                [(0, column.dot(&pull), column.dot(&carried.column(k))), (1, pull[k], marginal[(k, k)])]
-            {
-                steps[noise][kind].0 += found * found;
-                steps[noise][kind].1 += expected;
-            }
+        PoseErrors {
+            jitter: grown_size(
+                &errors.jitter,
+                pull.iter().zip(&marginal.diagonal()).map(|(u, m)| [u * u, *m]),
+            ),
+            walk: likelier_size(&errors.walk, &self.from_steps, &pull, &marginal),
+            mounting: likelier_size(&errors.mounting, &self.from_mounting, &pull, &marginal),
         }
-        let [walk, jitter] = [(0, &errors.walk), (1, &errors.jitter)].map(|(noise, before)| {
-            let [translation, rotation] =
-                steps[noise].map(|(found, expected)| growth_of_deviation(found, expected));
-            let size = PoseNoise {
-                translation_m: before.translation_m * translation,
-                rotation_rad: before.rotation_rad * rotation,
-            };
-            size.at_least().at_most(&PoseNoise::EXPECTED)
-        });
-        PoseErrors { jitter, walk }
     }
+}
+
+/// The size of errors that reach the corrections by a matrix, made likelier: `pull` and `marginal` are u and
+/// M of docs/method.md (2.15).
+fn likelier_size(
+    size: &PoseNoise,
+    matrix: &DMatrix<f64>,
+    pull: &DVector<f64>,
+    marginal: &DMatrix<f64>,
+) -> PoseNoise {
+    let carried = marginal * matrix;
+    // Only the diagonal of L^T M L is needed.
+    let of_columns = matrix.column_iter().zip(carried.column_iter());
+    grown_size(size, of_columns.map(|(by, carried)| [by.dot(pull).powi(2), by.dot(&carried)]))
+}
+
+/// A size of errors changed by their squares, estimated and expected (three translations, three rotations and
+/// so on); at most the expected size.
+fn grown_size(size: &PoseNoise, squares: impl Iterator<Item = [f64; 2]>) -> PoseNoise {
+    let mut sums = [[0.0; 2]; 2];
+    for (k, [found, expected]) in squares.enumerate() {
+        let kind = &mut sums[usize::from(k % 6 >= 3)];
+        kind[0] += found;
+        kind[1] += expected;
+    }
+    let [translation, rotation] = sums.map(|[found, expected]| growth_of_deviation(found, expected));
+    let grown = PoseNoise {
+        translation_m: size.translation_m * translation,
+        rotation_rad: size.rotation_rad * rotation,
+    };
+    grown.at_least().at_most(&PoseNoise::EXPECTED)
 }
 
 /// Factor for a standard deviation, from the estimated and the expected sum of squares (Harville 1977; MacKay

@@ -386,7 +386,7 @@ fn most_likely(
 
 /// Start values for the sizes of the pose errors.
 fn starting_sizes(problems: &[&Problem<'_>], errors: PoseErrors) -> Vec<PoseErrors> {
-    problems.iter().map(|p| if p.tracked { PoseErrors::WITHOUT_DRIFT } else { errors }).collect()
+    problems.iter().map(|p| if p.tracked { PoseErrors::TRACKED } else { errors }).collect()
 }
 
 /// Sizes estimated from a start, and their log likelihood. Associations and weights stay fixed, so a round

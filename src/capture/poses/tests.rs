@@ -242,6 +242,25 @@ fn drawn_room(seed: u64, count: usize, with_errors: bool) -> Vec<RgbdFrame> {
     (0..count).map(view).collect()
 }
 
+#[test]
+fn a_camera_that_sits_off_its_hand_is_seen_by_all_poses() {
+    let mut normal = Normal::new(7);
+    let off = Pose::new(normal.vector(0.002), normal.vector(0.003));
+    // Of a robot: poses are exact but for where the camera sits.
+    let truth = room_as_it_is(3, 16);
+    let mut reported = truth.clone();
+    for frame in &mut reported {
+        normal.spoil(frame, 1.0);
+        frame.world_from_camera *= off;
+    }
+    let [before, _] = relative_errors(&reported, &truth);
+    let errors = refine(&mut reported).expect("enough is seen").errors;
+    let [after, _] = relative_errors(&reported, &truth);
+    assert!(after < 0.1 * before, "{after} of {before}");
+    assert!(errors.jitter.translation_m < 2e-4 && errors.walk.translation_m < 1e-4, "{errors:?}");
+    assert!(errors.mounting.rotation_rad > 1e-3, "{errors:?}");
+}
+
 /// The frames as a sensor with those errors reads them.
 fn warped(mut states: Vec<Vec<RgbdFrame>>, warp: &DepthWarp) -> Vec<Vec<RgbdFrame>> {
     let width = INTRINSICS.width;
