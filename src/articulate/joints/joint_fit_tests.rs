@@ -119,8 +119,10 @@ pub fn of_motions(relative: &[Pose], errors_m: &[f64], draws: usize, test: impl 
 }
 
 /// Information of a motion by the matches alone: of each the identity and a turn about the origin, by the
-/// variances of both ends.
-fn information(motion: &Pose) -> Matrix6<f64> {
+/// variances of both ends and the covariance of what poses leave open.
+fn information(motion: &Pose, open_m2: &Matrix3<f64>) -> Matrix6<f64> {
+    let covariance = Matrix3::identity() * (2.0 * VARIANCE_M2) + open_m2;
+    let inverse = covariance.try_inverse().expect("both ends have variances");
     let rows: Vec<Matrix6xX<f64>> = matches(motion, 0.0, 8)
         .iter()
         .map(|m| {
@@ -130,7 +132,7 @@ fn information(motion: &Pose) -> Matrix6<f64> {
             rows
         })
         .collect();
-    rows.iter().map(|r| r * r.transpose()).sum::<Matrix6<f64>>() / (2.0 * VARIANCE_M2)
+    rows.iter().map(|r| r * inverse * r.transpose()).sum()
 }
 
 #[test]
@@ -169,7 +171,8 @@ fn a_free_motion_is_known_as_well_as_its_matches() {
     let draws = [Vector3::new(2e-3, 0.0, 0.0), Vector3::new(0.0, 0.0, -1e-3)];
     let around = Empty::new(&eight, &draws);
     let found = free_motion(&motion, &around.evidence(&eight));
-    let expected = information(&motion).try_inverse().unwrap();
+    let open_m2 = Matrix3::from_diagonal(&Vector3::new(2e-6, 0.0, 0.5e-6));
+    let expected = information(&motion, &open_m2).try_inverse().unwrap();
     assert!((found.covariance - expected).amax() < 1e-6 * expected.amax(), "{}", found.covariance);
     // Where every match of the other state is displaced, so is the motion, without a turn.
     assert_eq!(found.drawn.len(), 2);
@@ -209,7 +212,7 @@ fn one_joint_is_fitted_to_all_motions() {
         // Its information is that of both motions in its parameters.
         let expected = (0..2).fold(DMatrix::<f64>::zeros(6, 6), |sum: DMatrix<f64>, k: usize| {
             let tangent = turn.joint.motion_tangent(k, &found.parent_motion(k).state1_from_state0);
-            sum + tangent.transpose() * information(&world[k]) * tangent
+            sum + tangent.transpose() * information(&world[k], &Matrix3::zeros()) * tangent
         });
         let inverse = turn.inverse.as_ref().unwrap();
         assert!(
@@ -273,7 +276,8 @@ fn what_is_held_stays_and_the_rest_suits_it() {
 #[test]
 fn errors_of_poses_pull_by_residuals_and_by_parents() {
     of_motions(&[screw(0.4, 0.0)], &[0.0], 3, |found, world| {
-        let information = information(&world[0]);
+        let open_m2 = Matrix3::from_diagonal(&Vector3::new(0.0, 0.0, 4e-6));
+        let information = information(&world[0], &open_m2);
         let drawn = found.drawn_gradients(0, &world[0], &information);
         assert_eq!(drawn.len(), 3);
         // Matches lie 2 mm further along z than the motion, which does so with a gradient against it.

@@ -49,49 +49,65 @@ impl PoseErrors {
     }
 }
 
-/// Variances of `count` errors of one size: three of translation, three of rotation, and so on.
-fn variances(noise: &PoseNoise, count: usize) -> DVector<f64> {
+/// Variances of `count` motions of one size: three of translation, three of rotation, and so on.
+fn variances(noise: &PoseNoise, count: usize) -> impl Iterator<Item = f64> + use<> {
     let of_one = [noise.translation_m.powi(2), noise.rotation_rad.powi(2)];
-    DVector::from_fn(count, |k, _| of_one[usize::from(k % 6 >= 3)])
+    (0..6 * count).map(move |k| of_one[usize::from(k % 6 >= 3)])
 }
 
-/// The correlation of a state's pose errors.
+/// Covariance of what independent errors of those variances cause by a matrix.
+fn spread_by(matrix: &DMatrix<f64>, variances: impl Iterator<Item = f64>) -> DMatrix<f64> {
+    // As the product of a matrix with its transpose, L Q L^T stays positive under rounding.
+    let mut scaled = matrix.clone();
+    scaled.column_iter_mut().zip(variances).for_each(|(mut column, square)| column *= square.sqrt());
+    &scaled * scaled.transpose()
+}
+
+/// The correlation of the pose errors of one state, or of several that one camera recorded.
 pub(super) struct Drift {
     /// Matrix from the steps of the walk to the drift of each pose in its camera's frame.
     from_steps: DMatrix<f64>,
     /// Matrix from the constant error to that of each pose: it is the same in every camera's frame.
     from_mounting: DMatrix<f64>,
+    /// Number of poses of each state.
+    counts: Vec<usize>,
 }
 
 impl Drift {
-    /// For reported poses in order of time.
-    pub fn along_poses(reported: &[Pose]) -> Self {
-        let size = 6 * reported.len();
+    /// For the reported poses of some states, each in order of time: every state drifts by itself.
+    pub fn along_poses(states: &[&[Pose]]) -> Self {
+        let counts: Vec<usize> = states.iter().map(|poses| poses.len()).collect();
+        let size = 6 * counts.iter().sum::<usize>();
         let mut from_steps = DMatrix::zeros(size, size);
-        for (i, to) in reported.iter().enumerate() {
-            // L of docs/method.md 2.7: a step persists in all later poses, expressed in their cameras'
-            // frames.
-            for (k, from) in reported.iter().enumerate().take(i + 1) {
-                from_steps.fixed_view_mut::<6, 6>(6 * i, 6 * k).copy_from(&adjoint(&(to.inverse() * from)));
+        let mut first = 0;
+        for poses in states {
+            for (i, to) in poses.iter().enumerate() {
+                // L of docs/method.md 2.7: a step persists in all later poses, expressed in their cameras'
+                // frames.
+                for (k, from) in poses.iter().enumerate().take(i + 1) {
+                    from_steps
+                        .fixed_view_mut::<6, 6>(6 * (first + i), 6 * (first + k))
+                        .copy_from(&adjoint(&(to.inverse() * from)));
+                }
             }
+            first += poses.len();
         }
         let from_mounting = DMatrix::from_fn(size, 6, |row, column| f64::from(u8::from(row % 6 == column)));
-        Self { from_steps, from_mounting }
+        Self { from_steps, from_mounting, counts }
     }
 
-    /// Prior information about all corrections, and half its log determinant; `None` where it is not finite.
-    pub fn information(&self, errors: &PoseErrors) -> Option<(DMatrix<f64>, f64)> {
+    /// Prior information about all corrections, from the sizes of each state's errors, and half its log
+    /// determinant; `None` where it is not finite. The mounting is of state 0's size.
+    pub fn information(&self, states: &[PoseErrors]) -> Option<(DMatrix<f64>, f64)> {
+        let of_poses = || states.iter().zip(&self.counts);
         // The views do not show the common pose of all frames, so the first pose is held up to one step, its
         // jitter and the constant error.
-        let size = self.from_steps.nrows();
-        let mut covariance = DMatrix::from_diagonal(&variances(&errors.jitter, size));
-        for (matrix, noise) in [(&self.from_steps, &errors.walk), (&self.from_mounting, &errors.mounting)] {
-            // As the product of a matrix with its transpose, L Q L^T stays positive under rounding.
-            let mut scaled = matrix.clone();
-            let squares = variances(noise, matrix.ncols());
-            scaled.column_iter_mut().zip(&squares).for_each(|(mut column, square)| column *= square.sqrt());
-            covariance += &scaled * scaled.transpose();
-        }
+        let walk = of_poses().flat_map(|(errors, count)| variances(&errors.walk, *count));
+        let jitter: Vec<f64> =
+            of_poses().flat_map(|(errors, count)| variances(&errors.jitter, *count)).collect();
+        let mut covariance = spread_by(&self.from_steps, walk);
+        covariance += spread_by(&self.from_mounting, variances(&states.first()?.mounting, 1));
+        jitter.iter().enumerate().for_each(|(k, square)| covariance[(k, k)] += square);
         let factor = covariance.cholesky()?;
         Some((inverse_by_factor(&factor), -half_log_determinant(&factor)))
     }

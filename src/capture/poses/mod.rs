@@ -17,6 +17,7 @@ pub(super) mod depth_warp;
 pub(super) mod drift;
 mod error_draw;
 mod inverse;
+mod joined;
 pub(super) mod landmarks;
 pub(super) mod observed;
 pub(super) mod pairs;
@@ -35,6 +36,7 @@ pub(super) mod world;
 use std::iter;
 
 use nalgebra::{Point3, Vector6};
+
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -47,14 +49,22 @@ pub use self::{
     world::{WorldCorrection, align_worlds},
 };
 use self::{
-    correction::Refined, depth_warp::DepthWarp, landmarks::Landmarks, pairs::Matches, sensor::Calibrated,
-    solve::Problem, surfels::Surfels, trajectory::Trajectory,
+    correction::Refined,
+    depth_warp::DepthWarp,
+    joined::{Joined, JoinedPoses},
+    landmarks::Landmarks,
+    pairs::Matches,
+    sensor::Calibrated,
+    solve::Problem,
+    surfels::Surfels,
+    trajectory::Trajectory,
 };
 use super::{NoiseConfig, RgbdFrame};
 use common::{
     ahead::Ahead,
     stop::{Stop, Stopped},
 };
+use geometry::Pose;
 
 /// Whether poses are corrected.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -148,10 +158,11 @@ pub fn refine_poses(
         .collect::<Result<_, Stopped>>()?;
     // 0. Late poses, or poses of another scene, cannot be corrected by the next steps.
     let agreement = pose_agreements(states, &surfels, &within, stop)?;
+    let reported: Vec<Vec<Pose>> = states.iter().map(|frames| world::poses_of(frames)).collect();
     let problems: Vec<Option<Problem<'_>>> = states
         .par_iter()
         .zip(&surfels)
-        .zip(within)
+        .zip(within.clone())
         .map(|((frames, surfels), matches)| problem_of_state(frames, surfels, matches, tracked, stop))
         .collect();
     // 1. Each state alone: the sensor must improve on the best poses alone.
@@ -197,9 +208,11 @@ pub fn refine_poses(
         return Ok(findings);
     }
     // 4. The mean error of each state relative to state 0.
+    let mut with_first = Vec::with_capacity(states.len());
     for s in 1..states.len() {
         let expected = findings.mean_noise(0, states).of_difference(&findings.mean_noise(s, states));
         let matches = landmarks.matches_between([0, s], [&states[0], &states[s]], stop)?;
+        with_first.push(matches.clone());
         let poses = [0, s].map(|s| world::poses_of(&states[s]));
         let poses = poses.each_ref().map(Vec::as_slice);
         let found = world::corrected_world(poses, [&*surfels[0], &*surfels[s]], matches, &expected, stop)?;
@@ -211,6 +224,20 @@ pub fn refine_poses(
     for (frames, world) in states.iter_mut().skip(1).zip(&findings.worlds) {
         if let Some(correction) = world.as_ref().map(|w| w.corrected_from_reported) {
             frames.iter_mut().for_each(|f| f.world_from_camera = correction * f.world_from_camera);
+        }
+    }
+    // 5. All views of all states, by what stands still across them.
+    if let Some((errors, reported)) = joined::at_rest(&findings, reported) {
+        let counts: Vec<usize> = states.iter().map(Vec::len).collect();
+        let found = states.iter().flat_map(|frames| world::poses_of(frames)).collect();
+        let matches = joined::all_matches(within, with_first.into_iter(), &counts);
+        let joined = Joined { surfels: surfels.concat(), reported, found, matches, errors };
+        if let Some(JoinedPoses { poses, draws }) = joined.most_likely_poses(&findings.draws, stop)? {
+            let frames = states.iter_mut().flatten();
+            frames.zip(poses).for_each(|(frame, pose)| frame.world_from_camera = pose);
+            for (draw, errors) in findings.draws.iter_mut().zip(draws) {
+                draw.poses.iter_mut().flatten().zip(errors).for_each(|(before, error)| *before = error);
+            }
         }
     }
     Ok(findings)

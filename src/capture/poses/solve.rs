@@ -3,7 +3,7 @@
 //! The states share only the sensor: each state's poses are eliminated (Schur complement), and its
 //! information about the sensor is added up.
 
-use std::borrow::Cow;
+use std::{borrow::Cow, slice};
 
 use nalgebra::{DMatrix, DVector, Vector3};
 use rayon::prelude::*;
@@ -30,7 +30,7 @@ const SIZES: usize = 12;
 pub(super) const LOOSE: [f64; 5] = [1.0, 0.5, 0.3, 0.2, 0.1];
 /// Rounds end when all camera motions are smaller, meters (radians times one meter).
 /// chosen: far below the error of poses
-const STEP_M: f64 = 5e-5;
+pub(super) const STEP_M: f64 = 5e-5;
 /// Prior standard deviation of the smooth depth errors (see `sensor_errors`) ... chosen: of the order that
 /// calibrations leave (docs/method.md 2.11)
 const WARP: f64 = 0.004;
@@ -111,7 +111,7 @@ impl<'a> Problem<'a> {
         Self {
             comparison: comparison.coarse_while_loose(),
             surfels,
-            drift: Drift::along_poses(&reported),
+            drift: Drift::along_poses(&[&reported]),
             reported,
             tracked,
             velocities,
@@ -133,15 +133,26 @@ impl<'a> Problem<'a> {
         sensor
             .map_or(Cow::Borrowed(self.surfels), |errors| Surfels::all_corrected(self.surfels, errors).into())
     }
+}
 
-    /// Corrections so far, six values per camera.
-    fn corrections(&self, poses: &[Pose]) -> DVector<f64> {
-        let all = self.reported.iter().zip(poses).flat_map(|(reported, pose)| {
-            let [moved, turned] = correction_of_pose(reported, pose);
-            [moved.x, moved.y, moved.z, turned.x, turned.y, turned.z]
-        });
-        DVector::from_iterator(6 * poses.len(), all)
-    }
+/// Corrections of reported poses so far, six values per camera.
+pub(super) fn corrections(reported: &[Pose], poses: &[Pose]) -> DVector<f64> {
+    let all = reported.iter().zip(poses).flat_map(|(reported, pose)| {
+        let [moved, turned] = correction_of_pose(reported, pose);
+        [moved.x, moved.y, moved.z, turned.x, turned.y, turned.z]
+    });
+    DVector::from_iterator(6 * poses.len(), all)
+}
+
+/// Poses moved by a step, six values per camera in its own frame.
+pub(super) fn moved_poses(poses: &[Pose], step: &DVector<f64>) -> Vec<Pose> {
+    let steps = step.as_slice().chunks_exact(6);
+    // Applied from the right, since corrections are in the cameras' frames.
+    let moved = poses
+        .iter()
+        .zip(steps)
+        .map(|(pose, s)| pose * Pose::new(Vector3::new(s[0], s[1], s[2]), Vector3::new(s[3], s[4], s[5])));
+    moved.collect()
 }
 
 /// The most likely poses of all states, and the sizes of the errors of the reported ones; with the sensor's
@@ -184,16 +195,13 @@ pub(super) fn most_likely_poses(
                 .collect::<Result<_, Stopped>>()?;
             scales = sums.iter().map(|s| s.scale).collect();
             let at: Vec<DVector<f64>> =
-                problems.iter().zip(&poses).map(|(p, poses)| p.corrections(poses)).collect();
+                problems.iter().zip(&poses).map(|(p, poses)| corrections(&p.reported, poses)).collect();
             let Some(step) = likeliest_step(problems, &sums, &at, known, &sizes) else {
                 return unsolved(problems);
             };
             let mut longest = 0.0f64;
             for (poses, step) in poses.iter_mut().zip(&step.poses) {
-                for (pose, s) in poses.iter_mut().zip(step.as_slice().chunks_exact(6)) {
-                    // Applied from the right, since corrections are in the cameras' frames.
-                    *pose *= Pose::new(Vector3::new(s[0], s[1], s[2]), Vector3::new(s[3], s[4], s[5]));
-                }
+                *poses = moved_poses(poses, step);
                 longest = longest.max(step.amax());
             }
             if let Some(sensor) = &mut sensor {
@@ -251,7 +259,7 @@ fn likeliest_step(
     let mut pose_information = Vec::new();
     for (((problem, sums), at), errors) in problems.iter().zip(sums).zip(at).zip(&sizes.poses) {
         problem.stop.check().ok()?;
-        let (prior, half_log) = problem.drift.information(errors)?;
+        let (prior, half_log) = problem.drift.information(slice::from_ref(errors))?;
         let (mut own, mut own_gradient) = pose_equations(&sums.pairs, at.len() / 6);
         own += &prior;
         // The prior is centered on the reported poses at the image times.
@@ -340,7 +348,7 @@ fn with_lag(
 }
 
 /// Normal equations about the poses of a state.
-fn pose_equations(pairs: &[PairSums], poses: usize) -> (DMatrix<f64>, DVector<f64>) {
+pub(super) fn pose_equations(pairs: &[PairSums], poses: usize) -> (DMatrix<f64>, DVector<f64>) {
     let mut information = DMatrix::zeros(6 * poses, 6 * poses);
     let mut gradient = DVector::zeros(6 * poses);
     for sums in pairs {

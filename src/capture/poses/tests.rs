@@ -261,6 +261,40 @@ fn a_camera_that_sits_off_its_hand_is_seen_by_all_poses() {
     assert!(errors.mounting.rotation_rad > 1e-3, "{errors:?}");
 }
 
+#[test]
+fn views_of_another_state_straighten_those_of_a_bent_one() {
+    let states = [2, 3].map(|seed| {
+        let mut normal = Normal::new(seed);
+        let mut frames = room_as_it_is(seed, 10);
+        frames.iter_mut().for_each(|frame| normal.spoil(frame, 1.0));
+        frames
+    });
+    let truth: Vec<Pose> = states.iter().flatten().map(|f| f.world_from_camera).collect();
+    // The second half of state 1 is 3 mm off.
+    let bent: Vec<Pose> = (0..truth.len())
+        .map(|i| {
+            let off_m = if i < 15 { 0.0 } else { 0.003 };
+            Pose::from_parts(Vector3::new(off_m, off_m, 0.0).into(), Default::default()) * truth[i]
+        })
+        .collect();
+    let joined = Joined {
+        surfels: states.iter().flatten().map(|f| Surfels::of_frame(f, &NOISE, |_| true)).collect(),
+        reported: bent.chunks(10).map(<[Pose]>::to_vec).collect(),
+        found: bent.clone(),
+        matches: Matches::new(),
+        errors: vec![super::drift::PoseErrors::EXPECTED; 2],
+    };
+    let found = joined.most_likely_poses(&[ErrorDraw::default()], &Stop::never()).unwrap().unwrap();
+    let apart_m = |poses: &[Pose]| {
+        let of_view = |i: usize| poses[0].inverse() * poses[i];
+        let off = |i: usize| (truth[0].inverse() * truth[i]).inverse() * of_view(i);
+        (15..20).map(|i| off(i).translation.vector.norm()).fold(0.0, f64::max)
+    };
+    let [before_m, after_m] = [apart_m(&bent), apart_m(&found.poses)];
+    assert!(before_m > 0.004 && after_m < 0.001, "{before_m} {after_m}");
+    assert_eq!([found.draws.len(), found.draws[0].len()], [1, 20]);
+}
+
 /// The frames as a sensor with those errors reads them.
 fn warped(mut states: Vec<Vec<RgbdFrame>>, warp: &DepthWarp) -> Vec<Vec<RgbdFrame>> {
     let width = INTRINSICS.width;
