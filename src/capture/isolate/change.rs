@@ -12,8 +12,11 @@ use crate::{NoiseConfig, RgbdFrame, poses::pose_noise::PoseNoise};
 use common::stop::{Stop, Stopped};
 
 /// Distance of a reading from a cell at which the cell is looked through, standard deviations.
-/// chosen: 0.05 % of chance for two frames, one-sided
+/// chosen: two frames look through a cell at rest as seldom as `BY_CHANCE` says
 const GATE_SIGMAS: f64 = 2.0;
+/// Share of cells that two frames look through by chance.
+/// derived: the square of a normal distribution's share beyond `GATE_SIGMAS` on one side
+pub const BY_CHANCE: f64 = 5.2e-4;
 /// A cell has changed if this many times as many frames look through it as see it.
 /// derived: readings at depth edges see and look through about equally often
 pub const CLEARLY: usize = 4;
