@@ -47,8 +47,8 @@ pub(super) struct JoinedPoses {
     pub draws: Vec<Vec<Vector6<f64>>>,
 }
 
-/// The sizes of the pose errors of each state, and the reported poses brought to rest on state 0; `None` where
-/// a state was not corrected or not brought to rest, and for a single state.
+/// The sizes of each state's pose errors, and the reported poses brought to rest on state 0; `None` where a
+/// state was not corrected or not brought to rest, and for a single state.
 pub(super) fn at_rest(
     findings: &PoseFindings,
     mut reported: Vec<Vec<Pose>>,
