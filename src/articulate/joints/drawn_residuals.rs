@@ -21,6 +21,8 @@ pub struct DrawnResiduals {
     variances_m2: [Vec<f64>; 2],
     /// Change of `point1 - T point0` of every match, meters, in the same order.
     matches_m: Vec<Vector3<f32>>,
+    /// Covariance of each match by these changes, square meters.
+    covariances_m2: Vec<Matrix3<f64>>,
 }
 
 impl DrawnResiduals {
@@ -70,7 +72,8 @@ impl DrawnResiduals {
             })
             .collect();
         let variances_m2 = surfaces_m.each_ref().map(|all| all.chunks(count).map(mean_square).collect());
-        Self { count, surfaces_m, variances_m2, matches_m: all.concat() }
+        let covariances_m2 = all.iter().map(|changes_m| mean_product(changes_m)).collect();
+        Self { count, surfaces_m, variances_m2, matches_m: all.concat(), covariances_m2 }
     }
 
     /// Number of draws.
@@ -90,8 +93,7 @@ impl DrawnResiduals {
 
     /// Covariance of `point1 - T point0` of a match by the same errors, square meters.
     pub fn covariance_of_match_m2(&self, number: usize) -> Matrix3<f64> {
-        let changes_m = self.of_match(number).iter().map(|m| m.cast::<f64>());
-        changes_m.map(|m| m * m.transpose()).sum::<Matrix3<f64>>() / self.count.max(1) as f64
+        self.covariances_m2.get(number).copied().unwrap_or_default()
     }
 
     /// Changes of a match by draw, meters.
@@ -103,6 +105,12 @@ impl DrawnResiduals {
 /// Mean square of some lengths, square meters.
 fn mean_square(lengths_m: &[f32]) -> f64 {
     lengths_m.iter().map(|m| f64::from(*m).powi(2)).sum::<f64>() / lengths_m.len().max(1) as f64
+}
+
+/// Mean product of some vectors with themselves, square meters.
+fn mean_product(changes_m: &[Vector3<f32>]) -> Matrix3<f64> {
+    let changes = changes_m.iter().map(|m| m.cast::<f64>());
+    changes.map(|m| m * m.transpose()).sum::<Matrix3<f64>>() / changes_m.len().max(1) as f64
 }
 
 /// Displacements of a sample along its normal, by draw, meters.

@@ -103,11 +103,10 @@ impl Drift {
         // The views do not show the common pose of all frames, so the first pose is held up to one step, its
         // jitter and the constant error.
         let walk = of_poses().flat_map(|(errors, count)| variances(&errors.walk, *count));
-        let jitter: Vec<f64> =
-            of_poses().flat_map(|(errors, count)| variances(&errors.jitter, *count)).collect();
+        let jitter = of_poses().flat_map(|(errors, count)| variances(&errors.jitter, *count));
         let mut covariance = spread_by(&self.from_steps, walk);
         covariance += spread_by(&self.from_mounting, variances(&states.first()?.mounting, 1));
-        jitter.iter().enumerate().for_each(|(k, square)| covariance[(k, k)] += square);
+        jitter.enumerate().for_each(|(k, square)| covariance[(k, k)] += square);
         let factor = covariance.cholesky()?;
         Some((inverse_by_factor(&factor), -half_log_determinant(&factor)))
     }

@@ -4,6 +4,8 @@
 //! direction only, nothing holds those from the left against those from the right. Views of another state
 //! see the same surfaces. See docs/method.md 2.8.
 
+use std::mem;
+
 use nalgebra::{DMatrix, DVector, Vector6};
 use tracing::debug;
 
@@ -15,7 +17,7 @@ use super::{
     pairs::{Comparison, Fit, Gain, Matches, Views},
     pose_noise::PoseNoise,
     sensor_errors::SensorErrors,
-    solve::{STEP_M, corrections, moved_poses, pose_equations},
+    solve::{LOOSE, STEP_M, corrections, moved_poses, pose_equations},
     surfels::Surfels,
 };
 use common::stop::{Stop, Stopped};
@@ -23,9 +25,8 @@ use geometry::Pose;
 
 /// Most rounds of association and Gauss-Newton.
 const ROUNDS: usize = 12;
-/// Share of the expected displacement that counts as noise, in the first rounds.
-/// chosen: the last two of the shares for a state alone, whose poses are near already
-const LOOSE: [f64; 2] = [0.2, 0.1];
+/// Number of the first shares of [`LOOSE`] that are left out, as the poses are near already.
+const NEAR: usize = 3;
 
 /// The views of all states, in the world of state 0 and in the order of the states.
 pub(super) struct Joined {
@@ -92,7 +93,7 @@ impl Joined {
     /// # Errors
     /// [`Stopped`].
     pub fn most_likely_poses(
-        &self,
+        mut self,
         draws: &[ErrorDraw],
         stop: &Stop,
     ) -> Result<Option<JoinedPoses>, Stopped> {
@@ -104,7 +105,7 @@ impl Joined {
         let reported = states.concat();
         let count = reported.len();
         let pairs = (0..count).flat_map(|i| (0..count).filter(move |j| *j != i).map(move |j| [i, j]));
-        let matches = self.matches.clone();
+        let matches = mem::take(&mut self.matches);
         let expected = PoseNoise::EXPECTED;
         let comparison = Comparison::new(self.surfels.iter(), pairs.collect(), matches, expected, stop);
         let before = self.seen_from(&self.found);
@@ -112,7 +113,7 @@ impl Joined {
         let mut poses = self.found.clone();
         for round in 0..ROUNDS {
             stop.check()?;
-            let loose = LOOSE.get(round).copied();
+            let loose = LOOSE.get(NEAR + round).copied();
             let fit = Fit::loose(loose.unwrap_or(0.0));
             let sums = comparison.normal_equations(self.seen_from(&poses), None, scale, fit)?;
             scale = sums.scale;

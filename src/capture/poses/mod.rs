@@ -9,7 +9,7 @@
 //! surfels decide whether a correction is used.
 //!
 //! There remains the mean error of a state's poses. Surfaces static across states determine it as one motion
-//! of the world.
+//! of the world. Then the views of all states are solved for as one (`joined`).
 
 mod agreement;
 mod correction;
@@ -36,7 +36,6 @@ pub(super) mod world;
 use std::iter;
 
 use nalgebra::{Point3, Vector6};
-
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -231,7 +230,8 @@ pub fn refine_poses(
         let counts: Vec<usize> = states.iter().map(Vec::len).collect();
         let found = states.iter().flat_map(|frames| world::poses_of(frames)).collect();
         let matches = joined::all_matches(within, with_first.into_iter(), &counts);
-        let joined = Joined { surfels: surfels.concat(), reported, found, matches, errors };
+        let surfels = surfels.into_iter().flatten().collect();
+        let joined = Joined { surfels, reported, found, matches, errors };
         if let Some(JoinedPoses { poses, draws }) = joined.most_likely_poses(&findings.draws, stop)? {
             let frames = states.iter_mut().flatten();
             frames.zip(poses).for_each(|(frame, pose)| frame.world_from_camera = pose);
